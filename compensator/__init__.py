@@ -1,0 +1,1 @@
+"""Controllers on a loop model: parameters and measurements in, OP out."""

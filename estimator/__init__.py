@@ -1,0 +1,1 @@
+"""Valve stiction from OP and PV: arrays in, result out."""

@@ -1,0 +1,1 @@
+"""Sampling, windows, the estimator pool, write-back, health."""

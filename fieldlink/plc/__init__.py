@@ -1,0 +1,1 @@
+"""The simulated PLC that hosts plants and their controllers."""

@@ -1,0 +1,1 @@
+"""Pure register arithmetic: types and word orders, read plans, parameter blocks."""

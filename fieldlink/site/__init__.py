@@ -1,0 +1,1 @@
+"""The site file and its register maps as typed, frozen, validated models."""

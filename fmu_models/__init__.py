@@ -1,0 +1,1 @@
+"""Plants as FMUs: sources, build, catalogue, stepping."""
