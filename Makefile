@@ -1,0 +1,50 @@
+# Everything a newcomer needs: `make demo` and `make test`. Both install what they use into .venv.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+
+.PHONY: install dev demo test lint format bench fmus clean
+
+install: $(VENV)/.installed
+dev: $(VENV)/.installed-dev
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "fieldlink needs Python 3.11 or newer; name one: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+
+# The plants need a C compiler to become FMUs: the machine's own, or zig from PyPI.
+# The warm-up compiles the numeric kernels once, into the cache beside their sources.
+$(VENV)/.installed: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable '.[all]'
+	@command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || $(BIN)/python -m pip install --quiet --editable '.[build]'
+	$(BIN)/python -m fmu_models.build
+	$(BIN)/fieldlink warm-up
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: install
+	$(BIN)/fieldlink demo
+
+test: dev
+	$(BIN)/python -m pytest
+
+lint: dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+fmus: install
+	$(BIN)/python -m fmu_models.build
+
+clean:
+	rm -rf $(VENV) build *.egg-info fieldlink-demo .mypy_cache .ruff_cache .pytest_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
