@@ -1,0 +1,108 @@
+"""``fieldlink identify FILE``: judge one recorded loop."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from estimator import Identification
+    from fieldlink.site.recording import Recording
+
+__all__ = ["identify", "warm_up"]
+
+
+def _window(text: str | None, rows: int) -> slice:
+    """Parse ``START:STOP`` (rows, as a Python slice; either side may be left out)."""
+    if text is None:
+        return slice(0, rows)
+    parts = text.split(":")
+    try:
+        if len(parts) != 2:
+            raise ValueError
+        start = int(parts[0]) if parts[0] else 0
+        stop = int(parts[1]) if parts[1] else rows
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} is not START:STOP in rows, for instance 100:1100", param_hint="--window"
+        ) from None
+    if not 0 <= start < stop <= rows:
+        raise typer.BadParameter(
+            f"{text!r} does not lie inside the recording's rows 0:{rows}", param_hint="--window"
+        )
+    return slice(start, stop)
+
+
+def identify(
+    file: Annotated[Path, typer.Argument(help="A recorded loop: CSV with columns op and pv.")],
+    op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
+    pv: Annotated[str | None, typer.Option(help="Column of the process variable.")] = None,
+    sp: Annotated[str | None, typer.Option(help="Column of the set-point.")] = None,
+    auto: Annotated[
+        str | None, typer.Option(help="Column that is 1 (or true) while in automatic.")
+    ] = None,
+    time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
+    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    criterion: Annotated[str, typer.Option(help="auto, oe or arx.")] = "auto",
+    confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
+    window: Annotated[str | None, typer.Option(help="START:STOP in rows.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
+) -> None:
+    """Identify the valve of one recorded loop: verdict, stick band, slip jump, process."""
+    import estimator
+    from fieldlink.site.recording import read_recording
+
+    recording = read_recording(file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period)
+    rows = _window(window, len(recording.op))
+    cut = recording.cut(rows)
+    result = estimator.identify(
+        cut.op,
+        cut.pv,
+        sp=cut.sp,
+        auto=cut.auto,
+        period=cut.period,
+        criterion=criterion,
+        confidence=confidence,
+    )
+    if plot is not None:
+        from fieldlink.cli.plots import save_identification
+
+        save_identification(plot, cut, result, title=file.name)
+    if as_json:
+        typer.echo(json.dumps(result.to_dict(), allow_nan=False))
+        return
+    _print_summary(file.name, cut, result, plot)
+
+
+def _print_summary(
+    name: str, recording: Recording, result: Identification, plot: Path | None
+) -> None:
+    from rich.console import Console
+    from rich.panel import Panel
+
+    from fieldlink.cli.tables import identification_table, verdict_text
+
+    console = Console()
+    span = f"{result.samples} samples, {result.period_s:g} s apart"
+    console.print(Panel(verdict_text(result), title=name, subtitle=span, expand=False))
+    for note in recording.notes:
+        console.print(f"[yellow]note[/yellow] {note}")
+    console.print(identification_table(result))
+    for reason in result.reasons:
+        console.print(f"  • {reason}")
+    if plot is not None:
+        console.print(f"picture: {plot}")
+
+
+def warm_up() -> None:
+    """Compile the numeric kernels now, so that no first deadline has to wait for them."""
+    import compensator
+    import estimator
+
+    estimator.warm_up()
+    compensator.warm_up()
+    typer.echo("numeric kernels are compiled")

@@ -1,0 +1,107 @@
+"""Pictures of an identification and of a run, with Matplotlib and no display."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fieldlink.errors import FieldlinkError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from estimator import Identification
+    from fieldlink.site.recording import Recording
+
+__all__ = ["PictureError", "identification_figure", "save_identification", "svg"]
+
+OP, STEM, PV, MODEL, MARK = "#7f8c8d", "#c0392b", "#1f4e79", "#e08e0b", "#2e7d32"
+
+
+class PictureError(FieldlinkError):
+    """A picture could not be written."""
+
+
+def save_identification(
+    path: Path, recording: Recording, result: Identification, *, title: str
+) -> None:
+    """Write the picture of one identification; the ending of ``path`` names the format.
+
+    Raises:
+        PictureError: the ending is unknown, or the file cannot be written.
+    """
+    figure = identification_figure(recording, result, title=title)
+    try:
+        figure.savefig(path, dpi=110)
+    except (OSError, ValueError) as error:
+        raise PictureError(
+            f"{path}: the picture cannot be written ({error}); name a file in a folder that "
+            "exists and ends in .png, .svg or .pdf"
+        ) from error
+
+
+def svg(figure: Figure) -> str:
+    """Return a figure as an SVG element, to stand inside an HTML page."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg")
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def identification_figure(
+    recording: Recording, result: Identification, *, title: str
+) -> Figure:
+    """Draw OP with the estimated stem, PV with its model, PV over OP, and the cost surface."""
+    figure = Figure(figsize=(12.0, 8.0), layout="constrained")
+    grid = figure.add_gridspec(3, 2, height_ratios=(1.0, 1.0, 1.5))
+    t = np.arange(len(recording.op)) * recording.period
+    upper = figure.add_subplot(grid[0, :])
+    lower = figure.add_subplot(grid[1, :], sharex=upper)
+    upper.plot(t, recording.op, color=OP, lw=1.0, label="OP (recorded)")
+    lower.plot(t, recording.pv, color=PV, lw=1.0, label="PV (recorded)")
+    if recording.sp is not None:
+        lower.plot(t, recording.sp, color=MARK, lw=0.9, ls="--", label="SP")
+    if result.stem is not None:
+        upper.plot(t, result.stem, color=STEM, lw=1.2, label="stem (estimated)")
+    if result.pv_model is not None:
+        lower.plot(t, result.pv_model, color=MODEL, lw=1.0, label="PV (model)")
+    upper.set_ylabel("OP")
+    lower.set(xlabel="time / s", ylabel="PV")
+    for axes in (upper, lower):
+        axes.legend(loc="upper right", ncols=3, fontsize="small")
+        axes.margins(x=0.0)
+    figure.suptitle(f"{title}: {result.verdict.value.replace('_', ' ')}, score {result.score:.2f}")
+    _phase(figure.add_subplot(grid[2, 0]), recording, result)
+    _surface(figure.add_subplot(grid[2, 1]), result)
+    return figure
+
+
+def _phase(axes: Axes, recording: Recording, result: Identification) -> None:
+    axes.plot(recording.op, recording.pv, color=OP, lw=0.6, label="over OP")
+    if result.stem is not None:
+        axes.plot(result.stem, recording.pv, color=STEM, lw=0.0, marker=".", ms=2.0, label="over stem")
+    axes.set(xlabel="OP, stem", ylabel="PV", title="PV over OP and over the estimated stem")
+    axes.legend(fontsize="small")
+
+
+def _surface(axes: Axes, result: Identification) -> None:
+    axes.set(xlabel="stick band S", ylabel="slip jump J", title="cost over S and J (log scale)")
+    surface = result.surface
+    if surface is None or not np.isfinite(surface.cost).any():
+        axes.text(0.5, 0.5, "not searched", ha="center", va="center", transform=axes.transAxes)
+        return
+    cost = np.log10(np.ma.masked_invalid(surface.cost))
+    mesh = axes.pcolormesh(
+        surface.stick_band, surface.slip_jump, cost.T, cmap="viridis_r", shading="nearest"
+    )
+    figure = axes.get_figure()
+    assert figure is not None
+    figure.colorbar(mesh, ax=axes, label="log10 of the cost")
+    S, J = result.stick_band, result.slip_jump
+    if S.value is not None and J.value is not None:
+        errors = ([[S.value - S.low], [S.high - S.value]], [[J.value - J.low], [J.high - J.value]])
+        axes.errorbar(S.value, J.value, xerr=errors[0], yerr=errors[1], color="white", marker="o", ms=4)

@@ -1,0 +1,60 @@
+"""Tables of the command line, with Rich."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from estimator import Identification, Interval
+
+__all__ = ["identification_table", "interval_text", "number", "verdict_text"]
+
+_COLOUR = {"stiction": "bold red", "no_stiction": "bold green", "not_assessable": "bold yellow"}
+_WORDS = {
+    "stiction": "the valve sticks",
+    "no_stiction": "no stiction in this window",
+    "not_assessable": "this window cannot show stiction",
+}
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a number for a person, an en dash where there is none."""
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def interval_text(interval: Interval) -> str:
+    """Return ``value  [low, high]``."""
+    if interval.value is None:
+        return "–"
+    return f"{number(interval.value)}  [{number(interval.low)}, {number(interval.high)}]"
+
+
+def verdict_text(result: Identification) -> Text:
+    """Return the verdict in words and colour, with the score."""
+    verdict = result.verdict.value
+    text = Text(_WORDS[verdict], style=_COLOUR[verdict])
+    text.append(f"   (verdict {verdict}, score {result.score:.2f})", style="dim")
+    return text
+
+
+def identification_table(result: Identification) -> Table:
+    """Return what was identified: valve, process and fit."""
+    table = Table(show_header=True, header_style="bold", box=None, pad_edge=False)
+    table.add_column("quantity")
+    table.add_column(f"value  [{result.confidence:.0%} interval]")
+    table.add_row("stick band S", interval_text(result.stick_band))
+    table.add_row("slip jump J", interval_text(result.slip_jump))
+    table.add_row("static friction fS", interval_text(result.static_friction))
+    table.add_row("dynamic friction fD", interval_text(result.dynamic_friction))
+    process = result.process
+    if process is not None:
+        parameters = ", ".join(f"{k} {number(v)}" for k, v in process.parameters.items())
+        table.add_row("process", f"{process.structure}: {parameters}")
+        table.add_row("gain", number(process.gain))
+        table.add_row("dead time", f"{process.dead_time_samples} samples")
+    table.add_row("fit R²", f"{number(result.fit.r2)}, healthy valve {number(result.fit.r2_healthy_valve)}")
+    table.add_row("criterion", result.criterion)
+    return table
