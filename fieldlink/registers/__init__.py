@@ -1,1 +1,77 @@
-"""Pure register arithmetic: types and word orders, read plans, parameter blocks."""
+"""Pure register arithmetic: types and word orders, read plans, parameter blocks.
+
+Nothing here opens, reads or waits: registers come in and go out as sequences of integers, time as a
+number of seconds.
+"""
+
+from fieldlink.registers.block import Bounded, ParameterBlock, is_newer, next_seq
+from fieldlink.registers.codec import decode_block, encode_block
+from fieldlink.registers.codes import (
+    ACCEPTED,
+    NOTHING_SEEN,
+    BlockError,
+    BlockFault,
+    Status,
+    Verdict,
+    describe_ack,
+)
+from fieldlink.registers.exchange import (
+    Bank,
+    ExchangeLayout,
+    ExchangeWords,
+    commit_word,
+    split_commit,
+)
+from fieldlink.registers.layout import BLOCK_FIELDS, BLOCK_REGISTERS
+from fieldlink.registers.plan import Apart, PlanError, ReadRequest, find_apart, plan_reads
+from fieldlink.registers.reader import BlockLimits, BlockReader, Fallback, ReaderState
+from fieldlink.registers.tag import Quality, Reading, Tag
+from fieldlink.registers.types import (
+    DataType,
+    Order,
+    RegisterValueError,
+    Table,
+    decode,
+    encode,
+)
+
+__all__ = [
+    "ACCEPTED",
+    "BLOCK_FIELDS",
+    "BLOCK_REGISTERS",
+    "NOTHING_SEEN",
+    "Apart",
+    "Bank",
+    "BlockError",
+    "BlockFault",
+    "BlockLimits",
+    "BlockReader",
+    "Bounded",
+    "DataType",
+    "ExchangeLayout",
+    "ExchangeWords",
+    "Fallback",
+    "Order",
+    "ParameterBlock",
+    "PlanError",
+    "Quality",
+    "ReadRequest",
+    "ReaderState",
+    "Reading",
+    "RegisterValueError",
+    "Status",
+    "Table",
+    "Tag",
+    "Verdict",
+    "commit_word",
+    "decode",
+    "decode_block",
+    "describe_ack",
+    "encode",
+    "encode_block",
+    "find_apart",
+    "is_newer",
+    "next_seq",
+    "plan_reads",
+    "split_commit",
+]

@@ -1,0 +1,217 @@
+"""The read plan: which requests fetch a device's tags.
+
+Tags of one table that lie close together share a request: a gap of at most ``max_gap`` unused
+addresses is read along, a request asks for at most ``max_registers`` (and never more than the
+protocol allows), and it never crosses the border of a declared readable range.
+
+Tags that must be samples of the same instant (a loop's OP and PV) form a group in ``together``. A
+group is planned as one piece, whatever the gap inside it, so that it shares a request whenever any
+request could hold it. `find_apart` names the groups that cannot, with the reason. Two requests may
+overlap in addresses for that; each tag still belongs to exactly one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from fieldlink.registers.tag import Tag
+from fieldlink.registers.types import Table
+
+__all__ = ["Apart", "ApartReason", "PlanError", "ReadRequest", "find_apart", "plan_reads"]
+
+Range = tuple[int, int]
+"""First and last readable address, both included."""
+
+
+class PlanError(ValueError):
+    """Tags that no request within the limits could read."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadRequest:
+    """One Modbus read: ``count`` addresses of ``table`` from ``address`` on, for ``tags``."""
+
+    table: Table
+    address: int
+    count: int
+    tags: tuple[Tag, ...]
+
+    @property
+    def end(self) -> int:
+        """The first address after the request."""
+        return self.address + self.count
+
+    def words_of(self, tag: Tag, words: Sequence[int]) -> Sequence[int]:
+        """Return the part of the answer ``words`` (length ``count``) that belongs to ``tag``."""
+        start = tag.address - self.address
+        return words[start : start + tag.count]
+
+
+class ApartReason(Enum):
+    """Why the tags of a group are not in one request; the value is text with advice."""
+
+    TABLES = "they are in different tables; map copies of them into one table of the PLC"
+    RANGES = "they are in different declared ranges; move them into one range of the PLC"
+    TOO_FAR = (
+        "they are further apart than one request may reach; "
+        "move them closer in the PLC or raise max_registers"
+    )
+    CROWDED = (
+        "a tag they share with another group needs a request that leaves no room; "
+        "move the tags closer in the PLC or raise max_registers"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """A group whose tags could not share a request."""
+
+    tags: tuple[str, ...]
+    reason: ApartReason
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    max_gap: int
+    max_registers: int
+    ranges: tuple[Range, ...]
+
+    def most(self, table: Table) -> int:
+        return table.read_limit if table.is_bits else min(self.max_registers, table.read_limit)
+
+    def range_of(self, start: int, end: int) -> Range | None:
+        """Return the declared range that holds ``start`` to ``end``, if any."""
+        if not self.ranges:
+            return (0, 0xFFFF)
+        for first, last in self.ranges:
+            if first <= start and end <= last + 1:
+                return (first, last)
+        return None
+
+    def allow(self, piece: Sequence[Tag]) -> bool:
+        """Whether one request may read all of ``piece``."""
+        table, start, end = piece[0].table, _start(piece), _end(piece)
+        return (
+            all(tag.table is table for tag in piece)
+            and end - start <= self.most(table)
+            and self.range_of(start, end) is not None
+        )
+
+
+def plan_reads(
+    tags: Iterable[Tag],
+    max_gap: int = 8,
+    max_registers: int = 125,
+    ranges: Sequence[Range] = (),
+    *,
+    together: Sequence[Sequence[str]] = (),
+) -> tuple[ReadRequest, ...]:
+    """Return the requests that read every one of ``tags`` once, ordered by table and address.
+
+    Args:
+        tags: the tags of one device; names are unique.
+        max_gap: the most unused addresses read along between two tags.
+        max_registers: the most registers in one request, 1 to 125; coils and discrete inputs have
+            the protocol's own limit of 2000 bits.
+        ranges: declared readable ranges (first, last), both included; empty means everything.
+        together: groups of tag names that are to share a request.
+
+    Raises:
+        PlanError: a tag is longer than a request, lies outside the ranges or crosses one's border,
+            or a group names a tag that is not there.
+    """
+    limits = _Limits(max_gap, max_registers, tuple(ranges))
+    all_tags = list(tags)
+    for tag in all_tags:
+        if not limits.allow([tag]):
+            raise PlanError(_why_unreadable(tag, limits))
+    pieces = _pieces(all_tags, together, limits)
+    order = list(Table)
+    pieces.sort(key=lambda piece: (order.index(piece[0].table), _start(piece), _end(piece)))
+    requests: list[list[Tag]] = []
+    for piece in pieces:
+        if requests and _joins(requests[-1], piece, limits):
+            requests[-1].extend(piece)
+        else:
+            requests.append(list(piece))
+    return tuple(_request(found) for found in requests)
+
+
+def find_apart(
+    requests: Sequence[ReadRequest],
+    together: Sequence[Sequence[str]],
+    max_registers: int = 125,
+    ranges: Sequence[Range] = (),
+) -> tuple[Apart, ...]:
+    """Return the groups of ``together`` that are not in one of ``requests``, and why."""
+    limits = _Limits(0, max_registers, tuple(ranges))
+    place = {tag.name: number for number, found in enumerate(requests) for tag in found.tags}
+    by_name = {tag.name: tag for found in requests for tag in found.tags}
+    result = []
+    for group in together:
+        if len({place[name] for name in group}) > 1:
+            reason = _why_apart([by_name[name] for name in group], limits)
+            result.append(Apart(tuple(group), reason))
+    return tuple(result)
+
+
+def _pieces(
+    tags: list[Tag], together: Sequence[Sequence[str]], limits: _Limits
+) -> list[tuple[Tag, ...]]:
+    """Return what stays whole: groups where a request can hold them, else single tags."""
+    piece_of: dict[str, tuple[Tag, ...]] = {tag.name: (tag,) for tag in tags}
+    for group in together:
+        missing = [name for name in group if name not in piece_of]
+        if missing:
+            raise PlanError(f"no tag of that name to keep together: {', '.join(missing)}")
+        merged = {tag.name: tag for name in group for tag in piece_of[name]}
+        candidate = tuple(merged.values())
+        if candidate and limits.allow(candidate):
+            for name in merged:
+                piece_of[name] = candidate
+    seen: set[str] = set()
+    pieces = []
+    for tag in tags:
+        if tag.name not in seen:
+            pieces.append(piece_of[tag.name])
+            seen.update(member.name for member in piece_of[tag.name])
+    return pieces
+
+
+def _joins(request: Sequence[Tag], piece: Sequence[Tag], limits: _Limits) -> bool:
+    gap = _start(piece) - _end(request)
+    return gap <= limits.max_gap and limits.allow([*request, *piece])
+
+
+def _request(tags: list[Tag]) -> ReadRequest:
+    start = _start(tags)
+    ordered = tuple(sorted(tags, key=lambda tag: (tag.address, tag.name)))
+    return ReadRequest(tags[0].table, start, _end(tags) - start, ordered)
+
+
+def _why_unreadable(tag: Tag, limits: _Limits) -> str:
+    where = f"{tag.name}: {tag.table} {tag.address} to {tag.end - 1}"
+    if tag.count > limits.most(tag.table):
+        return f"{where} is longer than max_registers = {limits.most(tag.table)}; raise it"
+    return f"{where} is not inside one of the declared ranges {list(limits.ranges)}; extend them"
+
+
+def _why_apart(group: Sequence[Tag], limits: _Limits) -> ApartReason:
+    if len({tag.table for tag in group}) > 1:
+        return ApartReason.TABLES
+    start, end = _start(group), _end(group)
+    if end - start > limits.most(group[0].table):
+        return ApartReason.TOO_FAR
+    if limits.range_of(start, end) is None:
+        return ApartReason.RANGES
+    return ApartReason.CROWDED
+
+
+def _start(tags: Sequence[Tag]) -> int:
+    return min(tag.address for tag in tags)
+
+
+def _end(tags: Sequence[Tag]) -> int:
+    return max(tag.end for tag in tags)

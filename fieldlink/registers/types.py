@@ -1,0 +1,195 @@
+"""Register types: how numbers lie in 16-bit Modbus registers.
+
+A value of ``n`` registers is ``n`` big-endian words, the most significant first, when both orders
+are ``"big"``. ``word_order="little"`` reverses the words, ``byte_order="little"`` swaps the two bytes
+inside each word. For a 32-bit value 0xAABBCCDD the four combinations are what device manuals call
+
+    word_order   byte_order   bytes on the wire
+    big          big          AB CD   "ABCD"
+    little       big          CD AB   "CDAB"
+    big          little       BA DC   "BADC"
+    little       little       DC BA   "DCBA"
+
+A new type (a bit, a string, BCD) is a new member of `DataType` and a row in `_CODECS`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+__all__ = ["DataType", "Order", "RegisterValueError", "Table", "decode", "encode", "order_name"]
+
+Order = Literal["big", "little"]
+
+
+class RegisterValueError(ValueError):
+    """A value that its registers cannot hold, or registers that do not make a value."""
+
+
+class Table(StrEnum):
+    """The four address spaces of a Modbus device."""
+
+    HOLDING = "holding"
+    INPUT = "input"
+    COIL = "coil"
+    DISCRETE = "discrete"
+
+    @property
+    def is_bits(self) -> bool:
+        """Whether an address of this table is one bit and not a 16-bit register."""
+        return self in (Table.COIL, Table.DISCRETE)
+
+    @property
+    def is_writable(self) -> bool:
+        """Whether the protocol has a function code that writes to this table."""
+        return self in (Table.HOLDING, Table.COIL)
+
+    @property
+    def read_function(self) -> int:
+        """The Modbus function code that reads this table."""
+        return {"coil": 1, "discrete": 2, "holding": 3, "input": 4}[self.value]
+
+    @property
+    def read_limit(self) -> int:
+        """The most addresses one read request may ask for (Modbus application protocol 1.1b3)."""
+        return 2000 if self.is_bits else 125
+
+
+class DataType(StrEnum):
+    """What a tag's registers hold."""
+
+    INT16 = "int16"
+    UINT16 = "uint16"
+    INT32 = "int32"
+    UINT32 = "uint32"
+    INT64 = "int64"
+    UINT64 = "uint64"
+    FLOAT32 = "float32"
+    FLOAT64 = "float64"
+    BOOL = "bool"
+
+    @property
+    def registers(self) -> int:
+        """How many registers one value takes."""
+        return _CODECS[self].registers
+
+    @property
+    def is_float(self) -> bool:
+        """Whether the type can hold fractions and NaN."""
+        return self in (DataType.FLOAT32, DataType.FLOAT64)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The smallest and the largest finite value the type can hold."""
+        return _CODECS[self].low, _CODECS[self].high
+
+
+@dataclass(frozen=True, slots=True)
+class _Codec:
+    """``code`` is the format character of `struct`; ``low`` to ``high`` is what it can hold."""
+
+    code: str
+    registers: int
+    low: float
+    high: float
+
+
+_FLOAT32_MAX = (2.0 - 2.0**-23) * 2.0**127
+
+_CODECS: dict[DataType, _Codec] = {
+    DataType.INT16: _Codec("h", 1, -(2**15), 2**15 - 1),
+    DataType.UINT16: _Codec("H", 1, 0, 2**16 - 1),
+    DataType.INT32: _Codec("i", 2, -(2**31), 2**31 - 1),
+    DataType.UINT32: _Codec("I", 2, 0, 2**32 - 1),
+    DataType.INT64: _Codec("q", 4, -(2**63), 2**63 - 1),
+    DataType.UINT64: _Codec("Q", 4, 0, 2**64 - 1),
+    DataType.FLOAT32: _Codec("f", 2, -_FLOAT32_MAX, _FLOAT32_MAX),
+    DataType.FLOAT64: _Codec("d", 4, -1.7976931348623157e308, 1.7976931348623157e308),
+    DataType.BOOL: _Codec("H", 1, 0, 1),
+}
+
+
+def order_name(word_order: Order, byte_order: Order) -> str:
+    """Return the name that device manuals give to the pair of orders, such as ``"CDAB"``."""
+    words = ("AB", "CD") if word_order == "big" else ("CD", "AB")
+    return "".join(pair if byte_order == "big" else pair[::-1] for pair in words)
+
+
+def decode(
+    words: Sequence[int],
+    data_type: DataType,
+    *,
+    word_order: Order = "big",
+    byte_order: Order = "big",
+) -> int | float | bool:
+    """Return the raw value that ``words`` (exactly ``data_type.registers`` of them) hold.
+
+    Any non-zero register is a true ``bool``. Floats may come out as NaN or infinite.
+
+    Raises:
+        RegisterValueError: the number of words is not the type's, or a word is not 0..65535.
+    """
+    codec = _CODECS[data_type]
+    if len(words) != codec.registers:
+        raise RegisterValueError(
+            f"{data_type} takes {codec.registers} register(s), got {len(words)}"
+        )
+    if data_type is DataType.BOOL:
+        return _as_words(words, "big", "big")[0] != 0
+    ordered = _as_words(words, word_order, byte_order)
+    value: int | float = struct.unpack(
+        f">{codec.code}", struct.pack(f">{codec.registers}H", *ordered)
+    )[0]
+    return value
+
+
+def encode(
+    value: float | bool,
+    data_type: DataType,
+    *,
+    word_order: Order = "big",
+    byte_order: Order = "big",
+) -> list[int]:
+    """Return the words that hold ``value``; integer types round to the nearest, ties to even.
+
+    NaN and infinities go into the float types as they are.
+
+    Raises:
+        RegisterValueError: the type cannot hold the value.
+    """
+    codec = _CODECS[data_type]
+    if data_type is DataType.BOOL:
+        if value not in (0, 1):
+            raise RegisterValueError(f"{value!r} is no bool; write 0 or 1")
+        return [int(value)]
+    if data_type.is_float:
+        if math.isfinite(value) and not codec.low <= value <= codec.high:
+            raise RegisterValueError(f"{value!r} does not fit {data_type} (at most {codec.high:g})")
+        packed = struct.pack(f">{codec.code}", value)
+    else:
+        if not math.isfinite(value):
+            raise RegisterValueError(f"{value!r} does not fit {data_type}; use a float type")
+        whole = round(value)
+        if not codec.low <= whole <= codec.high:
+            raise RegisterValueError(
+                f"{value!r} does not fit {data_type} ({codec.low} to {codec.high})"
+            )
+        packed = struct.pack(f">{codec.code}", whole)
+    words = struct.unpack(f">{codec.registers}H", packed)
+    return _as_words(words, word_order, byte_order)
+
+
+def _as_words(words: Sequence[int], word_order: Order, byte_order: Order) -> list[int]:
+    """Reorder between device order and big-endian order; the mapping is its own inverse."""
+    for word in words:
+        if not 0 <= word <= 0xFFFF:
+            raise RegisterValueError(f"{word!r} is no register value (0 to 65535)")
+    ordered = list(words) if word_order == "big" else list(reversed(words))
+    if byte_order == "little":
+        ordered = [(word >> 8) | ((word & 0xFF) << 8) for word in ordered]
+    return ordered
