@@ -1,7 +1,7 @@
 """Register types: how numbers lie in 16-bit Modbus registers.
 
 A value of ``n`` registers is ``n`` big-endian words, the most significant first, when both orders
-are ``"big"``. ``word_order="little"`` reverses the words, ``byte_order="little"`` swaps the two bytes
+are ``"big"``. ``word_order="little"`` reverses the words, ``byte_order="little"`` swaps the bytes
 inside each word. For a 32-bit value 0xAABBCCDD the four combinations are what device manuals call
 
     word_order   byte_order   bytes on the wire
