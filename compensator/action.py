@@ -1,0 +1,114 @@
+"""What every controller here speaks: the action it decides on, its status, its limits.
+
+A controller is told everything by `Controller.observe` (once a scan, in control or not) and asked
+for the next OP by `Controller.decide`. Because it has seen the whole history of OP and PV, whoever
+applied that OP, it can take over at any scan without a bump.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+__all__ = ["Action", "ActionStatus", "CompensatorError", "Controller", "OpLimits"]
+
+
+class CompensatorError(ValueError):
+    """A setting, a model or a measurement that a controller cannot work with."""
+
+
+class ActionStatus(Enum):
+    """How an action came about; the value is the advice for whoever reads it."""
+
+    OPTIMAL = "the computed optimum is applied"
+    HOLDING = "the valve is held where it is, no move pays for itself"
+    MOVING = "the valve is being moved along the computed plan"
+    LIMITED = "the set-point cannot be reached inside the OP range; the nearest point is aimed at"
+    SOLVER_FAILED = "the solver passed its bound; OP is held, look at limits and weights"
+    PV_BAD = "PV is not a number; OP is held until it comes back"
+    NOT_READY = "nothing was observed yet; call observe() once a scan"
+
+    @property
+    def advice(self) -> str:
+        """The sentence to show to an operator."""
+        return self.value
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One control decision.
+
+    Attributes:
+        op: the OP to apply until the next scan, inside the limits.
+        status: how it came about.
+        target: steady OP (or stem position) that the controller is heading for; NaN if unknown.
+        predicted_pv: PV expected at the end of the horizon under the plan; NaN if unknown.
+        stem: stem position expected after this OP; NaN when the controller has no valve model.
+        detail: a few words on the plan, for displays and logs.
+    """
+
+    op: float
+    status: ActionStatus
+    target: float = math.nan
+    predicted_pv: float = math.nan
+    stem: float = math.nan
+    detail: str = ""
+
+
+class Controller(Protocol):
+    """A controller of one loop; see the module's text for the two calls of a scan."""
+
+    def observe(self, pv: float, op: float) -> None:
+        """Take in PV measured now (NaN when bad) and the OP applied since the last scan."""
+
+    def decide(self, sp: float) -> Action:
+        """Return the OP to apply until the next scan for the set-point ``sp``."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpLimits:
+    """Range of OP and the largest change of it from one scan to the next (units of OP)."""
+
+    low: float = 0.0
+    high: float = 100.0
+    rate: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise CompensatorError(
+                f"OP limits need low < high, both finite; got low={self.low!r}, high={self.high!r}"
+            )
+        if not self.rate > 0.0:
+            raise CompensatorError(
+                f"the OP rate limit must be positive (math.inf for none); got {self.rate!r}"
+            )
+
+    def clip(self, op: float, previous: float) -> float:
+        """Return ``op`` moved inside the range and the rate seen from ``previous``."""
+        inside = min(max(op, self.low), self.high)
+        return min(max(inside, previous - self.rate), previous + self.rate)
+
+
+def require_positive(where: str, **values: float) -> None:
+    """Raise `CompensatorError` naming the first of ``values`` that is not positive and finite."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise CompensatorError(f"{where}: {name} must be positive and finite; got {value!r}")
+
+
+def require_not_negative(where: str, **values: float) -> None:
+    """Raise `CompensatorError` naming the first of ``values`` that is negative or not finite."""
+    for name, value in values.items():
+        if not (math.isfinite(value) and value >= 0.0):
+            raise CompensatorError(
+                f"{where}: {name} must not be negative and must be finite; got {value!r}"
+            )
+
+
+def require_finite(where: str, **values: float) -> None:
+    """Raise `CompensatorError` naming the first of ``values`` that is not finite."""
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise CompensatorError(f"{where}: {name} must be a finite number; got {value!r}")
