@@ -1,0 +1,88 @@
+"""What a window can turn out to be, and why: typed, each reason with its advice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+__all__ = ["EstimatorError", "Reason", "ReasonCode", "Verdict"]
+
+
+class EstimatorError(ValueError):
+    """The input is not a window of a loop: wrong shapes, wrong types, no usable number."""
+
+
+class Verdict(str, Enum):
+    """What the window says about the valve."""
+
+    STICTION = "stiction"
+    NO_STICTION = "no_stiction"
+    NOT_ASSESSABLE = "not_assessable"
+
+
+class ReasonCode(str, Enum):
+    """Why a verdict is what it is; :attr:`advice` says what to do next."""
+
+    STICKY_VALVE_EXPLAINS = "sticky_valve_explains"
+    HEALTHY_VALVE_SUFFICES = "healthy_valve_suffices"
+    STICTION_NEGLIGIBLE = "stiction_negligible"
+    EXTERNAL_OSCILLATION = "external_oscillation"
+    TOO_FEW_SAMPLES = "too_few_samples"
+    TOO_MANY_BAD_SAMPLES = "too_many_bad_samples"
+    NOT_IN_AUTOMATIC = "not_in_automatic"
+    OP_CONSTANT = "op_constant"
+    OP_AT_LIMIT = "op_at_limit"
+    OP_HARDLY_MOVES = "op_hardly_moves"
+    PV_FROZEN = "pv_frozen"
+    PV_AT_LIMIT = "pv_at_limit"
+    NO_MODEL_EXPLAINS_PV = "no_model_explains_pv"
+    TOO_FEW_MOVES = "too_few_moves"
+    UNDECIDED = "undecided"
+    SLIP_JUMP_UNCERTAIN = "slip_jump_uncertain"
+    STICK_BAND_UNCERTAIN = "stick_band_uncertain"
+
+    @property
+    def advice(self) -> str:
+        """What a technician can do about it (one sentence)."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    ReasonCode.STICKY_VALVE_EXPLAINS: "Check the packing, the positioner and the air supply.",
+    ReasonCode.HEALTHY_VALVE_SUFFICES: "Nothing to do at the valve.",
+    ReasonCode.STICTION_NEGLIGIBLE: "Watch how it develops; no maintenance is needed for it now.",
+    ReasonCode.EXTERNAL_OSCILLATION: (
+        "Look at the controller's tuning and for an oscillation that comes from outside the loop."
+    ),
+    ReasonCode.TOO_FEW_SAMPLES: "Record a longer window, 500 samples or more.",
+    ReasonCode.TOO_MANY_BAD_SAMPLES: "Repair the signal or its recording, then record again.",
+    ReasonCode.NOT_IN_AUTOMATIC: "Record while the controller is in automatic.",
+    ReasonCode.OP_CONSTANT: "Record while OP moves: in automatic, or with small steps of OP.",
+    ReasonCode.OP_AT_LIMIT: "Record while OP is inside its range.",
+    ReasonCode.OP_HARDLY_MOVES: "Record a longer window or one with a set-point change.",
+    ReasonCode.PV_FROZEN: "Check the transmitter and the recording of PV.",
+    ReasonCode.PV_AT_LIMIT: "Record while PV is inside the transmitter's range.",
+    ReasonCode.NO_MODEL_EXPLAINS_PV: (
+        "PV does not follow OP in this window: look for disturbances, or record with small steps."
+    ),
+    ReasonCode.TOO_FEW_MOVES: "Record a longer window or one with a set-point change.",
+    ReasonCode.UNDECIDED: "Record a longer window; judge by several windows of this loop.",
+    ReasonCode.SLIP_JUMP_UNCERTAIN: "Judge the slip jump by several windows of this loop.",
+    ReasonCode.STICK_BAND_UNCERTAIN: "Judge the stick band by several windows of this loop.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One reason: its code and the sentence with the figures of this window."""
+
+    code: ReasonCode
+    text: str
+
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        return self.code.advice
+
+    def __str__(self) -> str:
+        return self.text

@@ -1,0 +1,195 @@
+"""The result of an identification: immutable, with its evidence and its statistics."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from estimator._kernels import Array
+from estimator.outcomes import Reason, Verdict
+from loop_model import LoopModel
+
+__all__ = ["CostSurface", "Evidence", "Fit", "Identification", "Interval", "Process", "RunnerUp"]
+
+
+def _number(value: float) -> float | None:
+    """A JSON number, or null where there is none (JSON has no NaN and no infinity)."""
+    return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An estimate with its interval at the result's ``confidence``; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def unknown(cls) -> Interval:
+        """The interval of a quantity that this window does not show."""
+        return cls(math.nan, math.nan, math.nan)
+
+    def scaled(self, factor: float) -> Interval:
+        """The same interval in other units (``factor`` may be negative)."""
+        a, b = self.low * factor, self.high * factor
+        return Interval(self.value * factor, min(a, b), max(a, b))
+
+    def __contains__(self, value: object) -> bool:
+        return isinstance(value, (int, float)) and self.low <= value <= self.high
+
+    def to_dict(self) -> dict[str, float | None]:
+        """``{"value", "low", "high"}``."""
+        return {
+            "value": _number(self.value),
+            "low": _number(self.low),
+            "high": _number(self.high),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """The identified process.
+
+    Attributes:
+        structure: in words, e.g. ``"lag"``, ``"two lags"``, ``"integrating"``, ``"arx(2,2)"``.
+        parameters: by name; time constants in seconds, coefficients of PV and OP in their units.
+        dead_time_samples: samples from stem to PV (0 is direct feed-through).
+        gain: PV per OP in steady state with its interval; infinite for an integrating process.
+    """
+
+    structure: str
+    parameters: MappingProxyType[str, float]
+    dead_time_samples: int
+    gain_interval: Interval
+
+    @property
+    def gain(self) -> float:
+        """The gain's value."""
+        return self.gain_interval.value
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types."""
+        return {
+            "structure": self.structure,
+            "parameters": {name: _number(value) for name, value in self.parameters.items()},
+            "dead_time_samples": self.dead_time_samples,
+            "gain": _number(self.gain),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Share of PV's variance explained by simulation, with this valve and a healthy one."""
+
+    r2: float
+    r2_healthy_valve: float
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Plain types."""
+        return {"r2": _number(self.r2), "r2_healthy_valve": _number(self.r2_healthy_valve)}
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the verdict rests on.
+
+    Attributes:
+        log_likelihood_ratio: sticky over healthy valve, natural logarithm.
+        effective_samples: independent samples that the residuals are worth.
+        moves: moves of the identified stem; reversals: changes of their direction.
+        band_over_span: stick band over the span of OP in the window.
+    """
+
+    log_likelihood_ratio: float
+    effective_samples: float
+    moves: int
+    reversals: int
+    band_over_span: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunnerUp:
+    """A process structure that was tried: the best cost it reached and its distance in BIC."""
+
+    structure: str
+    dead_time_samples: int
+    delta_bic: float
+
+
+@dataclass(frozen=True, slots=True)
+class CostSurface:
+    """Cost over (S, J), everything else at its best; rows are S, columns J.
+
+    ``stick_band`` has shape ``(m,)``, ``slip_jump`` ``(k,)``, both in units of OP; ``cost`` has
+    shape ``(m, k)``: mean squared error over PV's variance, NaN where ``J > S``.
+    """
+
+    stick_band: Array
+    slip_jump: Array
+    cost: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What one window says about valve and process (units of OP and PV as given).
+
+    Attributes:
+        verdict: the answer.
+        reasons: why, each with advice.
+        score: evidence for stiction; 0 when no valve model is better than a healthy valve.
+        stick_band, slip_jump: S and J with intervals at ``confidence``.
+        static_friction, dynamic_friction: fS = (S + J)/2 and fD = (S - J)/2, likewise.
+        process, fit, criterion, evidence: what was identified, and how well.
+        samples: samples of the window (rows given).
+        period_s: seconds between samples.
+        seconds: time that the identification took.
+        model: valve and process in ARX form for the compensator; None when not assessable.
+        stem, pv_model: estimated stem position and simulated PV, shape ``(samples,)``.
+        surface: the cost surface, for pictures; None when not assessable.
+        runners_up: other process structures, best first.
+        identifiability: what this window cannot tell, in sentences.
+    """
+
+    verdict: Verdict
+    reasons: tuple[Reason, ...]
+    score: float
+    stick_band: Interval
+    slip_jump: Interval
+    static_friction: Interval
+    dynamic_friction: Interval
+    confidence: float
+    process: Process
+    fit: Fit
+    criterion: str
+    evidence: Evidence
+    samples: int
+    period_s: float
+    seconds: float
+    model: LoopModel | None
+    stem: Array
+    pv_model: Array
+    surface: CostSurface | None
+    runners_up: tuple[RunnerUp, ...] = ()
+    identifiability: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object of ``fieldlink identify --json``: plain types, null for no number."""
+        return {
+            "verdict": self.verdict.value,
+            "reasons": [reason.text for reason in self.reasons],
+            "score": _number(self.score),
+            "stick_band": self.stick_band.to_dict(),
+            "slip_jump": self.slip_jump.to_dict(),
+            "static_friction": self.static_friction.to_dict(),
+            "dynamic_friction": self.dynamic_friction.to_dict(),
+            "confidence": self.confidence,
+            "process": self.process.to_dict(),
+            "fit": self.fit.to_dict(),
+            "criterion": self.criterion,
+            "samples": self.samples,
+            "period_s": self.period_s,
+            "seconds": self.seconds,
+        }

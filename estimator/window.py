@@ -1,0 +1,179 @@
+"""The door: raw samples in, one harmonised window out, or a reason why it cannot be judged."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimator._kernels import Array, Mask
+from estimator.outcomes import EstimatorError, Reason, ReasonCode
+
+__all__ = ["MIN_SAMPLES", "Window", "harmonise", "screen"]
+
+MIN_SAMPLES = 50
+"""Fewer samples cannot be judged."""
+
+_MAX_BAD = 0.3
+_MIN_AUTO = 0.7
+_MAX_AT_RAIL = 0.5
+_FROZEN = 0.9
+_TINY = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A window in its own units: OP spans one, PV has unit variance, both are centred.
+
+    Attributes:
+        u: scaled OP, shape ``(n,)``; bad samples bridged by the straight line between neighbours.
+        y: scaled PV, shape ``(n,)``; zero where bad.
+        good: usable samples, shape ``(n,)``, bool.
+        op_centre, op_span, pv_centre, pv_scale: ``OP = op_centre + op_span u``, PV likewise.
+        period: seconds between samples.
+        automatic: share of samples in automatic.
+    """
+
+    u: Array
+    y: Array
+    good: Mask
+    op_centre: float
+    op_span: float
+    pv_centre: float
+    pv_scale: float
+    period: float
+    automatic: float
+
+    @property
+    def size(self) -> int:
+        """Samples of the window."""
+        return int(self.u.size)
+
+
+def harmonise(
+    op: ArrayLike,
+    pv: ArrayLike,
+    sp: ArrayLike | None,
+    auto: ArrayLike | None,
+    period: float,
+) -> Window:
+    """Check and scale the raw samples.
+
+    Raises:
+        EstimatorError: not one-dimensional numbers, different lengths, no usable sample, a period
+            that is not positive.
+    """
+    op_raw, pv_raw = _signal("op", op), _signal("pv", pv)
+    length = op_raw.size
+    optional = [(name, s) for name, s in (("sp", sp), ("auto", auto)) if s is not None]
+    for name, signal in [("pv", pv_raw), *((name, _signal(name, s)) for name, s in optional)]:
+        if signal.size != length:
+            raise EstimatorError(
+                f"op has {length} samples and {name} has {signal.size}: "
+                f"give every signal of the window with the same number of samples"
+            )
+    if length < 2:
+        raise EstimatorError(f"a window of {length} samples is no window: give {MIN_SAMPLES}+")
+    if not (math.isfinite(period) and period > 0.0):
+        raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
+    in_auto = np.ones(length, dtype=bool)
+    if auto is not None:
+        flag = _signal("auto", auto)
+        in_auto = np.isfinite(flag) & (flag != 0.0)
+    op_good, pv_good = np.isfinite(op_raw), np.isfinite(pv_raw)
+    for name, ok in (("op", op_good), ("pv", pv_good)):
+        if not ok.any():
+            raise EstimatorError(f"{name} has no finite sample: map the right tag or column")
+    good = op_good & pv_good
+    index = np.arange(length)
+    bridged = np.interp(index, index[op_good], op_raw[op_good])
+    low, high = float(bridged.min()), float(bridged.max())
+    op_centre, op_span = 0.5 * (low + high), high - low
+    kept = pv_raw[good] if good.any() else pv_raw[pv_good]
+    pv_centre = float(kept.mean())
+    pv_scale = float(kept.std())
+    if op_span <= _TINY * max(abs(low), abs(high)):
+        op_span = 0.0
+    if pv_scale <= _TINY * abs(pv_centre):
+        pv_scale = 0.0
+    u = (bridged - op_centre) / (op_span or 1.0)
+    y = np.where(good, (np.where(good, pv_raw, pv_centre) - pv_centre) / (pv_scale or 1.0), 0.0)
+    return Window(
+        u=u,
+        y=y,
+        good=good,
+        op_centre=op_centre,
+        op_span=op_span,
+        pv_centre=pv_centre,
+        pv_scale=pv_scale,
+        period=float(period),
+        automatic=float(in_auto.mean()),
+    )
+
+
+def screen(window: Window) -> tuple[Reason, ...]:
+    """Reasons why the window cannot be judged before any model is tried; empty when it can."""
+    reasons: list[Reason] = []
+
+    def add(code: ReasonCode, text: str) -> None:
+        reasons.append(Reason(code, text))
+
+    n, good = window.size, int(window.good.sum())
+    if n < MIN_SAMPLES:
+        add(ReasonCode.TOO_FEW_SAMPLES, f"the window has {n} samples, {MIN_SAMPLES} are needed")
+    if good < (1.0 - _MAX_BAD) * n:
+        add(
+            ReasonCode.TOO_MANY_BAD_SAMPLES,
+            f"{n - good} of {n} samples are bad or missing, {_MAX_BAD:.0%} are tolerated",
+        )
+    if window.automatic < _MIN_AUTO:
+        add(
+            ReasonCode.NOT_IN_AUTOMATIC,
+            f"the controller is in automatic for {window.automatic:.0%} of the window, "
+            f"{_MIN_AUTO:.0%} are needed",
+        )
+    if window.op_span == 0.0:
+        add(ReasonCode.OP_CONSTANT, f"OP stays at {window.op_centre:.6g}")
+    elif (steady := _longest_share(window.u)) > _FROZEN:
+        add(ReasonCode.OP_HARDLY_MOVES, f"OP stands still for {steady:.0%} of the window")
+    elif (share := _rail_share(window.u[window.good])) > _MAX_AT_RAIL:
+        add(ReasonCode.OP_AT_LIMIT, f"OP is at its limit for {share:.0%} of the window")
+    if window.pv_scale == 0.0:
+        add(ReasonCode.PV_FROZEN, f"PV stays at {window.pv_centre:.6g}")
+    else:
+        y = window.y[window.good]
+        if (still := _longest_share(y)) > _FROZEN:
+            add(ReasonCode.PV_FROZEN, f"PV does not change for {still:.0%} of the window")
+        elif (share := _rail_share(y)) > _MAX_AT_RAIL:
+            add(ReasonCode.PV_AT_LIMIT, f"PV is at its limit for {share:.0%} of the window")
+    return tuple(reasons)
+
+
+def _signal(name: str, values: ArrayLike) -> Array:
+    try:
+        signal = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise EstimatorError(f"{name} is not numeric: {error}") from error
+    if signal.ndim != 1:
+        raise EstimatorError(
+            f"{name} has shape {signal.shape}: give one row of samples, shape (n,)"
+        )
+    return signal
+
+
+def _rail_share(signal: Array) -> float:
+    """Share of samples that sit exactly at the signal's lowest or highest value."""
+    if signal.size == 0:
+        return 0.0
+    low, high = signal.min(), signal.max()
+    band = 1e-6 * (high - low)
+    return float(max((signal <= low + band).mean(), (signal >= high - band).mean()))
+
+
+def _longest_share(signal: Array) -> float:
+    """Share of samples that do not differ from the one before."""
+    if signal.size < 2:
+        return 1.0
+    return float((np.abs(np.diff(signal)) <= 1e-9).mean())
