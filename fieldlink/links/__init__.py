@@ -1,1 +1,50 @@
-"""One module per kind of link behind one small protocol."""
+"""Links: one module per kind of source behind one small protocol."""
+
+from fieldlink.links.base import (
+    Link,
+    LinkState,
+    Quality,
+    Reading,
+    RegisterAccess,
+    Scan,
+    SteppedLink,
+)
+from fieldlink.links.clock import Clock, SystemClock, VirtualClock
+from fieldlink.links.errors import (
+    AccessRefusedError,
+    ExceptionCode,
+    ExceptionReplyError,
+    LinkError,
+    LinkTimeoutError,
+    LinkUnreachableError,
+    RecordingEndedError,
+    ReplyMismatchError,
+    UnknownLinkKindError,
+)
+from fieldlink.links.registry import LinkFactory, link_kinds, open_link, register_link
+
+__all__ = [
+    "AccessRefusedError",
+    "Clock",
+    "ExceptionCode",
+    "ExceptionReplyError",
+    "Link",
+    "LinkError",
+    "LinkFactory",
+    "LinkState",
+    "LinkTimeoutError",
+    "LinkUnreachableError",
+    "Quality",
+    "Reading",
+    "RecordingEndedError",
+    "RegisterAccess",
+    "ReplyMismatchError",
+    "Scan",
+    "SteppedLink",
+    "SystemClock",
+    "UnknownLinkKindError",
+    "VirtualClock",
+    "link_kinds",
+    "open_link",
+    "register_link",
+]

@@ -1,0 +1,160 @@
+"""What every kind of link offers: scans of a device's tags, and registers to write back through.
+
+A scan never fails as a whole: what could not be read is a `Reading` whose quality says why, and
+the errors behind it are listed once. So one bad register costs no other tag its value, and whoever
+consumes a scan has a single path.
+
+    link = open_link(site, "plc", clock)
+    await link.open()
+    scan = await link.scan()
+    scan["FC101.PV"].value        # NaN unless the quality is good
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol, runtime_checkable
+
+from fieldlink.links.errors import LinkError
+
+__all__ = ["Link", "LinkState", "Quality", "Reading", "RegisterAccess", "Scan", "SteppedLink"]
+
+
+class Quality(Enum):
+    """What a reading is worth; the value is the code that is stored."""
+
+    GOOD = (0, "a value read in this scan")
+    NOT_A_NUMBER = (1, "the register holds NaN or infinity: the PLC marks the signal as bad")
+    BELOW_RANGE = (2, "below the map's low: check the sensor, the scaling or the range")
+    ABOVE_RANGE = (3, "above the map's high: check the sensor, the scaling or the range")
+    NOT_READ = (4, "the request failed: see the link's errors")
+    QUARANTINED = (5, "the register answered with an exception and is left out for a while")
+    UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
+
+    def __init__(self, code: int, advice: str) -> None:
+        self.code = code
+        self.advice = advice
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One tag in one scan.
+
+    Attributes:
+        value: in engineering units; NaN unless ``quality`` is good.
+        quality: what the value is worth.
+        monotonic: seconds of the link's clock when the reply arrived.
+        utc: seconds since 1970 when the reply arrived.
+    """
+
+    value: float
+    quality: Quality
+    monotonic: float
+    utc: float
+
+    @property
+    def good(self) -> bool:
+        """Whether the value may enter a window."""
+        return self.quality is Quality.GOOD
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """All mapped tags of a device, read once.
+
+    Attributes:
+        readings: tag to reading, one for every mapped tag.
+        monotonic: seconds of the link's clock when the scan began.
+        utc: seconds since 1970 when the scan began.
+        requests: how many requests it took.
+        failures: the errors behind the readings that are not good, each once.
+    """
+
+    readings: Mapping[str, Reading]
+    monotonic: float
+    utc: float
+    requests: int = 0
+    failures: tuple[LinkError, ...] = field(default=())
+
+    def __getitem__(self, tag: str) -> Reading:
+        """Return the reading of ``tag``; one of quality ``UNKNOWN_TAG`` where there is none."""
+        reading = self.readings.get(tag)
+        if reading is None:
+            return Reading(math.nan, Quality.UNKNOWN_TAG, self.monotonic, self.utc)
+        return reading
+
+    @property
+    def answered(self) -> bool:
+        """Whether any tag was read, well or badly."""
+        return not self.readings or any(
+            reading.quality is not Quality.NOT_READ for reading in self.readings.values()
+        )
+
+
+class LinkState(Enum):
+    """How a link is doing, with advice for the operator."""
+
+    CLOSED = "not opened, or stopped"
+    GOOD = "answering"
+    DEGRADED = "answering, but not for every tag: see the quarantined tags and the last error"
+    DEMOTED = "not answering; tried again after a growing pause: check power, cable and address"
+
+    @property
+    def advice(self) -> str:
+        """What the state means for the operator."""
+        return self.value
+
+
+class Link(Protocol):
+    """A source of scans."""
+
+    @property
+    def state(self) -> LinkState:
+        """How the link is doing."""
+        ...
+
+    async def open(self) -> None:
+        """Make ready. A device that is absent is no error here: `scan` keeps trying.
+
+        Raises:
+            LinkError: what waiting does not cure, such as a recording that is not there.
+        """
+        ...
+
+    async def scan(self) -> Scan:
+        """Read every mapped tag once; does not raise for what a device does or fails to do."""
+        ...
+
+    async def close(self) -> None:
+        """Let go of the device; may be called twice."""
+        ...
+
+
+@runtime_checkable
+class RegisterAccess(Protocol):
+    """The holding registers of a device, for the write-back. Every method raises `LinkError`."""
+
+    async def read_registers(self, address: int, count: int) -> list[int]:
+        """Read ``count`` holding registers in one request (FC3)."""
+        ...
+
+    async def write_registers(self, address: int, words: Sequence[int]) -> None:
+        """Write all ``words`` in one request (FC16); never repeated by the link itself."""
+        ...
+
+    async def write_register(self, address: int, word: int) -> None:
+        """Write one register (FC6); never repeated by the link itself."""
+        ...
+
+
+@runtime_checkable
+class SteppedLink(Link, Protocol):
+    """A link whose plant moves only when it is scanned: a simulation or a recording."""
+
+    @property
+    def scan_period(self) -> float:
+        """Plant seconds by which one scan advances the plant."""
+        ...

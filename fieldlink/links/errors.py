@@ -1,0 +1,121 @@
+"""What can go wrong between the adapter and a device, each with what to do about it."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from fieldlink.errors import FieldlinkError
+
+__all__ = [
+    "AccessRefusedError",
+    "ExceptionCode",
+    "ExceptionReplyError",
+    "LinkError",
+    "LinkTimeoutError",
+    "LinkUnreachableError",
+    "RecordingEndedError",
+    "ReplyMismatchError",
+    "UnknownLinkKindError",
+]
+
+
+class ExceptionCode(Enum):
+    """The exception codes of the Modbus application protocol (V1.1b3, section 7), with advice."""
+
+    ILLEGAL_FUNCTION = (1, "the device does not serve this table: check the map's table column")
+    ILLEGAL_ADDRESS = (2, "a register of the block does not exist: check the map's addresses")
+    ILLEGAL_VALUE = (3, "the device refuses the count or value: lower max_registers")
+    DEVICE_FAILURE = (4, "the device failed while answering: look at its own diagnostics")
+    ACKNOWLEDGE = (5, "the device needs longer: raise the timeout")
+    DEVICE_BUSY = (6, "the device is busy: poll it less often")
+    NEGATIVE_ACKNOWLEDGE = (7, "the device cannot do this: check the map")
+    PARITY_ERROR = (8, "the device found its memory corrupt: have it serviced")
+    GATEWAY_PATH = (10, "the gateway has no path to the unit: check the gateway's configuration")
+    GATEWAY_TARGET = (11, "no unit of that id behind the gateway: check the unit id and its wiring")
+    UNKNOWN = (0, "the device gave a code outside the standard: see its manual")
+
+    def __init__(self, code: int, advice: str) -> None:
+        self.code = code
+        self.advice = advice
+
+    @classmethod
+    def of(cls, code: int) -> ExceptionCode:
+        """Return the member of ``code``, or ``UNKNOWN``."""
+        return next((member for member in cls if member.code == code), cls.UNKNOWN)
+
+    @property
+    def blames_an_address(self) -> bool:
+        """Whether a smaller request to the same device may well succeed."""
+        return self in _BLAMES_AN_ADDRESS
+
+    @property
+    def is_the_gateways(self) -> bool:
+        """Whether a gateway answered for a unit that did not."""
+        return self in (ExceptionCode.GATEWAY_PATH, ExceptionCode.GATEWAY_TARGET)
+
+
+_BLAMES_AN_ADDRESS = frozenset(
+    {ExceptionCode.ILLEGAL_ADDRESS, ExceptionCode.ILLEGAL_VALUE, ExceptionCode.DEVICE_FAILURE}
+)
+
+
+class LinkError(FieldlinkError):
+    """A request to a device did not give what was asked for.
+
+    Attributes:
+        device: the device's name in the site file.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, device: str, what: str, remedy: str) -> None:
+        super().__init__(f"device {device}: {what}; {remedy}")
+        self.device = device
+        self.what = what
+        self.remedy = remedy
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (type(self), self.args, self.__dict__))
+
+
+def _rebuild(
+    kind: type[LinkError], args: tuple[object, ...], state: dict[str, object]
+) -> LinkError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    error.__dict__.update(state)
+    return error
+
+
+class LinkUnreachableError(LinkError):
+    """No connection: refused, lost, or waiting before the next attempt."""
+
+
+class LinkTimeoutError(LinkError):
+    """No reply in time. Whether a write was carried out is not known."""
+
+
+class ReplyMismatchError(LinkError):
+    """A reply that does not belong to the request: wrong transaction, unit, length or echo."""
+
+
+class ExceptionReplyError(LinkError):
+    """The device answered with an exception code."""
+
+    def __init__(self, device: str, what: str, code: int) -> None:
+        self.code = ExceptionCode.of(code)
+        self.number = code
+        super().__init__(
+            device, f"{what} answered with exception {code} ({self.code.name})", self.code.advice
+        )
+
+
+class AccessRefusedError(LinkError):
+    """The adapter itself refuses the request: the site file does not allow it."""
+
+
+class RecordingEndedError(LinkError):
+    """A recording has no more rows."""
+
+
+class UnknownLinkKindError(LinkError):
+    """The site file names a kind of link that nothing has registered."""

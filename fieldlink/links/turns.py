@@ -1,0 +1,55 @@
+"""Whose turn it is to use a device: one request at a time, writes before reads, else in order."""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from itertools import count
+
+__all__ = ["Turns"]
+
+
+class Turns:
+    """A lock whose urgent waiters overtake the others.
+
+    async with turns.take(urgent=True):
+        ...
+    """
+
+    def __init__(self) -> None:
+        self._busy = False
+        self._arrivals = count()
+        self._waiting: list[tuple[bool, int, asyncio.Future[None]]] = []
+
+    @asynccontextmanager
+    async def take(self, *, urgent: bool = False) -> AsyncIterator[None]:
+        """Wait for the turn, hold it inside the block, hand it on afterwards."""
+        await self._acquire(urgent)
+        try:
+            yield
+        finally:
+            self._hand_on()
+
+    async def _acquire(self, urgent: bool) -> None:
+        if not self._busy:
+            self._busy = True
+            return
+        turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._waiting, (not urgent, next(self._arrivals), turn))
+        try:
+            await turn
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():
+                # The turn came in the very moment of the cancellation: it must not be lost.
+                self._hand_on()
+            raise
+
+    def _hand_on(self) -> None:
+        while self._waiting:
+            turn = heapq.heappop(self._waiting)[2]
+            if not turn.done():
+                turn.set_result(None)
+                return
+        self._busy = False

@@ -1,0 +1,310 @@
+"""The Modbus TCP link against a device that misbehaves in the ways devices do."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import struct
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from fieldlink.links import (
+    AccessRefusedError,
+    ExceptionReplyError,
+    LinkState,
+    LinkTimeoutError,
+    LinkUnreachableError,
+    Quality,
+    ReplyMismatchError,
+    SystemClock,
+)
+from fieldlink.links.backoff import BackoffSettings
+from fieldlink.links.modbus import ModbusTcpLink, ModbusTcpSettings
+from fieldlink.registers import DataType, Table, Tag, plan_reads
+
+if TYPE_CHECKING:
+    from tests.links.fake_device import FakeDevice
+
+TIMEOUT = 0.15
+SOON = BackoffSettings(first=0.01, cap=0.05)
+
+
+def words_tag(name: str, address: int, **rest: Any) -> Tag:
+    return Tag(name, Table.HOLDING, address, DataType.UINT16, **rest)
+
+
+FOUR = [words_tag(f"T{i}", 10 + i) for i in range(4)]
+
+
+@asynccontextmanager
+async def link_to(
+    device: FakeDevice, tags: Sequence[Tag] = FOUR, max_gap: int = 8, **settings: Any
+) -> AsyncIterator[ModbusTcpLink]:
+    options = {"timeout": TIMEOUT, "backoff": SOON} | settings
+    link = ModbusTcpLink(
+        ModbusTcpSettings("plc", "127.0.0.1", device.port, **options),
+        plan_reads(tags, max_gap),
+        SystemClock(),
+    )
+    await link.open()
+    try:
+        yield link
+    finally:
+        await link.close()
+
+
+async def scan_until_good(link: ModbusTcpLink, tries: int = 100) -> None:
+    for _ in range(tries):
+        scan = await link.scan()
+        if not scan.failures:
+            return
+        await asyncio.sleep(0.02)
+    pytest.fail(f"the link did not recover: {scan.failures}")
+
+
+async def test_every_table_is_read_and_scaled(device: FakeDevice) -> None:
+    device.words[0:2] = [0x41C8, 0x0000]
+    device.words[5] = 250
+    device.bits[3] = 1
+    tags = [
+        Tag("float", Table.HOLDING, 0, DataType.FLOAT32),
+        Tag("scaled", Table.INPUT, 5, DataType.INT16, scale=0.1, offset=-5.0),
+        Tag("coil", Table.COIL, 3, DataType.BOOL),
+        Tag("contact", Table.DISCRETE, 4, DataType.BOOL),
+    ]
+    async with link_to(device, tags) as link:
+        scan = await link.scan()
+    assert {name: reading.value for name, reading in scan.readings.items()} == {
+        "float": 25.0,
+        "scaled": 20.0,
+        "coil": 1.0,
+        "contact": 0.0,
+    }
+    assert scan.requests == 4
+    assert not scan.failures
+    assert [function for function, _, _ in device.requests] == [3, 4, 1, 2]
+
+
+async def test_neighbours_share_a_request_and_a_time_stamp(device: FakeDevice) -> None:
+    async with link_to(device) as link:
+        scan = await link.scan()
+    assert device.requests == [(3, 10, 4)]
+    assert len({reading.monotonic for reading in scan.readings.values()}) == 1
+    assert link.state is LinkState.GOOD
+
+
+@pytest.mark.parametrize(
+    ("word", "quality"), [(99, Quality.ABOVE_RANGE), (0, Quality.BELOW_RANGE), (50, Quality.GOOD)]
+)
+async def test_a_value_outside_its_range_is_not_good(
+    device: FakeDevice, word: int, quality: Quality
+) -> None:
+    device.words[10] = word
+    async with link_to(device, [words_tag("T", 10, low=1.0, high=98.0)]) as link:
+        reading = (await link.scan())["T"]
+    assert reading.quality is quality
+    assert math.isnan(reading.value) != reading.good
+
+
+async def test_nan_in_a_register_is_not_good(device: FakeDevice) -> None:
+    device.words[0:2] = struct.unpack(">2H", struct.pack(">f", math.nan))
+    async with link_to(device, [Tag("T", Table.HOLDING, 0, DataType.FLOAT32)]) as link:
+        assert (await link.scan())["T"].quality is Quality.NOT_A_NUMBER
+
+
+async def test_an_unknown_tag_says_so(device: FakeDevice) -> None:
+    async with link_to(device) as link:
+        assert (await link.scan())["NOWHERE"].quality is Quality.UNKNOWN_TAG
+
+
+async def test_a_device_absent_at_the_start_is_found_when_it_comes(
+    new_device: Callable[..., FakeDevice],
+) -> None:
+    device = new_device()
+    await device.start()
+    await device.stop()
+    async with link_to(device) as link:
+        scan = await link.scan()
+        assert [type(failure) for failure in scan.failures] == [LinkUnreachableError]
+        assert f"127.0.0.1:{device.port}" in str(scan.failures[0])
+        assert all(r.quality is Quality.NOT_READ for r in scan.readings.values())
+        assert link.state is LinkState.DEMOTED
+        await device.start()
+        await scan_until_good(link)
+        assert link.state is LinkState.GOOD
+
+
+async def test_a_device_that_goes_away_comes_back(device: FakeDevice) -> None:
+    async with link_to(device) as link:
+        await scan_until_good(link)
+        await device.stop()
+        assert not (await link.scan()).answered
+        await device.start()
+        await scan_until_good(link)
+
+
+async def test_while_waiting_to_retry_a_scan_sends_nothing(device: FakeDevice) -> None:
+    device.mute = True
+    slow = BackoffSettings(first=60.0, cap=60.0)
+    async with link_to(device, backoff=slow) as link:
+        first, second = await link.scan(), await link.scan()
+    assert isinstance(first.failures[0], LinkTimeoutError)
+    assert isinstance(second.failures[0], LinkUnreachableError)
+    assert "next attempt in" in str(second.failures[0])
+    assert len(device.requests) == 1
+
+
+async def test_a_lost_connection_is_noticed_before_the_time_out(device: FakeDevice) -> None:
+    device.tamper = lambda _frame: b""
+    async with link_to(device, timeout=60.0) as link:
+        scan = await link.scan()
+    assert isinstance(scan.failures[0], LinkUnreachableError)
+    assert "dropped the connection" in str(scan.failures[0])
+
+
+async def test_a_late_reply_is_never_another_requests_value(device: FakeDevice) -> None:
+    far_apart = [words_tag("first", 10), words_tag("second", 200)]
+    device.words[10], device.words[200] = 111, 222
+    async with link_to(device, far_apart) as link:
+        await scan_until_good(link)
+        for _ in range(5):
+            device.delay = 1.5 * TIMEOUT
+            late = await link.scan()
+            assert isinstance(late.failures[0], LinkTimeoutError)
+            device.delay = 0.0
+            await asyncio.sleep(TIMEOUT)
+            scan = await link.scan()
+            for tag, value in (("first", 111.0), ("second", 222.0)):
+                if scan[tag].good:
+                    assert scan[tag].value == value
+        await scan_until_good(link)
+
+
+@pytest.mark.parametrize("transaction", [0, 7777])
+async def test_a_wrong_transaction_id_is_refused(device: FakeDevice, transaction: int) -> None:
+    device.tamper = lambda frame: struct.pack(">H", transaction) + frame[2:]
+    async with link_to(device) as link:
+        scan = await link.scan()
+        assert isinstance(scan.failures[0], ReplyMismatchError | LinkTimeoutError)
+        assert not scan.answered
+        device.tamper = None
+        await scan_until_good(link)
+
+
+async def test_a_reply_of_the_wrong_length_is_refused(device: FakeDevice) -> None:
+    device.tamper = lambda frame: (
+        frame[:4] + struct.pack(">HBBB", 5, frame[6], frame[7], 2) + frame[9:11]
+    )
+    async with link_to(device) as link:
+        scan = await link.scan()
+        assert isinstance(scan.failures[0], ReplyMismatchError)
+        assert not scan.answered
+
+
+async def test_a_bad_register_is_found_and_costs_the_others_nothing(device: FakeDevice) -> None:
+    tags = [words_tag(f"T{i}", 10 + i) for i in range(8)]
+    device.words[10:18] = range(100, 108)
+    device.illegal = {13}
+    async with link_to(device, tags) as link:
+        found = await link.scan()
+        assert found["T3"].quality is Quality.QUARANTINED
+        assert isinstance(found.failures[0], ExceptionReplyError)
+        expected = {f"T{i}": 100.0 + i for i in range(8) if i != 3}
+        assert {n: r.value for n, r in found.readings.items() if r.good} == expected
+        assert link.state is LinkState.DEGRADED
+
+        device.requests.clear()
+        again = await link.scan()
+        assert {n: r.value for n, r in again.readings.items() if r.good} == expected
+        assert not again.failures
+        assert device.requests == [(3, 10, 3), (3, 14, 4)]
+
+
+async def test_a_hole_that_was_read_along_splits_the_block(device: FakeDevice) -> None:
+    device.illegal = {12}
+    async with link_to(device, [words_tag("left", 11), words_tag("right", 13)]) as link:
+        assert all(reading.good for reading in (await link.scan()).readings.values())
+        device.requests.clear()
+        await link.scan()
+        assert device.requests == [(3, 11, 1), (3, 13, 1)]
+
+
+async def test_a_quarantined_register_is_taken_back_when_it_answers(device: FakeDevice) -> None:
+    device.illegal = {12}
+    async with link_to(device, quarantine=0.0) as link:
+        await link.scan()
+        assert (await link.scan())["T2"].quality is Quality.QUARANTINED
+        device.illegal = set()
+        assert (await link.scan())["T2"].good
+        assert device.requests[-1] == (3, 10, 4)
+
+
+async def test_busy_is_no_reason_to_quarantine(device: FakeDevice) -> None:
+    device.exception = 6
+    async with link_to(device) as link:
+        scan = await link.scan()
+        assert {reading.quality for reading in scan.readings.values()} == {Quality.NOT_READ}
+        assert "poll it less often" in str(scan.failures[0])
+        device.exception = None
+        assert (await link.scan())["T0"].good
+
+
+async def test_one_request_that_times_out_does_not_starve_the_rest(device: FakeDevice) -> None:
+    tags = [words_tag("slow", 10), words_tag("quick", 200)]
+
+    def only_quick(frame: bytes) -> bytes:
+        return frame if device.requests[-1][1] == 200 else struct.pack(">H", 0) + frame[2:]
+
+    device.tamper = only_quick
+    async with link_to(device, tags) as link:
+        good = 0
+        for _ in range(20):
+            good += (await link.scan())["quick"].good
+            await asyncio.sleep(0.02)
+        assert good > 0
+
+
+async def test_writes_need_a_declared_range(device: FakeDevice) -> None:
+    async with link_to(device, writable=((100, 110),)) as link:
+        await link.write_registers(100, [1, 2, 3])
+        await link.write_register(110, 9)
+        assert await link.read_registers(100, 11) == [1, 2, 3, *[0] * 7, 9]
+        for address, words in ((99, [1, 2]), (110, [1, 2]), (100, [])):
+            with pytest.raises(AccessRefusedError):
+                await link.write_registers(address, words)
+        with pytest.raises(AccessRefusedError, match="allowed: 100 to 110"):
+            await link.write_register(111, 1)
+    assert device.writes == [(16, 100, [1, 2, 3]), (6, 110, [9])]
+
+
+async def test_a_write_without_a_reply_is_not_repeated(device: FakeDevice) -> None:
+    device.mute = True
+    async with link_to(device, writable=((100, 110),)) as link:
+        with pytest.raises(LinkTimeoutError):
+            await link.write_registers(100, [5])
+    assert device.writes == [(16, 100, [5])]
+
+
+async def test_a_write_overtakes_waiting_reads(device: FakeDevice) -> None:
+    device.delay = 0.03
+    async with link_to(device, timeout=2.0, writable=((100, 100),)) as link:
+        reads = [asyncio.create_task(link.read_registers(i, 1)) for i in range(4)]
+        await asyncio.sleep(0.01)
+        await link.write_register(100, 1)
+        await asyncio.gather(*reads)
+    assert [function for function, _, _ in device.requests] == [3, 6, 3, 3, 3]
+
+
+async def test_a_cancelled_request_leaves_a_usable_link(device: FakeDevice) -> None:
+    device.delay = 0.05
+    async with link_to(device, timeout=2.0) as link:
+        task = asyncio.create_task(link.scan())
+        await asyncio.sleep(0.02)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        device.delay = 0.0
+        await scan_until_good(link)
