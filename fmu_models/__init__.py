@@ -1,1 +1,34 @@
 """Plants as FMUs: sources, build, catalogue, stepping."""
+
+from .catalogue import CatalogueModel, catalogue, fmu_path
+from .errors import (
+    PlantBuildError,
+    PlantClosedError,
+    PlantCrashError,
+    PlantError,
+    PlantFileError,
+    PlantInputError,
+    PlantNameError,
+    PlantStepError,
+    PlantTimeoutError,
+)
+from .plant import Plant, PlantInfo
+from .stepping import open_plant
+
+__all__ = [
+    "CatalogueModel",
+    "Plant",
+    "PlantBuildError",
+    "PlantClosedError",
+    "PlantCrashError",
+    "PlantError",
+    "PlantFileError",
+    "PlantInfo",
+    "PlantInputError",
+    "PlantNameError",
+    "PlantStepError",
+    "PlantTimeoutError",
+    "catalogue",
+    "fmu_path",
+    "open_plant",
+]

@@ -1,0 +1,101 @@
+"""What a running plant offers, wherever it runs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+__all__ = ["Plant", "PlantInfo"]
+
+
+@dataclass(frozen=True, slots=True)
+class PlantInfo:
+    """What a plant is, from its model description.
+
+    Attributes:
+        name: the model's name.
+        fmi_version: such as "2.0" or "3.0".
+        period: seconds that one step advances.
+        inputs: names that `Plant.step` takes.
+        tunable: parameters that `Plant.step` takes too.
+        outputs: names that come back.
+        parameters: names that can be given when the plant is opened (start values of inputs too).
+        can_restore: whether the FMU offers snapshots.
+    """
+
+    name: str
+    fmi_version: str
+    period: float
+    inputs: tuple[str, ...]
+    tunable: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    can_restore: bool
+
+
+class Plant(ABC):
+    """A plant that is stepped by hand: read PV, decide OP, `step`.
+
+    After opening, `outputs` holds the values at the start (``pv_0``); ``step({"op": op_k})``
+    applies OP, advances one period and returns ``pv_(k+1)``. An input that is not given keeps its
+    value. A plant that failed stays failed; `close` it always, or use it in a ``with`` block.
+    """
+
+    @property
+    @abstractmethod
+    def info(self) -> PlantInfo:
+        """What the plant is."""
+
+    @property
+    @abstractmethod
+    def time(self) -> float:
+        """Simulated seconds: start time plus steps times period."""
+
+    @abstractmethod
+    def outputs(self) -> dict[str, float]:
+        """Return the outputs at the present time."""
+
+    @abstractmethod
+    def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
+        """Apply inputs (or tunable parameters), advance one period, return all outputs.
+
+        Raises:
+            PlantNameError: a name that is no input and no tunable parameter.
+            PlantInputError: a value that is not finite, or no whole number where one is needed.
+            PlantStepError: the FMU refused, or put out NaN or infinity.
+            PlantCrashError: its process died or did not answer.
+        """
+
+    @abstractmethod
+    def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+        """Return what `step` returns for each of ``inputs`` in turn; one message for many steps."""
+
+    @abstractmethod
+    def snapshot(self) -> bytes:
+        """Return the plant's whole state, time included.
+
+        Raises:
+            PlantStepError: the FMU does not offer it.
+        """
+
+    @abstractmethod
+    def restore(self, snapshot: bytes) -> None:
+        """Go back to a state that `snapshot` returned, of this plant or of another of its model."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the plant and remove what it left on disk; more than once does no harm."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

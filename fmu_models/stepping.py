@@ -1,0 +1,59 @@
+"""Open a plant by the name of the catalogue or by file, isolated or in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from .catalogue import catalogue, fmu_path
+from .errors import PlantNameError, nearest
+from .inprocess import InProcessPlant
+from .plant import Plant
+
+__all__ = ["open_plant"]
+
+_NONE: Mapping[str, float] = MappingProxyType({})
+
+
+def open_plant(
+    model: str | Path,
+    *,
+    parameters: Mapping[str, float] = _NONE,
+    period: float | None = None,
+    isolated: bool = True,
+    timeout: float = 30.0,
+) -> Plant:
+    """Open a plant; it stands at its start, at rest.
+
+    Args:
+        model: a name of the catalogue, or the path of a co-simulation FMU (FMI 2 or 3). A string
+            that ends in ``.fmu`` is a path.
+        parameters: start values of parameters and inputs, by variable name.
+        period: seconds that one step advances; None takes what the FMU recommends.
+        isolated: run it in a process of its own, so that a crash or an endless step of the FMU
+            becomes a `PlantCrashError`. In this process steps are faster and crashes are fatal.
+        timeout: seconds that an isolated plant may take to answer (a message carries up to a
+            thousand steps).
+
+    Raises:
+        PlantNameError: unknown model, parameter or input.
+        PlantInputError: a value that cannot be set.
+        PlantBuildError: the FMU of a catalogue model could not be built.
+        PlantFileError: the file is no FMU that runs here.
+        PlantStepError: the FMU refused to start.
+        PlantCrashError: it crashed while starting, or did not answer.
+    """
+    file = _file(model)
+    return InProcessPlant(file, parameters=parameters, period=period)
+
+
+def _file(model: str | Path) -> Path:
+    if isinstance(model, Path) or model.endswith(".fmu"):
+        return Path(model)
+    if model not in catalogue:
+        raise PlantNameError(
+            f"the catalogue has no plant {model!r}; {nearest(model, catalogue)}; the path of an "
+            "FMU ends in .fmu"
+        )
+    return fmu_path(model)
