@@ -1,0 +1,96 @@
+"""Reading the historian: each table as a pandas frame.
+
+Every frame has the table's columns with ``utc_ms`` replaced by ``time`` (UTC), oldest row first. All
+functions take the historian's address, optionally a loop's name, and optionally the first and the last
+moment wanted; all raise `StoreError` when there is no historian to read.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import pandas as pd
+from sqlalchemy import Table, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from fieldlink.store.database import open_for_reading
+from fieldlink.store.errors import StoreError
+from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, WRITEBACKS
+
+__all__ = ["read_estimates", "read_events", "read_samples", "read_writebacks"]
+
+
+def read_samples(
+    url: str,
+    loop: str | None = None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+) -> pd.DataFrame:
+    """Return the samples; bad values are NaN."""
+    frame = _read(url, SAMPLES, loop, since, until)
+    numbers = ["op", "pv", "sp"]
+    frame[numbers] = frame[numbers].astype("float64")
+    return frame
+
+
+def read_estimates(
+    url: str,
+    loop: str | None = None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+) -> pd.DataFrame:
+    """Return the estimates; ``document`` holds the estimator's whole result as a dictionary."""
+    return _read(url, ESTIMATES, loop, since, until)
+
+
+def read_writebacks(
+    url: str,
+    loop: str | None = None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+) -> pd.DataFrame:
+    """Return the write-back attempts and decisions."""
+    return _read(url, WRITEBACKS, loop, since, until)
+
+
+def read_events(
+    url: str, *, since: datetime | None = None, until: datetime | None = None
+) -> pd.DataFrame:
+    """Return the events of the daemon, its devices and the store."""
+    return _read(url, EVENTS, None, since, until)
+
+
+def _read(
+    url: str, table: Table, loop: str | None, since: datetime | None, until: datetime | None
+) -> pd.DataFrame:
+    query = select(table).order_by(table.c.utc_ms, table.c.id)
+    if loop is not None:
+        query = query.where(table.c.loop == loop)
+    if since is not None:
+        query = query.where(table.c.utc_ms >= _milliseconds(since))
+    if until is not None:
+        query = query.where(table.c.utc_ms <= _milliseconds(until))
+    engine = open_for_reading(url)
+    try:
+        with engine.connect() as connection:
+            result = connection.execute(query)
+            frame = pd.DataFrame(result.mappings().all(), columns=list(result.keys()))
+    except SQLAlchemyError as error:
+        cause = getattr(error, "orig", None) or error
+        raise StoreError(
+            f"the historian {engine.url.render_as_string()} cannot be read: {cause}; "
+            "check that it is a Fieldlink historian"
+        ) from error
+    finally:
+        engine.dispose()
+    frame.insert(0, "time", pd.to_datetime(frame.pop("utc_ms"), unit="ms", utc=True))
+    return frame.drop(columns="id")
+
+
+def _milliseconds(moment: datetime) -> int:
+    if moment.tzinfo is None:
+        raise StoreError(f"{moment} has no time zone; give one, such as datetime.now(UTC)")
+    return round(moment.timestamp() * 1000.0)

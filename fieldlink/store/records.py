@@ -1,0 +1,124 @@
+"""What is stored: one frozen record a row, and how it becomes that row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+from sqlalchemy import Table
+
+from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, WRITEBACKS
+
+__all__ = ["EstimateRecord", "EventRecord", "Record", "SampleRecord", "WritebackRecord"]
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A row to be: every field is a column of ``table``; numbers that are not finite become NULL."""
+
+    table: ClassVar[Table]
+
+    def row(self) -> dict[str, object]:
+        """Return the columns."""
+        return {field.name: _storable(getattr(self, field.name)) for field in fields(self)}
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRecord(Record):
+    """One sample of a loop as it entered the window.
+
+    Attributes:
+        loop: its name.
+        utc_ms: when the values were read.
+        slot: the sample's number in the window's numbering; gaps are missed samples.
+        op, pv, sp: NaN where bad; ``sp`` and ``auto`` None where the loop has no such tag.
+        auto: whether the controller was in automatic.
+        quality: code of the worst of the signals (`fieldlink.links.Quality`).
+    """
+
+    table: ClassVar[Table] = SAMPLES
+    loop: str
+    utc_ms: int
+    slot: int
+    op: float
+    pv: float
+    sp: float | None
+    auto: bool | None
+    quality: int
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateRecord(Record):
+    """What the estimator made of a window, or why it made nothing of it."""
+
+    table: ClassVar[Table] = ESTIMATES
+    loop: str
+    utc_ms: int
+    window_end_ms: int
+    first_slot: int
+    last_slot: int
+    outcome: str
+    message: str
+    verdict: str | None = None
+    score: float | None = None
+    stick_band: float | None = None
+    stick_band_low: float | None = None
+    stick_band_high: float | None = None
+    slip_jump: float | None = None
+    slip_jump_low: float | None = None
+    slip_jump_high: float | None = None
+    confidence: float | None = None
+    r2: float | None = None
+    criterion: str | None = None
+    seconds: float | None = None
+    document: Mapping[str, object] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WritebackRecord(Record):
+    """One attempt to write a block, or one decision not to.
+
+    Attributes:
+        words: the block's registers, None when nothing was to be written.
+        bank_before: the registers of the written bank before the write.
+        active_before: the registers of the active bank at that time.
+    """
+
+    table: ClassVar[Table] = WRITEBACKS
+    loop: str
+    utc_ms: int
+    outcome: str
+    reason: str
+    seq: int | None = None
+    bank: str | None = None
+    status: str | None = None
+    stick_band: float | None = None
+    slip_jump: float | None = None
+    words: Sequence[int] | None = None
+    bank_before: Sequence[int] | None = None
+    active_before: Sequence[int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class EventRecord(Record):
+    """Something that happened to the daemon, a device or the store."""
+
+    table: ClassVar[Table] = EVENTS
+    utc_ms: int
+    kind: str
+    source: str
+    message: str
+    detail: Mapping[str, object] | None = None
+
+
+def _storable(value: object) -> object:
+    """Numbers that are not finite become None, in documents too: JSON has no word for them."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _storable(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_storable(item) for item in value]
+    return value

@@ -1,0 +1,109 @@
+"""The historian's tables: append-only, the same for SQLite and PostgreSQL.
+
+Times are UTC milliseconds since 1970. A value that is missing or bad is NULL, never a number.
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Column,
+    Float,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+)
+
+__all__ = ["ESTIMATES", "EVENTS", "META", "METADATA", "SAMPLES", "SCHEMA_VERSION", "WRITEBACKS"]
+
+SCHEMA_VERSION = 1
+
+METADATA = MetaData()
+
+# SQLite counts rows by itself only for a column of type INTEGER.
+_ROW_ID = BigInteger().with_variant(Integer(), "sqlite")
+
+META = Table(
+    "meta",
+    METADATA,
+    Column("key", String(40), primary_key=True),
+    Column("value", String(200), nullable=False),
+)
+
+SAMPLES = Table(
+    "samples",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", String(80), nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("slot", BigInteger, nullable=False),
+    Column("op", Float(53)),
+    Column("pv", Float(53)),
+    Column("sp", Float(53)),
+    Column("auto", Boolean),
+    Column("quality", Integer, nullable=False),
+    Index("samples_by_loop", "loop", "utc_ms"),
+)
+
+ESTIMATES = Table(
+    "estimates",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", String(80), nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("window_end_ms", BigInteger, nullable=False),
+    Column("first_slot", BigInteger, nullable=False),
+    Column("last_slot", BigInteger, nullable=False),
+    Column("outcome", String(40), nullable=False),
+    Column("verdict", String(40)),
+    Column("score", Float(53)),
+    Column("stick_band", Float(53)),
+    Column("stick_band_low", Float(53)),
+    Column("stick_band_high", Float(53)),
+    Column("slip_jump", Float(53)),
+    Column("slip_jump_low", Float(53)),
+    Column("slip_jump_high", Float(53)),
+    Column("confidence", Float(53)),
+    Column("r2", Float(53)),
+    Column("criterion", String(40)),
+    Column("seconds", Float(53)),
+    Column("message", Text, nullable=False),
+    Column("document", JSON),
+    Index("estimates_by_loop", "loop", "utc_ms"),
+)
+
+WRITEBACKS = Table(
+    "writebacks",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", String(80), nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("outcome", String(40), nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("seq", Integer),
+    Column("bank", String(1)),
+    Column("status", String(40)),
+    Column("stick_band", Float(53)),
+    Column("slip_jump", Float(53)),
+    Column("words", JSON),
+    Column("bank_before", JSON),
+    Column("active_before", JSON),
+    Index("writebacks_by_loop", "loop", "utc_ms"),
+)
+
+EVENTS = Table(
+    "events",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("kind", String(60), nullable=False),
+    Column("source", String(80), nullable=False),
+    Column("message", Text, nullable=False),
+    Column("detail", JSON),
+    Index("events_by_time", "utc_ms"),
+)
