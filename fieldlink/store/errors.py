@@ -8,4 +8,4 @@ __all__ = ["StoreError"]
 
 
 class StoreError(FieldlinkError):
-    """The historian cannot be opened, read or written; the message names the place and the remedy."""
+    """The historian cannot be opened, read or written; the message names place and remedy."""

@@ -2,8 +2,8 @@
 
 Records go into a bounded queue and reach the database in batches, one transaction each. While the
 database cannot be written, the batch is kept and tried again; when the queue is full meanwhile, the
-newest samples are dropped, counted and said. Estimates, write-backs and events have room of their own
-at the end of the queue, because they are few and the record of what was done to a plant.
+newest samples are dropped, counted and said. Estimates, write-backs and events have room of their
+own at the end of the queue, because they are few and the record of what was done to a plant.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ class StoreReport:
 
     Attributes:
         written: rows in the database.
-        dropped: records lost because the queue was full, a row was refused, or stopping took too long.
+        dropped: records lost because the queue was full, a row was refused, or stopping took too
+            long.
         waiting: records in the queue.
         retries: attempts that failed and were repeated.
         last_error: the last failure's text, empty when there was none.

@@ -1,8 +1,8 @@
 """Reading the historian: each table as a pandas frame.
 
-Every frame has the table's columns with ``utc_ms`` replaced by ``time`` (UTC), oldest row first. All
-functions take the historian's address, optionally a loop's name, and optionally the first and the last
-moment wanted; all raise `StoreError` when there is no historian to read.
+Every frame has the table's columns with ``utc_ms`` replaced by ``time`` (UTC), oldest row first.
+All functions take the historian's address, optionally a loop's name, and optionally the first and
+the last moment wanted; all raise `StoreError` when there is no historian to read.
 """
 
 from __future__ import annotations

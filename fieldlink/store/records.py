@@ -16,7 +16,7 @@ __all__ = ["EstimateRecord", "EventRecord", "Record", "SampleRecord", "Writeback
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A row to be: every field is a column of ``table``; numbers that are not finite become NULL."""
+    """A row to be: every field is a column of ``table``; a number that is not finite is NULL."""
 
     table: ClassVar[Table]
 
