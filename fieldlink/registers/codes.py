@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import Enum, IntEnum
 
+from fieldlink.errors import FieldlinkError
+
 __all__ = [
     "ACCEPTED",
     "NOTHING_SEEN",
@@ -75,7 +77,7 @@ class BlockFault(Enum):
         return next((fault for fault in cls if fault.code == code), None)
 
 
-class BlockError(ValueError):
+class BlockError(FieldlinkError, ValueError):
     """A block that must not be sent or used; ``reason`` is the typed cause."""
 
     def __init__(self, reason: BlockFault, detail: str = "") -> None:

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from fieldlink.errors import FieldlinkError
 from fieldlink.registers.tag import Tag
 from fieldlink.registers.types import Table
 
@@ -25,7 +26,7 @@ Range = tuple[int, int]
 """First and last readable address, both included."""
 
 
-class PlanError(ValueError):
+class PlanError(FieldlinkError, ValueError):
     """Tags that no request within the limits could read."""
 
 

@@ -22,12 +22,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from fieldlink.errors import FieldlinkError
+
 __all__ = ["DataType", "Order", "RegisterValueError", "Table", "decode", "encode", "order_name"]
 
 Order = Literal["big", "little"]
 
 
-class RegisterValueError(ValueError):
+class RegisterValueError(FieldlinkError, ValueError):
     """A value that its registers cannot hold, or registers that do not make a value."""
 
 

@@ -1,0 +1,142 @@
+"""CSV files as people have them: any of three separators, any line ends, with or without a BOM."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldlink.errors import FieldlinkError
+from fieldlink.site.errors import Problem
+
+__all__ = ["CsvFile", "CsvRow", "read_csv"]
+
+_MAX_PROBLEMS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class CsvRow:
+    """One row: its line in the file, and its cells without surrounding blanks."""
+
+    line: int
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CsvFile:
+    """A table of text, as many cells in every row as columns in the header."""
+
+    path: Path
+    separator: str
+    header: tuple[str, ...]
+    header_line: int
+    rows: tuple[CsvRow, ...]
+
+    def number(self, cell: str) -> float:
+        """Return a cell's number; a decimal comma counts when the separator is not the comma.
+
+        Raises:
+            ValueError: the cell holds no finite number.
+        """
+        text = cell
+        if self.separator != "," and "," in cell and "." not in cell:
+            text = cell.replace(",", ".", 1)
+        # Python's grouping underscore is no notation of measured data.
+        if "_" in text:
+            raise ValueError(cell)
+        value = float(text)
+        if value - value != 0.0:
+            raise ValueError(cell)
+        return value
+
+
+def read_csv(path: Path, error: Callable[[Iterable[Problem]], FieldlinkError]) -> CsvFile:
+    """Read a CSV file; blank lines at its end and lines that begin with ``#`` are skipped.
+
+    Raises:
+        FieldlinkError: made by ``error`` of everything that is wrong: not readable, not text, no
+            header, rows of another length.
+    """
+    text = _read_text(path, error)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n")
+    separator = _separator(lines)
+    try:
+        rows = _parse(lines, separator)
+    except csv.Error as cause:
+        raise error([_not_csv(path, str(cause))]) from cause
+    while rows and not any(rows[-1].cells):
+        rows.pop()
+    if not rows:
+        raise error([Problem(str(path), "", "is empty", "give a header and rows of data")])
+    header, *body = rows
+    columns = list(header.cells)
+    while columns and not columns[-1]:
+        columns.pop()
+    fitted, problems = [], []
+    for row in body:
+        cells = row.cells
+        while len(cells) > len(columns) and not cells[-1]:
+            cells = cells[:-1]
+        if len(cells) == len(columns):
+            fitted.append(CsvRow(row.line, cells))
+        elif not any(cells):
+            fitted.append(CsvRow(row.line, ("",) * len(columns)))
+        else:
+            message = f"{len(cells)} cells where the header has {len(columns)}"
+            remedy = "complete the row, and quote cells that hold the separator"
+            problems.append(Problem(str(path), "", message, remedy, row.line))
+    if problems:
+        raise error(problems[:_MAX_PROBLEMS])
+    return CsvFile(path, separator, tuple(columns), header.line, tuple(fitted))
+
+
+def _read_text(path: Path, error: Callable[[Iterable[Problem]], FieldlinkError]) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as cause:
+        message = f"cannot be read ({cause.strerror or cause})"
+        raise error(
+            [Problem(str(path), "", message, "check the path and its permissions")]
+        ) from cause
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ["utf-16"]
+    elif b"\0" in raw or raw[:2] == b"PK":
+        raise error([_not_csv(path, "it is a binary file")])
+    else:
+        # What spreadsheets write where UTF-8 is not the default.
+        encodings = ["utf-8-sig", "cp1252"]
+    for encoding in encodings:
+        try:
+            return raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    raise error([_not_csv(path, f"it is not text in {' or '.join(encodings)}")])
+
+
+def _not_csv(path: Path, why: str) -> Problem:
+    return Problem(str(path), "", f"is no CSV file: {why}", "export it as CSV with a header row")
+
+
+def _separator(text: str) -> str:
+    """Return the separator that the header uses most."""
+    for line in text.split("\n"):
+        if line.strip() and not line.lstrip().startswith("#"):
+            return max(";\t,", key=line.count)
+    return ","
+
+
+def _parse(text: str, separator: str) -> list[CsvRow]:
+    lines = text.split("\n")
+    kept = "\n".join("" if line.lstrip().startswith("#") else line for line in lines)
+    reader = csv.reader(io.StringIO(kept), delimiter=separator, strict=True)
+    rows: list[CsvRow] = []
+    last_line = 0
+    for cells in reader:
+        first_line, last_line = last_line + 1, reader.line_num
+        comment = lines[first_line - 1].lstrip().startswith("#")
+        if comment or (not rows and not any(cells)):
+            continue
+        rows.append(CsvRow(first_line, tuple(cell.strip() for cell in cells)))
+    return rows

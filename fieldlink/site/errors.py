@@ -1,0 +1,64 @@
+"""What is wrong with a site file or a recording: every problem found, each with its place and remedy."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fieldlink.errors import FieldlinkError
+
+__all__ = ["Problem", "RecordingError", "SiteError", "nearest"]
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong.
+
+    Attributes:
+        file: the file it is in.
+        key: dotted TOML key, or column; empty when it concerns the whole file.
+        message: what is wrong, with the value and the limit.
+        remedy: what to do about it.
+        line: 1-based line of the file, None when not known.
+    """
+
+    file: str
+    key: str
+    message: str
+    remedy: str
+    line: int | None = None
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        key = f"{self.key}: " if self.key else ""
+        return f"{place}: {key}{self.message}; {self.remedy}"
+
+
+class _ProblemsError(FieldlinkError):
+    """Carries the problems, whose texts make the message, one a line."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(map(str, self.problems)))
+
+
+class SiteError(_ProblemsError):
+    """A site file, or a file it names, that cannot be used."""
+
+
+class RecordingError(_ProblemsError):
+    """A recorded loop that cannot be used."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return a remedy that suggests the known names, the one most like ``name`` first."""
+    names = list(known)
+    folded = {candidate.lower(): candidate for candidate in names}
+    close = difflib.get_close_matches(name.lower(), list(folded), n=1, cutoff=0.6)
+    if close:
+        return f"did you mean {folded[close[0]]!r}?"
+    if not names:
+        return "there is none to choose from"
+    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f"use one of: {shown}"

@@ -1,0 +1,315 @@
+"""The site file, key by key, as typed and frozen models.
+
+What one key can tell about itself is checked here; what needs two keys or another file is checked in
+`fieldlink.site.rules`. Paths are as written; `fieldlink.site.Site` resolves them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from fieldlink.registers import ExchangeLayout
+
+__all__ = [
+    "Device",
+    "EstimatorSettings",
+    "ExchangeAddresses",
+    "HistorianSettings",
+    "Loop",
+    "PiSettings",
+    "PlantSettings",
+    "SiteFile",
+    "SiteSettings",
+    "WriteBack",
+    "WriteLimits",
+]
+
+Address = Annotated[int, Field(ge=0, le=0xFFFF)]
+Seconds = Annotated[float, Field(gt=0)]
+Span = tuple[float, float]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+class SiteSettings(_Model):
+    """``[site]``: the site as a whole."""
+
+    name: str = Field(min_length=1)
+    """Name of the site, for people."""
+    data_dir: Path = Path("data")
+    """Folder for what Fieldlink writes, relative to the site file."""
+
+
+class Device(_Model):
+    """``[devices.NAME]``: one PLC, simulated plant or recording, and how to reach it."""
+
+    link: Literal["modbus-tcp", "fmu", "recording"]
+    """Kind of link: Modbus TCP, a simulated plant in lockstep, or recorded data."""
+    host: str | None = None
+    """Host name or address; needed for modbus-tcp."""
+    port: int = Field(default=502, ge=1, le=0xFFFF)
+    """TCP port."""
+    unit: int = Field(default=1, ge=0, le=255)
+    """Modbus unit id."""
+    word_order: Literal["big", "little"] = "big"
+    """Order of the words of a value longer than one register; big is most significant first."""
+    byte_order: Literal["big", "little"] = "big"
+    """Order of the bytes inside each register of a mapped tag."""
+    register_map: Path | None = None
+    """CSV file with the tags, relative to the site file; needed unless link = "recording"."""
+    timeout: Seconds = 0.5
+    """Seconds to wait for an answer."""
+    max_gap: int = Field(default=8, ge=0, le=124)
+    """Unused registers read along to join two tags in one request."""
+    max_registers: int = Field(default=125, ge=1, le=125)
+    """Most registers in one read request."""
+    ranges: tuple[tuple[Address, Address], ...] = ()
+    """Readable address ranges (first, last), both included; no request crosses their borders."""
+    speed: Seconds = 1.0
+    """Plant seconds per second of the wall clock, for a simulated plant."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.link == "modbus-tcp" and not self.host:
+            raise ValueError(
+                'link = "modbus-tcp" needs a host; add host = "192.0.2.10" or the like'
+            )
+        if self.link != "recording" and self.register_map is None:
+            raise ValueError(f'link = "{self.link}" needs a register_map; name its CSV file')
+        return self
+
+    @model_validator(mode="after")
+    def _ordered_ranges(self) -> Self:
+        for first, last in self.ranges:
+            if first > last:
+                raise ValueError(
+                    f"ranges: [{first}, {last}] is the wrong way round; write first, last"
+                )
+        ordered = sorted(self.ranges)
+        for (_, end), (start, _) in zip(ordered, ordered[1:], strict=False):
+            if start <= end:
+                raise ValueError(f"ranges overlap at {start}; merge them")
+        return self
+
+
+class EstimatorSettings(_Model):
+    """``[loops.NAME.estimator]``: how the loop's windows are judged."""
+
+    criterion: Literal["auto", "oe", "arx"] = "auto"
+    """Fit criterion; auto lets the estimator choose."""
+    confidence: float = Field(default=0.9, gt=0.5, lt=1)
+    """Confidence of the intervals."""
+
+
+class ExchangeAddresses(_Model):
+    """``[loops.NAME.writeback.addresses]``: the exchange registers one by one (holding, 0-based)."""
+
+    enable: Address
+    """PLC: bit 0 allows blocks to be written and used."""
+    ack_seq: Address
+    """PLC: sequence number of the block last accepted."""
+    ack_result: Address
+    """PLC: what became of the block last committed."""
+    active_bank: Address
+    """PLC: bank of the block last accepted."""
+    ack_commit: Address
+    """PLC: the commit word that ack_result is about."""
+    heartbeat: Address
+    """Fieldlink: counts while it lives."""
+    commit: Address
+    """Fieldlink: bank and low byte of the sequence number."""
+    bank_a: Address
+    """Fieldlink: first register of bank A."""
+    bank_b: Address
+    """Fieldlink: first register of bank B."""
+
+
+class WriteLimits(_Model):
+    """``[loops.NAME.writeback.limits]``: ranges (units of OP) outside which nothing is written."""
+
+    stick_band: Span = (0.0, 20.0)
+    """Lowest and highest stick band S."""
+    slip_jump: Span = (0.0, 20.0)
+    """Lowest and highest slip jump J."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for name in ("stick_band", "slip_jump"):
+            low, high = getattr(self, name)
+            if not 0 <= low < high:
+                raise ValueError(
+                    f"{name} = [{low:g}, {high:g}] must be 0 <= low < high; reorder it"
+                )
+        return self
+
+
+class WriteBack(_Model):
+    """``[loops.NAME.writeback]``: how the valve model reaches the PLC. Off by default."""
+
+    enabled: bool = False
+    """Whether Fieldlink may write blocks (the PLC's enable register must allow it too)."""
+    loop_id: int | None = Field(default=None, ge=1, le=0xFFFF)
+    """Number of the loop inside the block; needed with an exchange area."""
+    base: Address | None = None
+    """First register of the exchange area in its compact layout."""
+    addresses: ExchangeAddresses | None = None
+    """The exchange registers one by one, instead of base."""
+    limits: WriteLimits = WriteLimits()
+    """Ranges outside which nothing is written."""
+    deadband: float = Field(default=0.05, ge=0)
+    """Least change of S or J (units of OP) that is worth a new block."""
+    min_interval: float = Field(default=60.0, ge=0)
+    """Least plant seconds between two blocks."""
+    valid_for: int = Field(default=86400, ge=1, le=0xFFFFFFFF)
+    """Plant seconds after which the PLC stops using a block."""
+    min_windows: int = Field(default=2, ge=1, le=0xFFFF)
+    """Windows that must agree before a block is written."""
+
+    @property
+    def exchange(self) -> ExchangeLayout | None:
+        """The exchange area, None when the loop has none."""
+        if self.base is not None:
+            return ExchangeLayout.at(self.base)
+        if self.addresses is not None:
+            return ExchangeLayout(**self.addresses.model_dump())
+        return None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.base is not None and self.addresses is not None:
+            raise ValueError("base and addresses are both given; keep one of them")
+        area = self.base is not None or self.addresses is not None
+        if self.enabled and not area:
+            raise ValueError("enabled = true needs an exchange area; give base or addresses")
+        if area and self.loop_id is None:
+            raise ValueError("an exchange area needs a loop_id; give a number from 1 to 65535")
+        try:
+            _ = self.exchange
+        except ValueError as error:
+            raise ValueError(f"{error}; move the exchange area") from error
+        return self
+
+
+class PiSettings(_Model):
+    """``[loops.NAME.plant.pi]``: the simulated PI controller."""
+
+    gain: float
+    """OP per PV."""
+    integral_time: Seconds
+    """Seconds."""
+
+
+class PlantSettings(_Model):
+    """``[loops.NAME.plant]``: what the simulated PLC hosts. Not used with a real PLC."""
+
+    fmu: str | None = None
+    """Name in the catalogue, or path of an .fmu file relative to the site file."""
+    recording: Path | None = None
+    """CSV with columns op and pv that is replayed instead of a plant, relative to the site file."""
+    controller: Literal["mpc", "pi", "none"] | None = None
+    """The controller in the PLC; mpc for a plant and none for a recording unless given."""
+    pi: PiSettings | None = None
+    """Settings of controller = "pi"."""
+    compensate: bool = False
+    """Whether the PLC accepts blocks and lets the compensator take over."""
+    seed: int = Field(default=1, ge=0, le=0x7FFFFFFF)
+    """Seed of the plant's noise."""
+    setpoint: tuple[tuple[float, float], ...] = ()
+    """Set-point steps: (plant seconds, value), in order of time."""
+    parameters: Mapping[str, float] = {}
+    """Parameters of the FMU."""
+
+    @property
+    def controller_kind(self) -> Literal["mpc", "pi", "none"]:
+        """The controller, with the default filled in."""
+        return self.controller or ("none" if self.recording is not None else "mpc")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.fmu is None) == (self.recording is None):
+            raise ValueError("a plant is either an fmu or a recording; give exactly one of them")
+        if self.recording is not None and (self.controller_kind != "none" or self.compensate):
+            raise ValueError(
+                "a recording cannot be controlled; leave out controller and compensate, or give an fmu"
+            )
+        if (self.controller_kind == "pi") != (self.pi is not None):
+            raise ValueError(
+                'controller = "pi" and the table pi belong together; '
+                "add pi = { gain = ..., integral_time = ... } or remove it"
+            )
+        times = [time for time, _ in self.setpoint]
+        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+            raise ValueError("setpoint: the times do not increase; sort the steps")
+        return self
+
+
+class Loop(_Model):
+    """``[loops.NAME]``: one control loop."""
+
+    device: str
+    """Name of the device that has the loop's tags."""
+    op: str
+    """Tag of the controller output."""
+    pv: str
+    """Tag of the process variable."""
+    sp: str | None = None
+    """Tag of the set-point."""
+    mode: str | None = None
+    """Tag of the controller's mode."""
+    auto_values: tuple[float, ...] = Field(default=(1.0,), min_length=1)
+    """Values of the mode tag that mean automatic."""
+    scan: str | None = None
+    """Tag of the controller's cycle counter; samples are placed by it."""
+    period: Seconds
+    """Plant seconds between samples."""
+    window: int = Field(default=800, ge=50, le=1_000_000)
+    """Samples that are judged together."""
+    estimate_every: Seconds | None = None
+    """Plant seconds between estimates; half a window unless given."""
+    estimator: EstimatorSettings = EstimatorSettings()
+    """How windows are judged."""
+    writeback: WriteBack = WriteBack()
+    """How the valve model reaches the PLC."""
+    plant: PlantSettings | None = None
+    """What the simulated PLC hosts for this loop."""
+
+    @property
+    def estimate_period(self) -> float:
+        """Plant seconds between estimates, with the default filled in."""
+        return self.estimate_every or 0.5 * self.window * self.period
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """The loop's tags: OP and PV first, then what is given of SP, mode and scan."""
+        optional = (self.sp, self.mode, self.scan)
+        return (self.op, self.pv, *(name for name in optional if name is not None))
+
+
+class HistorianSettings(_Model):
+    """``[historian]``: where samples, estimates and write-backs are stored."""
+
+    url: str = "sqlite:///history.sqlite"
+    """SQLAlchemy URL; an SQLite path is relative to data_dir."""
+    retention_days: float | None = Field(default=None, gt=0)
+    """Days that samples are kept; for ever unless given."""
+
+
+class SiteFile(_Model):
+    """A whole site file."""
+
+    site: SiteSettings
+    """The site as a whole."""
+    devices: Mapping[str, Device] = Field(min_length=1)
+    """Devices by name."""
+    loops: Mapping[str, Loop] = Field(min_length=1)
+    """Control loops by name."""
+    historian: HistorianSettings = HistorianSettings()
+    """Where history is stored."""

@@ -1,0 +1,221 @@
+"""What ``fieldlink check`` knows about a site, as plain data.
+
+Nothing here is read from a device: it is what the site file means, request by request.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from fieldlink.registers import Apart, ReadRequest, find_apart
+from fieldlink.registers.types import order_name
+from fieldlink.site.models import Device, Loop
+from fieldlink.site.resolved import Site
+
+__all__ = ["CheckReport", "DeviceReport", "LoopReport", "RequestReport", "WriteBackReport", "check"]
+
+
+@dataclass(frozen=True, slots=True)
+class RequestReport:
+    """One read request: Modbus function code, table, first and last address, the tags it brings."""
+
+    function: int
+    table: str
+    first: int
+    last: int
+    tags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceReport:
+    """One device: how it is reached, and what one scan of it asks for."""
+
+    name: str
+    link: str
+    address: str
+    order: str
+    tags: int
+    requests: tuple[RequestReport, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class WriteBackReport:
+    """Where a loop's blocks go: the parts of the exchange area with first and last register."""
+
+    enabled: bool
+    loop_id: int
+    areas: tuple[tuple[str, int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopReport:
+    """One loop.
+
+    Attributes:
+        name, device: of the loop.
+        tags: role to tag.
+        op_pv_together: whether OP and PV come from one request; None without a register map.
+        period, window_seconds, estimate_every: in plant seconds.
+        writeback: None when the loop has no exchange area.
+        plant: what a simulated PLC hosts, empty when nothing.
+    """
+
+    name: str
+    device: str
+    tags: dict[str, str]
+    op_pv_together: bool | None
+    period: float
+    window_seconds: float
+    estimate_every: float
+    writeback: WriteBackReport | None
+    plant: str
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """A site in figures, with warnings about what is allowed and yet unwise."""
+
+    name: str
+    file: str
+    data_dir: str
+    historian: str
+    devices: tuple[DeviceReport, ...]
+    loops: tuple[LoopReport, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def requests_per_scan(self) -> int:
+        """Read requests of one scan of all devices."""
+        return sum(len(device.requests) for device in self.devices)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as dictionaries, lists, strings and numbers."""
+        return asdict(self) | {"requests_per_scan": self.requests_per_scan}
+
+
+def check(site: Site) -> CheckReport:
+    """Return what the site means: devices, requests, loops, write-back areas, warnings."""
+    requests = {name: site.requests(name) for name in site.devices}
+    warnings = [
+        warning
+        for name, device in site.devices.items()
+        for warning in _device_warnings(site, name, device, requests[name])
+    ]
+    for name, loop in site.loops.items():
+        warnings.extend(_loop_warnings(name, loop))
+    return CheckReport(
+        name=site.name,
+        file=str(site.path),
+        data_dir=str(site.data_dir),
+        historian=site.historian_url,
+        devices=tuple(
+            _device(site, name, device, requests[name]) for name, device in site.devices.items()
+        ),
+        loops=tuple(
+            _loop(site, name, loop, requests[loop.device]) for name, loop in site.loops.items()
+        ),
+        warnings=tuple(warnings),
+    )
+
+
+def _device(
+    site: Site, name: str, device: Device, requests: tuple[ReadRequest, ...]
+) -> DeviceReport:
+    address = ""
+    if device.link == "modbus-tcp":
+        address = f"{device.host}:{device.port} unit {device.unit}"
+    return DeviceReport(
+        name=name,
+        link=device.link,
+        address=address,
+        order=order_name(device.word_order, device.byte_order),
+        tags=len(site.maps.get(name, {})),
+        requests=tuple(
+            RequestReport(
+                function=request.table.read_function,
+                table=request.table.value,
+                first=request.address,
+                last=request.end - 1,
+                tags=tuple(tag.name for tag in request.tags),
+            )
+            for request in requests
+        ),
+    )
+
+
+def _loop(site: Site, name: str, loop: Loop, requests: tuple[ReadRequest, ...]) -> LoopReport:
+    roles = ("op", "pv", "sp", "mode", "scan")
+    layout, loop_id = loop.writeback.exchange, loop.writeback.loop_id
+    writeback = None
+    if layout is not None and loop_id is not None:
+        writeback = WriteBackReport(loop.writeback.enabled, loop_id, layout.spans())
+    plant = ""
+    if loop.plant is not None:
+        what = loop.plant.fmu or f"recording {loop.plant.recording}"
+        plant = f"{what}, controller {loop.plant.controller_kind}"
+    mapped = loop.device in site.maps
+    return LoopReport(
+        name=name,
+        device=loop.device,
+        tags={role: getattr(loop, role) for role in roles if getattr(loop, role) is not None},
+        op_pv_together=not _apart(site, loop, requests, (loop.op, loop.pv)) if mapped else None,
+        period=loop.period,
+        window_seconds=loop.window * loop.period,
+        estimate_every=loop.estimate_period,
+        writeback=writeback,
+        plant=plant,
+    )
+
+
+def _apart(
+    site: Site, loop: Loop, requests: tuple[ReadRequest, ...], group: tuple[str, ...]
+) -> tuple[Apart, ...]:
+    device = site.devices[loop.device]
+    return find_apart(requests, [group], device.max_registers, device.ranges)
+
+
+def _device_warnings(
+    site: Site, name: str, device: Device, requests: tuple[ReadRequest, ...]
+) -> list[str]:
+    warnings = []
+    loops = site.loops_of(name)
+    if not loops:
+        warnings.append(f"device {name}: no loop uses it")
+    for loop_name, loop in loops.items() if name in site.maps else ():
+        pair = (loop.op, loop.pv)
+        groups = [pair] if loop.scan is None else [pair, (*pair, loop.scan)]
+        for group in groups:
+            if apart := _apart(site, loop, requests, group):
+                warnings.append(
+                    f"loop {loop_name}: {', '.join(group)} cannot come from one request: "
+                    f"{apart[0].reason.value}"
+                )
+                break
+    views: dict[tuple[str, int], list[str]] = {}
+    for tag in site.maps.get(name, {}).values():
+        views.setdefault((tag.table.value, tag.address), []).append(tag.name)
+    warnings.extend(
+        f"device {name}: {', '.join(names)} are the same registers ({table} {address})"
+        for (table, address), names in views.items()
+        if len(names) > 1
+    )
+    return warnings
+
+
+def _loop_warnings(name: str, loop: Loop) -> list[str]:
+    warnings = []
+    span = loop.window * loop.period
+    if loop.mode is None and loop.plant is None:
+        warnings.append(f"loop {name}: without a mode tag, samples in manual cannot be told apart")
+    if loop.estimate_period > span:
+        warnings.append(
+            f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window of "
+            f"{span:g} s, samples between are never judged"
+        )
+    if loop.writeback.enabled and loop.writeback.valid_for < 2 * loop.estimate_period:
+        warnings.append(
+            f"loop {name}: a block is valid for {loop.writeback.valid_for} s, less than two "
+            f"estimates take ({2 * loop.estimate_period:g} s): it may expire while all is well"
+        )
+    return warnings

@@ -1,0 +1,123 @@
+"""A site as the rest of the program uses it: the site file, its register maps, its paths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fieldlink.registers import ReadRequest, Tag, plan_reads
+from fieldlink.site.models import Device, HistorianSettings, Loop, SiteFile
+
+__all__ = ["Site"]
+
+_SQLITE = "sqlite:///"
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A checked site.
+
+    Attributes:
+        path: the site file.
+        file: its content.
+        maps: device name to its tags by name; a device without a register map has none.
+    """
+
+    path: Path
+    file: SiteFile
+    maps: Mapping[str, Mapping[str, Tag]]
+
+    @property
+    def name(self) -> str:
+        """The site's name."""
+        return self.file.site.name
+
+    @property
+    def devices(self) -> Mapping[str, Device]:
+        """Devices by name."""
+        return self.file.devices
+
+    @property
+    def loops(self) -> Mapping[str, Loop]:
+        """Loops by name."""
+        return self.file.loops
+
+    @property
+    def historian(self) -> HistorianSettings:
+        """The historian's settings."""
+        return self.file.historian
+
+    @property
+    def data_dir(self) -> Path:
+        """The folder for what Fieldlink writes."""
+        return self.resolve(self.file.site.data_dir)
+
+    @property
+    def historian_url(self) -> str:
+        """The historian's URL; a relative SQLite path is resolved against `data_dir`."""
+        url = self.historian.url
+        path = url.removeprefix(_SQLITE)
+        if path == url or path in ("", ":memory:") or Path(path).is_absolute():
+            return url
+        return f"{_SQLITE}{self.data_dir / path}"
+
+    def resolve(self, path: str | Path) -> Path:
+        """Return a path of the site file, which is relative to the file's folder."""
+        return self.path.parent / path
+
+    def loops_of(self, device: str) -> Mapping[str, Loop]:
+        """Return the loops on a device by name."""
+        return {name: loop for name, loop in self.loops.items() if loop.device == device}
+
+    def tag(self, loop: str, role: str) -> Tag | None:
+        """Return the tag of a loop's ``role`` (op, pv, sp, mode, scan); None when it has none."""
+        found = self.loops[loop]
+        name = getattr(found, role)
+        return None if name is None else self.maps.get(found.device, {}).get(name)
+
+    def together(self, device: str) -> tuple[tuple[str, ...], ...]:
+        """Return the groups of tags that should share a request, the most important first.
+
+        OP and PV of each loop, then those with the scan counter, then all tags of each loop.
+        """
+        loops = self.loops_of(device).values()
+        pairs = [(loop.op, loop.pv) for loop in loops]
+        counted = [(loop.op, loop.pv, loop.scan) for loop in loops if loop.scan is not None]
+        return (*pairs, *counted, *(loop.tags for loop in loops))
+
+    def requests(self, device: str) -> tuple[ReadRequest, ...]:
+        """Return the read plan of a device: every mapped tag once, each loop's tags together."""
+        settings = self.devices[device]
+        tags = self.maps.get(device, {})
+        if not tags:
+            return ()
+        return plan_reads(
+            tags.values(),
+            settings.max_gap,
+            settings.max_registers,
+            settings.ranges,
+            together=self.together(device),
+        )
+
+    def with_device(self, name: str, **changes: Any) -> Site:
+        """Return the site with keys of one device changed, for instance its port.
+
+        The changed device is validated; the rules between keys are not checked again.
+        """
+        device = Device.model_validate(dict(self.devices[name]) | changes)
+        return self._with(devices={**self.devices, name: device})
+
+    def with_loop(self, name: str, **changes: Any) -> Site:
+        """Return the site with keys of one loop changed; see `with_device`."""
+        loop = Loop.model_validate(dict(self.loops[name]) | changes)
+        return self._with(loops={**self.loops, name: loop})
+
+    def with_data_dir(self, folder: Path) -> Site:
+        """Return the site with another folder for what Fieldlink writes."""
+        settings = self.file.site.model_copy(update={"data_dir": folder.absolute()})
+        return self._with(site=settings)
+
+    def _with(self, **parts: Any) -> Site:
+        return replace(self, file=self.file.model_copy(update=parts))

@@ -1,0 +1,225 @@
+"""What must hold between keys of a site file, and between it and the files it names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fieldlink.registers import DataType, ExchangeLayout, PlanError, Table, plan_reads
+from fieldlink.site.errors import Problem, RecordingError, nearest
+from fieldlink.site.models import Device, Loop
+from fieldlink.site.recording import read_recording
+from fieldlink.site.resolved import Site
+from fieldlink.site.toml_source import TomlSource
+
+__all__ = ["find_problems"]
+
+
+def find_problems(site: Site, source: TomlSource) -> list[Problem]:
+    """Return everything that is wrong with a site whose parts are each well-formed."""
+    problems = [
+        problem
+        for name, loop in site.loops.items()
+        for rule in (_known_device, _tags_exist, _beats, _plant_fits, _write_back_fits)
+        for problem in rule(site, source, name, loop)
+    ]
+    problems.extend(_readable(site, source))
+    problems.extend(_exchange_areas(site, source))
+    return problems
+
+
+def _known_device(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
+    if loop.device not in site.devices:
+        yield source.problem(
+            ("loops", name, "device"),
+            f"no device is named {loop.device!r}",
+            nearest(loop.device, site.devices),
+        )
+
+
+def _tags_exist(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
+    if loop.device not in site.maps:
+        return
+    tags = site.maps[loop.device]
+    for role in ("op", "pv", "sp", "mode", "scan"):
+        wanted: str | None = getattr(loop, role)
+        if wanted is None:
+            continue
+        key = ("loops", name, role)
+        elsewhere = [device for device, others in site.maps.items() if wanted in others]
+        if wanted in tags:
+            if role in ("op", "pv") and tags[wanted].data_type is DataType.BOOL:
+                yield source.problem(
+                    key, f"{wanted} is a bool in the register map", "name a tag that holds a number"
+                )
+        elif elsewhere:
+            yield source.problem(
+                key,
+                f"{wanted} is a tag of device {elsewhere[0]!r}, the loop is on {loop.device!r}",
+                "OP, PV and the rest of a loop must come from one device: map the tag there",
+            )
+        else:
+            yield source.problem(
+                key, f"no register map has the tag {wanted!r}", nearest(wanted, tags)
+            )
+    if loop.op == loop.pv:
+        yield source.problem(
+            ("loops", name, "pv"), f"{loop.pv} is the loop's OP too", "name the process variable"
+        )
+
+
+def _beats(_: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
+    if loop.estimate_every is not None and loop.estimate_every < loop.period:
+        yield source.problem(
+            ("loops", name, "estimate_every"),
+            f"{loop.estimate_every:g} s is shorter than the period of {loop.period:g} s",
+            "a quarter to a half of the window (window x period) is usual",
+        )
+
+
+def _plant_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
+    device = site.devices.get(loop.device)
+    plant = loop.plant
+    if device is not None and device.link == "fmu" and plant is None:
+        yield source.problem(
+            ("loops", name), f"device {loop.device!r} is simulated", "add a table plant with an fmu"
+        )
+    if (
+        device is not None
+        and device.link == "recording"
+        and (plant is None or plant.recording is None)
+    ):
+        yield source.problem(
+            ("loops", name),
+            f"device {loop.device!r} replays recordings",
+            'add a table plant with recording = "FILE.csv"',
+        )
+    if plant is None:
+        return
+    if plant.fmu is not None and plant.fmu.endswith(".fmu"):
+        path = site.resolve(plant.fmu)
+        if not path.is_file():
+            yield source.problem(
+                ("loops", name, "plant", "fmu"), f"there is no file {path}", "correct the path"
+            )
+    if plant.recording is not None:
+        key = ("loops", name, "plant", "recording")
+        try:
+            read_recording(site.resolve(plant.recording), period=loop.period)
+        except RecordingError as error:
+            for problem in error.problems:
+                yield source.problem(key, f"{plant.recording} cannot be replayed", "see below")
+                yield problem
+    if plant.compensate and loop.writeback.exchange is None:
+        yield source.problem(
+            ("loops", name, "plant", "compensate"),
+            "there is no exchange area through which a block could come",
+            "give [loops.NAME.writeback] a base and a loop_id",
+        )
+
+
+def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
+    device = site.devices.get(loop.device)
+    if device is not None and device.link == "recording" and loop.writeback.enabled:
+        yield source.problem(
+            ("loops", name, "writeback", "enabled"),
+            f"device {loop.device!r} replays recordings, nothing can be written to it",
+            'remove the key, or serve the recording as a PLC with link = "modbus-tcp"',
+        )
+
+
+def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
+    for name, device in site.devices.items():
+        for tag in site.maps.get(name, {}).values():
+            try:
+                plan_reads([tag], device.max_gap, device.max_registers, device.ranges)
+            except PlanError as error:
+                yield source.problem(("devices", name), *str(error).split("; ", 1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Area:
+    """One part of a loop's exchange area: addresses ``first`` to ``last`` of an endpoint."""
+
+    loop: str
+    part: str
+    first: int
+    last: int
+
+    def __str__(self) -> str:
+        span = str(self.first) if self.first == self.last else f"{self.first} to {self.last}"
+        return f"{self.part} ({span})"
+
+
+def _exchange_areas(site: Site, source: TomlSource) -> Iterator[Problem]:
+    endpoints: dict[tuple[object, ...], list[tuple[str, Loop, ExchangeLayout]]] = {}
+    for name, loop in site.loops.items():
+        layout = loop.writeback.exchange
+        device = site.devices.get(loop.device)
+        if device is not None and layout is not None:
+            key = _endpoint(loop.device, device)
+            endpoints.setdefault(key, []).append((name, loop, layout))
+            yield from _area_is_free(site, source, name, loop, layout)
+    for group in endpoints.values():
+        for number, (name, loop, layout) in enumerate(group):
+            for other, other_loop, other_layout in group[:number]:
+                yield from _areas_differ(source, name, layout, other, other_layout)
+                if loop.writeback.loop_id == other_loop.writeback.loop_id:
+                    yield source.problem(
+                        ("loops", name, "writeback", "loop_id"),
+                        f"{loop.writeback.loop_id} is the loop_id of {other} too",
+                        "give each loop of a PLC its own",
+                    )
+
+
+def _endpoint(name: str, device: Device) -> tuple[object, ...]:
+    """Two devices of a site file that are one PLC unit on the wire have one set of registers."""
+    if device.link == "modbus-tcp":
+        return (device.host, device.port, device.unit)
+    return (name,)
+
+
+def _areas(name: str, layout: ExchangeLayout) -> list[_Area]:
+    return [_Area(name, part, first, last) for part, first, last in layout.spans()]
+
+
+def _areas_differ(
+    source: TomlSource, name: str, layout: ExchangeLayout, other: str, other_layout: ExchangeLayout
+) -> Iterator[Problem]:
+    for area in _areas(name, layout):
+        for taken in _areas(other, other_layout):
+            if area.first <= taken.last and taken.first <= area.last:
+                yield source.problem(
+                    ("loops", name, "writeback", "base"),
+                    f"{area} shares registers with {taken} of {other}",
+                    "two loops must not write one block: move one of the areas",
+                )
+                return
+
+
+def _area_is_free(
+    site: Site, source: TomlSource, name: str, loop: Loop, layout: ExchangeLayout
+) -> Iterator[Problem]:
+    key = ("loops", name, "writeback", "base")
+    mine = site.devices[loop.device]
+    for device_name, device in site.devices.items():
+        if _endpoint(device_name, device) != _endpoint(loop.device, mine):
+            continue
+        for tag in site.maps.get(device_name, {}).values():
+            for area in _areas(name, layout):
+                overlap = area.first < tag.end and tag.address <= area.last
+                if tag.table is Table.HOLDING and overlap:
+                    yield source.problem(
+                        key,
+                        f"{area} overlaps the tag {tag.name} (holding {tag.address} to {tag.end - 1})",
+                        "move the exchange area or the tag",
+                    )
+    for area in _areas(name, layout):
+        inside = any(first <= area.first and area.last <= last for first, last in mine.ranges)
+        if mine.ranges and not inside:
+            yield source.problem(
+                key,
+                f"{area} is not inside one of the declared ranges of {loop.device!r}",
+                "move the exchange area or extend the ranges",
+            )
+            return

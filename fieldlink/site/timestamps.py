@@ -1,0 +1,146 @@
+"""Time columns: numbers of seconds, dates with times, or times of day."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+__all__ = ["NoClockError", "Sampling", "parse_times", "sampling_of"]
+
+_DAY = 86400.0
+_TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?$")
+_REGULAR = 0.05
+"""Share of the period by which an interval may differ and still count as regular."""
+
+Floats = NDArray[np.float64]
+
+
+class NoClockError(ValueError):
+    """A column that does not tell time; ``index`` is the row at fault, if one is."""
+
+    def __init__(self, message: str, index: int | None = None) -> None:
+        self.index = index
+        super().__init__(message)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sampling:
+    """What a time column says.
+
+    Attributes:
+        seconds: since the first row, NaN where the cell is empty.
+        period: median interval in seconds.
+        irregular: intervals that differ from the period by more than a twentieth of it.
+        shortest, longest: intervals in seconds.
+    """
+
+    seconds: Floats
+    period: float
+    irregular: int
+    shortest: float
+    longest: float
+
+
+def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Floats:
+    """Return the seconds of every cell, NaN for an empty one.
+
+    Args:
+        cells: the column.
+        number: turns text into a number or raises ValueError.
+
+    Raises:
+        NoClockError: naming the first row that fits no notation of time.
+    """
+    filled = [index for index, cell in enumerate(cells) if cell]
+    if len(filled) < 2:
+        raise NoClockError("holds no times")
+    seconds = np.full(len(cells), np.nan)
+    seconds[filled] = _parse(cells, filled, number)
+    return seconds
+
+
+def sampling_of(seconds: Floats) -> Sampling:
+    """Return the period and regularity of a column of seconds.
+
+    Raises:
+        NoClockError: the times do not increase.
+    """
+    known = np.flatnonzero(~np.isnan(seconds))
+    # Over an empty cell the interval is shared by the rows it spans.
+    steps = np.diff(seconds[known]) / np.diff(known)
+    period = float(np.median(steps))
+    if not period > 0.0:
+        raise NoClockError(f"the times do not increase (median interval {period:g} s)")
+    irregular = int(np.count_nonzero(np.abs(steps - period) > _REGULAR * period))
+    first = seconds[known[0]] - known[0] * period
+    return Sampling(seconds - first, period, irregular, float(steps.min()), float(steps.max()))
+
+
+def _parse(cells: Sequence[str], filled: list[int], number: Callable[[str], float]) -> Floats:
+    first = cells[filled[0]]
+    if _is_number(first, number):
+        return np.array([_number_at(cells, index, number) for index in filled])
+    if _TIME_OF_DAY.match(first):
+        return _unwrap([_time_of_day(cells, index) for index in filled])
+    return _dates(cells, filled)
+
+
+def _is_number(cell: str, number: Callable[[str], float]) -> bool:
+    try:
+        number(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float]) -> float:
+    try:
+        return number(cells[index])
+    except ValueError as error:
+        raise NoClockError(f"{cells[index]!r} is no number of seconds", index) from error
+
+
+def _time_of_day(cells: Sequence[str], index: int) -> float:
+    cell = cells[index]
+    if not _TIME_OF_DAY.match(cell):
+        raise NoClockError(f"{cell!r} is no time of day", index)
+    parts = [float(part) for part in cell.replace(",", ".").split(":")]
+    return sum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
+
+
+def _unwrap(times: list[float]) -> Floats:
+    """Times of day go on after midnight."""
+    values = np.array(times)
+    midnights = np.cumsum(np.diff(values, prepend=values[0]) < -0.5 * _DAY)
+    return values + _DAY * midnights
+
+
+def _dates(cells: Sequence[str], filled: list[int]) -> Floats:
+    """Day and month are taken in the order in which the dates increase; ISO 8601 is tried first."""
+    column = pd.Series([cells[index] for index in filled])
+    readings = []
+    for options in (
+        {"format": "ISO8601"},
+        {"format": "mixed"},
+        {"format": "mixed", "dayfirst": True},
+    ):
+        stamps = pd.to_datetime(column, utc=True, errors="coerce", **options)
+        readings.append(stamps)
+        if stamps.notna().all() and stamps.is_monotonic_increasing:
+            return _seconds(stamps)
+    complete = [stamps for stamps in readings if stamps.notna().all()]
+    if complete:
+        return _seconds(complete[0])
+    best = max(readings, key=lambda stamps: int(stamps.notna().sum()))
+    wrong = filled[int(np.flatnonzero(best.isna().to_numpy())[0])]
+    raise NoClockError(f"{cells[wrong]!r} is no date and time", wrong)
+
+
+def _seconds(stamps: pd.Series[pd.Timestamp]) -> Floats:
+    elapsed = stamps - stamps.iloc[0]
+    return np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)

@@ -1,0 +1,99 @@
+"""A TOML file with the line of every key, so that an error can say where it is.
+
+`tomllib` does not tell lines, so a light scan of the text finds table headers and the keys at the
+beginning of lines. Keys inside an inline table have the line of the key that holds the table.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fieldlink.site.errors import Problem, SiteError
+
+__all__ = ["TomlSource"]
+
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_PATH = rf"{_PART}(?:\s*\.\s*{_PART})*"
+_HEADER = re.compile(rf"^\s*\[\[?\s*({_PATH})\s*\]\]?\s*(?:#.*)?$")
+_KEY = re.compile(rf"^\s*({_PATH})\s*=")
+_LINE_IN_ERROR = re.compile(r"\s*\(at line (\d+), column \d+\)$|\s*\(at end of document\)$")
+
+Key = tuple[str, ...]
+
+
+class TomlSource:
+    """A parsed TOML file.
+
+    Attributes:
+        path: the file as given.
+        data: its content.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read and parse ``path``.
+
+        Raises:
+            SiteError: it cannot be read or is no TOML.
+        """
+        self.path = path
+        try:
+            text = path.read_text(encoding="utf-8-sig")
+        except OSError as error:
+            reason = error.strerror or str(error)
+            remedy = "check the path and its permissions"
+            raise SiteError(
+                [Problem(str(path), "", f"cannot be read ({reason})", remedy)]
+            ) from error
+        except UnicodeDecodeError as error:
+            message = f"is not UTF-8 text (byte {error.start})"
+            raise SiteError(
+                [Problem(str(path), "", message, "save it as a UTF-8 text file")]
+            ) from error
+        try:
+            self.data: dict[str, Any] = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise SiteError([_syntax_problem(path, text, str(error))]) from error
+        self._lines = _find_lines(text)
+
+    def line_of(self, key: Sequence[str | int]) -> int | None:
+        """Return the line of a key, or of the nearest thing around it that has one."""
+        parts = tuple(str(part) for part in key)
+        while parts:
+            if parts in self._lines:
+                return self._lines[parts]
+            parts = parts[:-1]
+        return None
+
+    def problem(self, key: Sequence[str | int], message: str, remedy: str) -> Problem:
+        """Return a problem at ``key`` of this file."""
+        dotted = ".".join(str(part) for part in key)
+        return Problem(str(self.path), dotted, message, remedy, self.line_of(key))
+
+
+def _syntax_problem(path: Path, text: str, message: str) -> Problem:
+    found = _LINE_IN_ERROR.search(message)
+    line = int(found[1]) if found and found[1] else None
+    if found and line is None:
+        line = text.count("\n") + 1
+    what = _LINE_IN_ERROR.sub("", message)
+    return Problem(str(path), "", f"is not TOML: {what}", "correct this line", line)
+
+
+def _find_lines(text: str) -> dict[Key, int]:
+    lines: dict[Key, int] = {}
+    table: Key = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            table = _split(header[1])
+            lines.setdefault(table, number)
+        elif key := _KEY.match(line):
+            lines.setdefault((*table, *_split(key[1])), number)
+    return lines
+
+
+def _split(path: str) -> Key:
+    return tuple(part.strip("\"'") for part in re.findall(_PART, path))
