@@ -9,6 +9,7 @@ from types import MappingProxyType
 from .catalogue import catalogue, fmu_path
 from .errors import PlantNameError, nearest
 from .inprocess import InProcessPlant
+from .isolated import IsolatedPlant
 from .plant import Plant
 
 __all__ = ["open_plant"]
@@ -45,6 +46,8 @@ def open_plant(
         PlantCrashError: it crashed while starting, or did not answer.
     """
     file = _file(model)
+    if isolated:
+        return IsolatedPlant(file, parameters=parameters, period=period, timeout=timeout)
     return InProcessPlant(file, parameters=parameters, period=period)
 
 

@@ -1,0 +1,292 @@
+"""A plant in a process of its own: whatever the FMU does, this process lives on."""
+
+from __future__ import annotations
+
+import atexit
+import base64
+import contextlib
+import itertools
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from . import errors
+from .errors import PlantClosedError, PlantCrashError, PlantError, PlantTimeoutError
+from .nursery import BIRTH, KILL, REQUEST, STATUS
+from .plant import Plant, PlantInfo
+
+__all__ = ["IsolatedPlant"]
+
+_PROGRAM = "from fmu_models.nursery import main; main({})"
+_STEPS_A_MESSAGE = 1000
+_SECONDS_TO_END = 5.0
+
+
+class _NurseryClient:
+    """The nursery of this process, and the socket to it."""
+
+    def __init__(self) -> None:
+        self._control, theirs = socket.socketpair()
+        self._keys = itertools.count()
+        root = str(Path(__file__).parents[1])
+        path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", _PROGRAM.format(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                # What an FMU prints must not mix with what this process prints for machines.
+                stdin=subprocess.DEVNULL,
+                stdout=2,
+                # No thread may run where workers are forked.
+                env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
+            )
+
+    def is_running(self) -> bool:
+        return self._process.poll() is None
+
+    def bear(self) -> tuple[int, Connection, int]:
+        """Return the key of a new worker, the connection to it and the pipe of its exit status."""
+        key = next(self._keys)
+        ours, theirs = socket.socketpair()
+        status, status_end = os.pipe()
+        try:
+            socket.send_fds(
+                self._control, [REQUEST.pack(BIRTH, key)], [theirs.fileno(), status_end]
+            )
+        except BaseException:
+            os.close(status)
+            ours.close()
+            raise
+        finally:
+            theirs.close()
+            os.close(status_end)
+        return key, Connection(ours.detach()), status
+
+    def kill(self, key: int) -> None:
+        with contextlib.suppress(ConnectionError):  # a nursery that is gone took its workers along
+            self._control.sendall(REQUEST.pack(KILL, key))
+
+    def close(self) -> None:
+        self._control.close()
+        self._process.wait()
+
+    def close_copy(self) -> None:
+        """In a forked child: let go of the parent's nursery without ending it."""
+        self._control.close()
+
+
+_lock = threading.Lock()
+_current: _NurseryClient | None = None
+_parents: list[_NurseryClient] = []
+
+
+def _nursery() -> _NurseryClient:
+    """Return the running nursery of this process; it is started at the first need."""
+    global _current
+    with _lock:
+        if _current is None:
+            _current = _NurseryClient()
+        elif not _current.is_running():
+            _current.close()
+            _current = _NurseryClient()
+        return _current
+
+
+@atexit.register
+def _close_nursery() -> None:
+    global _current
+    if _current is not None:
+        _current.close()
+        _current = None
+
+
+def _after_fork() -> None:
+    global _current, _lock
+    _lock = threading.Lock()
+    if _current is not None:
+        _current.close_copy()
+        _parents.append(_current)  # kept: its process is not ours to wait for
+        _current = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+class IsolatedPlant(Plant):
+    """An FMU instance in a process of its own, started and at rest.
+
+    Args:
+        file: the ``.fmu``.
+        parameters: start values by name.
+        period: seconds a step; None takes the FMU's default experiment.
+        timeout: seconds to wait for an answer before the process is ended.
+
+    Raises:
+        PlantError: what `open_plant` says.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        *,
+        parameters: Mapping[str, float],
+        period: float | None = None,
+        timeout: float = 30.0,
+    ) -> None:
+        if os.name != "posix":
+            raise PlantError(
+                "plants of their own process need a POSIX system; open it with isolated=False"
+            )
+        self._name = file.name
+        self._timeout = timeout
+        self._failure: str | None = None
+        self._time = 0.0
+        self._home = _nursery()
+        self._key, self._connection, self._status = self._home.bear()
+        self._open = True
+        request = {
+            "file": str(file.resolve()),
+            "parameters": _plain(parameters),
+            "period": None if period is None else float(period),
+        }
+        try:
+            answer = self._ask("open", request)
+        except BaseException:
+            self._release()
+            raise
+        self._info = PlantInfo(
+            name=answer["name"],
+            fmi_version=answer["fmi_version"],
+            period=answer["period"],
+            inputs=tuple(answer["inputs"]),
+            tunable=tuple(answer["tunable"]),
+            outputs=tuple(answer["outputs"]),
+            parameters=tuple(answer["parameters"]),
+            can_restore=answer["can_restore"],
+        )
+
+    @property
+    def info(self) -> PlantInfo:
+        """What the plant is."""
+        return self._info
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds."""
+        return self._time
+
+    def outputs(self) -> dict[str, float]:
+        """Return the outputs at the present time."""
+        answer: dict[str, float] = self._ask("outputs")
+        return answer
+
+    def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
+        """Apply inputs, advance one period, return all outputs."""
+        answer: dict[str, float] = self._ask("step", _plain(inputs))
+        return answer
+
+    def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+        """Return what `step` returns for each of ``inputs``; a thousand go in one message."""
+        results: list[dict[str, float]] = []
+        for start in range(0, len(inputs), _STEPS_A_MESSAGE):
+            batch = [_plain(values) for values in inputs[start : start + _STEPS_A_MESSAGE]]
+            answer = self._ask("steps", batch)
+            results += [dict(zip(answer["names"], row, strict=True)) for row in answer["rows"]]
+        return results
+
+    def snapshot(self) -> bytes:
+        """Return the plant's whole state."""
+        return base64.b64decode(self._ask("snapshot"))
+
+    def restore(self, snapshot: bytes) -> None:
+        """Go back to a state that `snapshot` returned."""
+        self._ask("restore", base64.b64encode(snapshot).decode("ascii"))
+
+    def close(self) -> None:
+        """End the process; its folder is removed."""
+        if not self._open:
+            return
+        if self._failure is None:
+            with contextlib.suppress(PlantCrashError):  # it ends either way
+                self._ask("close")
+        self._release()
+
+    def _ask(self, action: str, argument: Any = None) -> Any:
+        if self._failure is not None:
+            raise PlantClosedError(f"the plant failed before: {self._failure}")
+        if not self._open:
+            raise PlantClosedError(f"plant {self._name} is closed; open it again")
+        try:
+            self._connection.send_bytes(json.dumps([action, argument]).encode())
+            if not self._connection.poll(self._timeout):
+                raise self._overdue(action)
+            answer = json.loads(self._connection.recv_bytes())
+        except (EOFError, OSError, ValueError) as error:
+            raise self._crashed(action) from error
+        except BaseException:
+            # The answer is still to come (Ctrl-C, for one): the connection cannot be used again.
+            if self._failure is None:
+                self._failure = f"plant {self._name} was interrupted while it worked"
+                self._home.kill(self._key)
+            raise
+        self._time = answer.get("time", self._time)
+        if "error" in answer:
+            kind = getattr(errors, answer["error"], PlantError)
+            raise kind(answer["text"])
+        return answer["ok"]
+
+    def _overdue(self, action: str) -> PlantTimeoutError:
+        self._home.kill(self._key)
+        self._failure = (
+            f"plant {self._name} at {self._time:g} s did not answer to {action!r} within "
+            f"{self._timeout:g} s and was ended; is the FMU in an endless loop? Otherwise open it "
+            "with a longer timeout"
+        )
+        return PlantTimeoutError(self._failure)
+
+    def _crashed(self, action: str) -> PlantCrashError:
+        code = self._exit_code()
+        if code is None:
+            what = "its process cannot be reached any more"
+        elif code < 0:
+            number = -code
+            what = f"its process died of {signal.Signals(number).name} ({signal.strsignal(number)})"
+        else:
+            what = f"its process ended with exit status {code}"
+        hint = (
+            "is the FMU truncated or damaged?"
+            if action == "open"
+            else "the fault is in the FMU or in the values it was given; open it again to go on"
+        )
+        self._failure = f"plant {self._name} at {self._time:g} s: {what}, at {action!r}; {hint}"
+        return PlantCrashError(self._failure)
+
+    def _exit_code(self) -> int | None:
+        """Wait until the worker has ended; return its exit status, negative for a signal."""
+        ready, _, _ = select.select([self._status], [], [], _SECONDS_TO_END)
+        content = os.read(self._status, STATUS.size) if ready else b""
+        return int(STATUS.unpack(content)[0]) if len(content) == STATUS.size else None
+
+    def _release(self) -> None:
+        """Let go of the worker and wait until it and its folder are gone."""
+        self._open = False
+        self._connection.close()
+        ready, _, _ = select.select([self._status], [], [], _SECONDS_TO_END)
+        if not ready:
+            self._home.kill(self._key)
+            select.select([self._status], [], [], _SECONDS_TO_END)
+        os.close(self._status)
+
+
+def _plain(values: Mapping[str, float]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in values.items()}

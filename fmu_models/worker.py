@@ -1,0 +1,79 @@
+"""The inside of an isolated plant's process: requests come in as JSON, answers go out.
+
+Nothing is unpickled on either side: an FMU is somebody else's native code, and what it writes into
+its own process must not become code in ours.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import asdict
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from .errors import PlantError
+from .inprocess import InProcessPlant
+
+__all__ = ["serve"]
+
+
+def serve(connection: Connection, folder: Path) -> None:
+    """Answer requests until the client closes the plant or goes away.
+
+    Args:
+        connection: to the client.
+        folder: where the FMU may be extracted; whoever made it removes it.
+    """
+    _limit_core_dumps()
+    plant: InProcessPlant | None = None
+    while True:
+        try:
+            action, argument = json.loads(connection.recv_bytes())
+        except (EOFError, ConnectionError):
+            return
+        try:
+            if plant is None:
+                plant = InProcessPlant(
+                    Path(argument["file"]),
+                    parameters=argument["parameters"],
+                    period=argument["period"],
+                    folder=folder,
+                )
+                answer: dict[str, Any] = {"ok": asdict(plant.info)}
+            else:
+                answer = {"ok": _answer(plant, action, argument)}
+        except PlantError as error:
+            answer = {"error": type(error).__name__, "text": str(error)}
+        if plant is not None:
+            answer["time"] = plant.time
+        connection.send_bytes(json.dumps(answer).encode())
+        if plant is None or action == "close":
+            return
+
+
+def _answer(plant: InProcessPlant, action: str, argument: Any) -> Any:
+    match action:
+        case "step":
+            return plant.step(argument)
+        case "steps":
+            rows = plant.steps(argument)
+            return {"names": list(plant.outputs()), "rows": [list(row.values()) for row in rows]}
+        case "outputs":
+            return plant.outputs()
+        case "snapshot":
+            return base64.b64encode(plant.snapshot()).decode("ascii")
+        case "restore":
+            return plant.restore(base64.b64decode(argument))
+        case "close":
+            return plant.close()
+    raise AssertionError(f"unknown request {action!r}")
+
+
+def _limit_core_dumps() -> None:
+    """Let a crash of the FMU leave no core file; its signal is what the client reports."""
+    import resource  # POSIX only, as this module's process is
+
+    _soft, hard = resource.getrlimit(resource.RLIMIT_CORE)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, hard))
