@@ -26,7 +26,7 @@ from fieldlink.registers.layout import BLOCK_REGISTERS
 __all__ = ["Bank", "ExchangeLayout", "ExchangeWords", "commit_word", "split_commit"]
 
 _BANK_A_OFFSET = 10
-_BANK_B_OFFSET = 90
+_BANK_B_OFFSET = 110
 
 
 class Bank(IntEnum):

@@ -1,7 +1,12 @@
 """Which register of a parameter block holds what: the single source of code and documentation.
 
-32-bit fields begin at even offsets, so that a PLC that maps its registers to an array of REAL can
-overlay them when the block itself begins at an even address.
+32-bit fields begin at even offsets and 64-bit fields at multiples of four, so that a PLC can overlay
+them where its compiler wants such alignment.
+
+The coefficients a and b are double precision and the rest is single: a third-order process sampled a
+hundred times faster than its lags has A(1) = 1 + a1 + a2 + a3 near 1e-6, which the rounding of single
+precision coefficients (1e-7) would turn into another process. A PLC without LREAL takes gain, time
+constant and dead time instead.
 """
 
 from __future__ import annotations
@@ -59,7 +64,8 @@ def _bounded(name: str, text: str) -> list[_Row]:
     ]
 
 
-_WORD, _LONG, _REAL = DataType.UINT16, DataType.UINT32, DataType.FLOAT32
+_WORD, _LONG = DataType.UINT16, DataType.UINT32
+_REAL, _LREAL = DataType.FLOAT32, DataType.FLOAT64
 
 _ROWS: list[_Row] = [
     ("magic", _WORD, "", f"always 16#{MAGIC:04X} ('FL')"),
@@ -81,17 +87,22 @@ _ROWS: list[_Row] = [
     ("na", _WORD, "", "how many of a1..a4 are used"),
     ("nb", _WORD, "", "how many of b1..b4 are used; 0 when the block has no process model"),
     ("process_kind", _WORD, "", "0 no process model, 1 self-regulating, 2 integrating"),
-    *[
-        (f"a{i}", _REAL, "", "y(k) = -a1 y(k-1) - ..." if i == 1 else "")
-        for i in range(1, MAX_COEFFICIENTS + 1)
-    ],
-    *[
-        (f"b{i}", _REAL, "PV/OP", "... + b1 x(k-d) + b2 x(k-d-1) + ..." if i == 1 else "")
-        for i in range(1, MAX_COEFFICIENTS + 1)
-    ],
-    ("offset", _REAL, "PV", "... + offset, with d = dead_time and x the stem"),
+    ("offset", _REAL, "PV", "constant term of the recursion below"),
     ("gain", _REAL, "PV/OP", "steady-state gain; PV per OP and second when integrating"),
     ("time_constant", _REAL, "s", "of the slowest pole that is not an integrator; 0 when none"),
+    *[
+        (f"a{i}", _LREAL, "", "y(k) = -a1 y(k-1) - ..." if i == 1 else "")
+        for i in range(1, MAX_COEFFICIENTS + 1)
+    ],
+    *[
+        (
+            f"b{i}",
+            _LREAL,
+            "PV/OP",
+            "... + b1 x(k-d) + b2 x(k-d-1) + ... + offset; x stem, d dead time" if i == 1 else "",
+        )
+        for i in range(1, MAX_COEFFICIENTS + 1)
+    ],
     ("verdict", _WORD, "", "0 none, 1 stiction, 2 no stiction, 3 not assessable"),
     ("windows", _WORD, "", "windows in agreement"),
     ("samples", _LONG, "", "samples used"),

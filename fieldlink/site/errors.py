@@ -1,4 +1,4 @@
-"""What is wrong with a site file or a recording: every problem found, each with its place and remedy."""
+"""What is wrong with a site file or a recording: each problem with its place and remedy."""
 
 from __future__ import annotations
 

@@ -44,8 +44,8 @@ def schema() -> dict[str, Any]:
 
 
 def _validate(source: TomlSource) -> SiteFile:
-    # As JSON, because only there strict types and TOML agree: arrays make tuples, strings make paths,
-    # and neither "5" nor true is taken for a number. A date becomes a string and is refused as one.
+    # As JSON, because only there strict types and TOML agree: arrays make tuples, strings make
+    # paths, and neither "5" nor true is a number. A date becomes a string and is refused as one.
     text = json.dumps(source.data, default=str)
     try:
         return SiteFile.model_validate_json(text, strict=True)

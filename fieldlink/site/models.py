@@ -1,12 +1,13 @@
 """The site file, key by key, as typed and frozen models.
 
-What one key can tell about itself is checked here; what needs two keys or another file is checked in
-`fieldlink.site.rules`. Paths are as written; `fieldlink.site.Site` resolves them.
+What a table can tell about itself is checked here; what needs two tables or another file is checked
+in `fieldlink.site.rules`. Paths are as written; `fieldlink.site.Site` resolves them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -90,11 +91,9 @@ class Device(_Model):
     def _ordered_ranges(self) -> Self:
         for first, last in self.ranges:
             if first > last:
-                raise ValueError(
-                    f"ranges: [{first}, {last}] is the wrong way round; write first, last"
-                )
+                raise ValueError(f"ranges: [{first}, {last}] is the wrong way round; exchange them")
         ordered = sorted(self.ranges)
-        for (_, end), (start, _) in zip(ordered, ordered[1:], strict=False):
+        for (_, end), (start, _) in pairwise(ordered):
             if start <= end:
                 raise ValueError(f"ranges overlap at {start}; merge them")
         return self
@@ -110,7 +109,7 @@ class EstimatorSettings(_Model):
 
 
 class ExchangeAddresses(_Model):
-    """``[loops.NAME.writeback.addresses]``: the exchange registers one by one (holding, 0-based)."""
+    """``[loops.NAME.writeback.addresses]``: each exchange register (holding, 0-based)."""
 
     enable: Address
     """PLC: bit 0 allows blocks to be written and used."""
@@ -238,7 +237,7 @@ class PlantSettings(_Model):
             raise ValueError("a plant is either an fmu or a recording; give exactly one of them")
         if self.recording is not None and (self.controller_kind != "none" or self.compensate):
             raise ValueError(
-                "a recording cannot be controlled; leave out controller and compensate, or give an fmu"
+                "a recording cannot be controlled; remove controller and compensate, or give an fmu"
             )
         if (self.controller_kind == "pi") != (self.pi is not None):
             raise ValueError(
@@ -246,7 +245,7 @@ class PlantSettings(_Model):
                 "add pi = { gain = ..., integral_time = ... } or remove it"
             )
         times = [time for time, _ in self.setpoint]
-        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(times)):
             raise ValueError("setpoint: the times do not increase; sort the steps")
         return self
 

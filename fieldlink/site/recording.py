@@ -266,7 +266,7 @@ def _is_number(text: str) -> bool:
 
 
 def _nan_runs(numbers: Mapping[str, Floats | None]) -> tuple[NanRun, ...]:
-    runs = []
+    runs: list[NanRun] = []
     for column, values in numbers.items():
         if values is None:
             continue
@@ -287,7 +287,8 @@ def _notes(
         notes.append("no time column and no period given: a row is taken for a second")
     if period is not None and sampling is not None and abs(sampling.period / period - 1) > 0.05:
         notes.append(
-            f"the time column says {sampling.period:g} s between rows, the given {period:g} s counts"
+            f"the time column says {sampling.period:g} s between rows; "
+            f"the given {period:g} s counts"
         )
     if sampling is not None and sampling.irregular:
         notes.append(
@@ -298,6 +299,6 @@ def _notes(
     for column in dict.fromkeys(run.column for run in nan_runs):
         rows = [run.rows for run in nan_runs if run.column == column]
         notes.append(
-            f"{column}: {sum(rows)} bad samples in {len(rows)} runs, the longest of {max(rows)} rows"
+            f"{column}: {sum(rows)} bad samples in {len(rows)} runs, at most {max(rows)} in a row"
         )
     return tuple(notes)

@@ -199,7 +199,7 @@ class _RowReader:
 
 
 def _overlaps(file: str, tags: Mapping[str, Tag], lines: Mapping[str, int]) -> list[Problem]:
-    """Two tags may be views of the same registers; anything else that shares registers is a mistake."""
+    """Tags may be views of the same registers; any other sharing is a mistake."""
     problems = []
     ordered = sorted(tags.values(), key=lambda tag: (tag.table, tag.address, tag.end, tag.name))
     for before, tag in _neighbours(ordered, lambda a, b: a.table is b.table and b.address < a.end):

@@ -98,9 +98,7 @@ def check(site: Site) -> CheckReport:
     """Return what the site means: devices, requests, loops, write-back areas, warnings."""
     requests = {name: site.requests(name) for name in site.devices}
     warnings = [
-        warning
-        for name, device in site.devices.items()
-        for warning in _device_warnings(site, name, device, requests[name])
+        warning for name in site.devices for warning in _device_warnings(site, name, requests[name])
     ]
     for name, loop in site.loops.items():
         warnings.extend(_loop_warnings(name, loop))
@@ -175,9 +173,7 @@ def _apart(
     return find_apart(requests, [group], device.max_registers, device.ranges)
 
 
-def _device_warnings(
-    site: Site, name: str, device: Device, requests: tuple[ReadRequest, ...]
-) -> list[str]:
+def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> list[str]:
     warnings = []
     loops = site.loops_of(name)
     if not loops:
@@ -210,8 +206,8 @@ def _loop_warnings(name: str, loop: Loop) -> list[str]:
         warnings.append(f"loop {name}: without a mode tag, samples in manual cannot be told apart")
     if loop.estimate_period > span:
         warnings.append(
-            f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window of "
-            f"{span:g} s, samples between are never judged"
+            f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window "
+            f"of {span:g} s: samples between are never judged"
         )
     if loop.writeback.enabled and loop.writeback.valid_for < 2 * loop.estimate_period:
         warnings.append(

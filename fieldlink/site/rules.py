@@ -211,7 +211,7 @@ def _area_is_free(
                 if tag.table is Table.HOLDING and overlap:
                     yield source.problem(
                         key,
-                        f"{area} overlaps the tag {tag.name} (holding {tag.address} to {tag.end - 1})",
+                        f"{area} overlaps the tag {tag.name} ({tag.address} to {tag.end - 1})",
                         "move the exchange area or the tag",
                     )
     for area in _areas(name, layout):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -110,14 +111,15 @@ def _time_of_day(cells: Sequence[str], index: int) -> float:
     if not _TIME_OF_DAY.match(cell):
         raise NoClockError(f"{cell!r} is no time of day", index)
     parts = [float(part) for part in cell.replace(",", ".").split(":")]
-    return sum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
+    return math.fsum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
 
 
 def _unwrap(times: list[float]) -> Floats:
     """Times of day go on after midnight."""
     values = np.array(times)
-    midnights = np.cumsum(np.diff(values, prepend=values[0]) < -0.5 * _DAY)
-    return values + _DAY * midnights
+    midnights = np.concatenate([[0], np.cumsum(np.diff(values) < -0.5 * _DAY)])
+    unwrapped: Floats = values + _DAY * midnights
+    return unwrapped
 
 
 def _dates(cells: Sequence[str], filled: list[int]) -> Floats:
