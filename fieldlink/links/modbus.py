@@ -15,11 +15,15 @@ from fieldlink.links.connection import ModbusConnection
 from fieldlink.links.errors import AccessRefusedError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.registers import ReadRequest, Table
+from fieldlink.site import Site
 
 __all__ = ["ModbusTcpLink", "ModbusTcpSettings"]
 
 WRITE_LIMIT = 123
 """The most registers one FC16 request may write (Modbus application protocol 1.1b3)."""
+
+WRITTEN_PARTS = frozenset({"heartbeat", "commit", "bank_a", "bank_b"})
+"""The parts of an exchange area that are Fieldlink's to write; the others are the PLC's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +71,38 @@ class ModbusTcpLink:
             clock,
         )
         self._reader = PlanReader(plan, self._connection.read, clock, settings.quarantine)
+
+    @classmethod
+    def of_site(cls, site: Site, device: str, clock: Clock) -> ModbusTcpLink:
+        """Build the link of a device of the site file.
+
+        Writable are the registers that Fieldlink has in the exchange areas of loops whose
+        write-back is enabled, and nothing else.
+        """
+        settings = site.devices[device]
+        layouts = [
+            loop.writeback.exchange
+            for loop in site.loops_of(device).values()
+            if loop.writeback.enabled
+        ]
+        return cls(
+            ModbusTcpSettings(
+                device=device,
+                host=settings.host or "",
+                port=settings.port,
+                unit=settings.unit,
+                timeout=settings.timeout,
+                writable=tuple(
+                    (first, last)
+                    for layout in layouts
+                    if layout is not None
+                    for part, first, last in layout.spans()
+                    if part in WRITTEN_PARTS
+                ),
+            ),
+            site.requests(device),
+            clock,
+        )
 
     @property
     def state(self) -> LinkState:

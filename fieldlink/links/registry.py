@@ -17,7 +17,20 @@ __all__ = ["LinkFactory", "link_kinds", "open_link", "register_link"]
 LinkFactory = Callable[["Site", str, Clock], Link]
 """Builds the link of one device: the site, the device's name, the clock that stamps readings."""
 
-_FACTORIES: dict[str, LinkFactory] = {}
+
+def _modbus_tcp(site: Site, device: str, clock: Clock) -> Link:
+    from fieldlink.links.modbus import ModbusTcpLink
+
+    return ModbusTcpLink.of_site(site, device, clock)
+
+
+def _recording(site: Site, device: str, clock: Clock) -> Link:
+    from fieldlink.links.recorded import RecordedLink
+
+    return RecordedLink(site, device, clock)
+
+
+_FACTORIES: dict[str, LinkFactory] = {"modbus-tcp": _modbus_tcp, "recording": _recording}
 
 
 def register_link(kind: str, factory: LinkFactory) -> None:
