@@ -1,1 +1,10 @@
-"""The simulated PLC that hosts plants and their controllers."""
+"""The simulated Modbus PLC that hosts plants, their controllers and a compensator."""
+
+from fieldlink.plc.build import PlcError
+from fieldlink.plc.lockstep import LockstepLink
+from fieldlink.plc.modbus import PortError
+from fieldlink.plc.server import PlcServer, serve
+from fieldlink.plc.truth import Truth
+from fieldlink.plc.virtual import VirtualPlc
+
+__all__ = ["LockstepLink", "PlcError", "PlcServer", "PortError", "Truth", "VirtualPlc", "serve"]

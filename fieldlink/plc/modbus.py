@@ -158,10 +158,10 @@ async def listen(devices: list[SimDevice], host: str, port: int) -> tuple[Modbus
     Raises:
         PortError: the port is taken or the address is not this machine's.
     """
-    _require_free(host, port)
+    address = _bindable(host, port)
     server = ModbusTcpServer(
         devices,
-        address=(host, port),
+        address=(address, port),
         custom_pdu=[_ReadCoils, _ReadDiscreteInputs, _ReadHoldingRegisters, _ReadInputRegisters],
     )
     try:
@@ -173,12 +173,15 @@ async def listen(devices: list[SimDevice], host: str, port: int) -> tuple[Modbus
     return server, int(listener.sockets[0].getsockname()[1])
 
 
-def _require_free(host: str, port: int) -> None:
-    """Say why a port cannot be had; pymodbus logs the reason and keeps it from its caller."""
+def _bindable(host: str, port: int) -> str:
+    """Return the one address to bind, or say why it cannot be had.
+
+    pymodbus logs the reason and keeps it from its caller. One address, because a name with several
+    would get a port of its own for each when the system chooses them.
+    """
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, address = min(found, key=lambda entry: entry[0])
         with socket.socket(family, kind, protocol) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
@@ -188,3 +191,4 @@ def _require_free(host: str, port: int) -> None:
             f"cannot listen on {host}:{port}: {error.strerror or error}; stop what listens there, "
             "or choose another port in the site file or with --port (0 picks a free one)"
         ) from error
+    return str(address[0])

@@ -1,7 +1,7 @@
 """What a loop's program does in one control cycle, whatever stands behind it.
 
 Two kinds are here: `ReplayedLoop` plays a recording, `fieldlink.plc.control.ControlledLoop` runs a
-controller on a plant. A third kind is a class with these two methods.
+controller on a plant. A third kind is one more class with these members.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ class Commands:
     Attributes:
         automatic: whether the controller may compute OP.
         op: OP to apply while not automatic; NaN holds the last one.
-        sp: set-point; NaN takes the program's own.
+        sp: set-point.
         model: what the accepted parameter block says; None without one in force.
         withdrawn: why there is no model.
     """
 
-    automatic: bool = True
-    op: float = math.nan
-    sp: float = math.nan
+    automatic: bool
+    op: float
+    sp: float
     model: LoopModel | None = None
     withdrawn: str = ""
 
@@ -44,15 +44,27 @@ class Commands:
 class LoopProgram(Protocol):
     """One loop, one cycle at a time."""
 
+    @property
+    def op(self) -> float:
+        """OP as it is applied now."""
+        ...
+
+    @property
+    def pv(self) -> float:
+        """PV as the next cycle will read it."""
+        ...
+
     def cycle(self, commands: Commands) -> CycleRecord:
         """Run one control cycle and return what it did.
 
         Raises:
             LoopFailedError: the plant behind the loop has failed; do not call again.
         """
+        ...
 
     def close(self) -> None:
         """Let go of what stands behind the loop; may be called twice."""
+        ...
 
 
 class ReplayedLoop:
@@ -64,25 +76,30 @@ class ReplayedLoop:
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._row = 0
+        self._played = 0
 
     @property
-    def ended(self) -> bool:
-        """Whether the last row has been played."""
-        return self._row >= len(self._recording.op)
+    def op(self) -> float:
+        """OP of the row played last, before the start of the first row."""
+        return float(self._recording.op[max(0, min(self._played, len(self._recording)) - 1)])
+
+    @property
+    def pv(self) -> float:
+        """PV of the next row."""
+        return float(self._recording.pv[min(self._played, len(self._recording) - 1)])
 
     def cycle(self, commands: Commands) -> CycleRecord:  # noqa: ARG002
         """Return the next row."""
         recording = self._recording
-        row = min(self._row, len(recording.op) - 1)
-        automatic = not self.ended and (recording.auto is None or bool(recording.auto[row]))
-        self._row += 1
+        ended = self._played >= len(recording)
+        row = min(self._played, len(recording) - 1)
+        self._played += 1
         return CycleRecord(
             op=float(recording.op[row]),
             pv=float(recording.pv[row]),
             sp=math.nan if recording.sp is None else float(recording.sp[row]),
             stem=math.nan,
-            automatic=automatic,
+            automatic=not ended and (recording.auto is None or bool(recording.auto[row])),
             compensated=False,
         )
 

@@ -1,0 +1,126 @@
+"""From a loop of the site file to the program that the simulated PLC runs for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from compensator import (
+    CompensatorError,
+    Controller,
+    MpcSettings,
+    OpLimits,
+    PiController,
+    PiSettings,
+    UnawareMpc,
+)
+from fieldlink.errors import FieldlinkError
+from fieldlink.plc.control import ControlledLoop
+from fieldlink.plc.program import LoopProgram, ReplayedLoop
+from fieldlink.site.models import Loop, PlantSettings
+from fieldlink.site.recording import read_recording
+from fieldlink.site.resolved import Site
+from fmu_models import CatalogueModel, PlantError, catalogue, open_plant
+from loop_model import ProcessModel
+
+__all__ = ["PlcError", "build_program"]
+
+INPUT, OUTPUT = "op", "pv"
+
+
+class PlcError(FieldlinkError):
+    """The site file asks for a simulated PLC that cannot be built."""
+
+
+def build_program(site: Site, name: str, *, isolated: bool = True) -> LoopProgram:
+    """Start what the site file puts behind a loop.
+
+    Args:
+        site: the site.
+        name: a loop with a plant.
+        isolated: run an FMU in a process of its own, so that its crash is not the PLC's.
+
+    Raises:
+        PlcError: the FMU, the controller and the loop do not fit each other.
+        RecordingError: the recording cannot be read.
+    """
+    loop = site.loops[name]
+    plant = loop.plant
+    if plant is None:
+        raise PlcError(f"loop {name} has no plant; add a table [loops.{name}.plant]")
+    if plant.recording is not None:
+        return ReplayedLoop(read_recording(site.resolve(plant.recording), period=loop.period))
+    return _controlled(site, name, loop, plant, isolated)
+
+
+def _controlled(
+    site: Site, name: str, loop: Loop, settings: PlantSettings, isolated: bool
+) -> ControlledLoop:
+    assert settings.fmu is not None
+    known = catalogue.get(settings.fmu)
+    model: str | Path = settings.fmu if known is not None else site.resolve(settings.fmu)
+    limits = OpLimits(*known.op_range) if known is not None else OpLimits()
+    process = _process(known, loop.period)
+    op = _first_op(settings, limits)
+    try:
+        supervisor = _supervisor(name, loop, settings, process, limits)
+        plant = open_plant(
+            model,
+            parameters=_parameters(settings, known) | {INPUT: op},
+            period=loop.period,
+            isolated=isolated,
+        )
+    except (PlantError, CompensatorError) as error:
+        raise PlcError(f"loop {name}: {error}") from error
+    for variable, there in ((INPUT, plant.info.inputs), (OUTPUT, plant.info.outputs)):
+        if variable not in there:
+            plant.close()
+            raise PlcError(
+                f"loop {name}: {settings.fmu} has no {variable!r} among {', '.join(there) or '-'}; "
+                "a plant needs the input op and the output pv"
+            )
+    return ControlledLoop(name, plant, supervisor, op)
+
+
+def _parameters(settings: PlantSettings, known: CatalogueModel | None) -> dict[str, float]:
+    """The site's parameters; a plant of the catalogue takes its seed from the site as well."""
+    seed = {"seed": float(settings.seed)} if known is not None else {}
+    return seed | dict(settings.parameters)
+
+
+def _process(known: CatalogueModel | None, period: float) -> ProcessModel | None:
+    """The linear model that a plant of the catalogue has at the loop's period."""
+    if known is None or known.process is None or known.process.period != period:
+        return None
+    return known.process
+
+
+def _first_op(settings: PlantSettings, limits: OpLimits) -> float:
+    """OP at which the plant begins at rest: as the site says, else the middle of the range."""
+    given = settings.parameters.get(INPUT, settings.parameters.get("op_start"))
+    return 0.5 * (limits.low + limits.high) if given is None else float(given)
+
+
+def _supervisor(
+    name: str,
+    loop: Loop,
+    settings: PlantSettings,
+    process: ProcessModel | None,
+    limits: OpLimits,
+) -> Controller | None:
+    if settings.controller_kind == "none":
+        return None
+    if settings.controller_kind == "pi":
+        assert settings.pi is not None
+        return PiController(
+            PiSettings(settings.pi.gain, settings.pi.integral_time, loop.period, limits)
+        )
+    if process is None:
+        usable = ", ".join(
+            f"{m.name} ({m.period:g} s)" for m in catalogue.values() if m.process is not None
+        )
+        raise PlcError(
+            f'loop {name}: controller = "mpc" needs a plant with a linear model at the loop\'s '
+            f"period of {loop.period:g} s, {settings.fmu} has none; choose one of {usable}, or "
+            'controller = "pi"'
+        )
+    return UnawareMpc(process, MpcSettings(limits=limits))

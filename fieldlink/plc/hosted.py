@@ -1,0 +1,118 @@
+"""One loop as the simulated PLC hosts it: its program, its tags, its exchange area."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+
+from fieldlink.plc.ports import ExchangePort, TagPort
+from fieldlink.plc.program import Commands, LoopFailedError, LoopProgram
+from fieldlink.plc.setpoint import SetpointProfile
+from fieldlink.plc.truth import CycleRecord, TruthLog
+from fieldlink.registers import ReaderState
+from fieldlink.site.models import Loop
+
+__all__ = ["HostedLoop"]
+
+
+class HostedLoop:
+    """Connects one loop's program with the register image.
+
+    The operator's side is where the register map says so: a writable mode tag switches between
+    automatic and manual, a writable OP tag sets OP while in manual, a writable SP tag sets the
+    set-point until its next step.
+
+    Args:
+        name: of the loop.
+        loop: its settings; the plant is there.
+        program: what runs.
+        tags: its tags by role: op and pv, and what the loop has of sp, mode and scan.
+        exchange: its exchange area, None without one.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        loop: Loop,
+        program: LoopProgram,
+        tags: Mapping[str, TagPort],
+        exchange: ExchangePort | None,
+    ) -> None:
+        self.name = name
+        self.period = Fraction(loop.period).limit_denominator(1_000_000)
+        self.exchange = exchange
+        self.block: ReaderState | None = None
+        self.failure: str | None = None
+        self.log = TruthLog()
+        self.cycles = 0
+        self._program = program
+        self._tags = tags
+        self._auto_values = loop.auto_values
+        self._manual_value = next(float(v) for v in range(256) if v not in loop.auto_values)
+        self._compensate = loop.plant is not None and loop.plant.compensate
+        steps = loop.plant.setpoint if loop.plant is not None else ()
+        self._profile = SetpointProfile(steps or ((0.0, program.pv),))
+        self._profile_sp = self._sp = math.nan
+        self._show("mode", self._auto_values[0])
+        self._show("op", program.op)
+
+    def cycle(self, now: float) -> None:
+        """Run one control cycle at ``now`` plant seconds and bring the registers up to date."""
+        if self.exchange is not None:
+            self.block = self.exchange.scan(now)
+        if self.failure is None:
+            try:
+                record = self._program.cycle(self._commands(now))
+            except LoopFailedError as error:
+                self.failure = str(error)
+                record = self._standing_still()
+        else:
+            record = self._standing_still()
+        self.log.add(record)
+        self.cycles += 1
+        self._show("op", record.op)
+        self._show("pv", record.pv)
+        self._show("sp", record.sp)
+        self._show("mode", self._auto_values[0] if record.automatic else self._manual_value)
+        if "scan" in self._tags:
+            self._tags["scan"].count(self.cycles)
+
+    def close(self) -> None:
+        """End the program."""
+        self._program.close()
+
+    def _commands(self, now: float) -> Commands:
+        self._sp = self._set_point(now)
+        block = self.block
+        return Commands(
+            automatic=self._wants_automatic(),
+            op=self._operators("op"),
+            sp=self._sp,
+            model=block.model if block is not None and self._compensate else None,
+            withdrawn=block.fallback.value if block is not None and block.fallback else "",
+        )
+
+    def _set_point(self, now: float) -> float:
+        planned = self._profile.at(now)
+        if planned != self._profile_sp:
+            self._profile_sp = planned
+            return planned
+        written = self._operators("sp")
+        return written if math.isfinite(written) else planned
+
+    def _wants_automatic(self) -> bool:
+        written = self._operators("mode")
+        return math.isnan(written) or written in self._auto_values
+
+    def _operators(self, role: str) -> float:
+        """What the operator wrote, NaN where the map lets nobody write."""
+        port = self._tags.get(role)
+        return port.value() if port is not None and port.writable else math.nan
+
+    def _standing_still(self) -> CycleRecord:
+        return CycleRecord(self._program.op, math.nan, self._sp, math.nan, False, False)
+
+    def _show(self, role: str, value: float) -> None:
+        if role in self._tags:
+            self._tags[role].show(value)

@@ -1,0 +1,159 @@
+"""A PLC without a network and without a clock: registers, and a scan that moves them.
+
+    with VirtualPlc(site, "plc") as plc:
+        plc.scan()                                   # one control cycle of every loop that is due
+        plc.image.read(Table.HOLDING, 0, 8)          # what a client would get
+        plc.truth("FC101").stem                      # what no client gets
+
+Everything of a scan appears in the registers before `scan` returns, so whoever reads between two
+scans reads one of them. A run is the same for the same site and seeds. The Modbus server
+(`fieldlink.plc.server`) and the lockstep link (`fieldlink.plc.lockstep`) are two ways to move it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+from types import TracebackType
+from typing import Self
+
+from fieldlink.plc.build import PlcError, build_program
+from fieldlink.plc.hosted import HostedLoop
+from fieldlink.plc.image import RegisterImage
+from fieldlink.plc.ports import ExchangePort, TagPort
+from fieldlink.plc.truth import Truth
+from fieldlink.registers import BlockLimits, BlockReader, ReaderState
+from fieldlink.site.models import Device, Loop
+from fieldlink.site.resolved import Site
+
+__all__ = ["VirtualPlc"]
+
+HEARTBEAT_TIMEOUT = 10.0
+
+
+class VirtualPlc:
+    """One device of a site, with every loop on it that has a plant.
+
+    Args:
+        site: the site.
+        device: the device's name.
+        speed: plant seconds per second of the wall clock, for who paces the scans. Fieldlink's
+            heartbeat is dead after 10 seconds of the wall clock.
+        isolated: run each FMU in a process of its own; a crash then ends one loop alone.
+
+    Raises:
+        PlcError: no loop of the device has a plant, or a plant and its loop do not fit.
+        RecordingError: a recording cannot be read.
+    """
+
+    def __init__(
+        self, site: Site, device: str, *, speed: float = 1.0, isolated: bool = True
+    ) -> None:
+        self.device = device
+        self.speed = speed
+        self.image = RegisterImage()
+        self.scans = 0
+        self._ports = {name: TagPort(self.image, tag) for name, tag in site.maps[device].items()}
+        self._loops: dict[str, HostedLoop] = {}
+        settings = site.devices[device]
+        try:
+            for name, loop in site.loops_of(device).items():
+                if loop.plant is not None:
+                    exchange = self._exchange(loop, settings, HEARTBEAT_TIMEOUT * speed)
+                    program = build_program(site, name, isolated=isolated)
+                    self._loops[name] = HostedLoop(name, loop, program, self._roles(loop), exchange)
+        except BaseException:
+            self.close()
+            raise
+        if not self._loops:
+            raise PlcError(
+                f"device {device}: none of its loops has a plant; add a table [loops.NAME.plant] "
+                "with an fmu or a recording"
+            )
+        self._period = _common([hosted.period for hosted in self._loops.values()])
+
+    @property
+    def loops(self) -> tuple[str, ...]:
+        """The loops that it runs."""
+        return tuple(self._loops)
+
+    @property
+    def scan_period(self) -> float:
+        """Plant seconds from one scan to the next: the longest that fits every loop's period."""
+        return float(self._period)
+
+    @property
+    def time(self) -> float:
+        """Plant seconds since the start."""
+        return float(self.scans * self._period)
+
+    @property
+    def failures(self) -> Mapping[str, str]:
+        """Loops that stand still, and why."""
+        return {name: loop.failure for name, loop in self._loops.items() if loop.failure}
+
+    def scan(self) -> None:
+        """Run one control cycle of every loop whose period has passed."""
+        moment = self.scans * self._period
+        for loop in self._loops.values():
+            if moment % loop.period == 0:
+                loop.cycle(float(moment))
+        self.scans += 1
+
+    def truth(self, loop: str) -> Truth:
+        """Return what really happened in a loop, for judging."""
+        return self._loops[loop].log.arrays()
+
+    def block(self, loop: str) -> ReaderState | None:
+        """Return what the loop's last cycle made of its parameter block; None without an area."""
+        return self._loops[loop].block
+
+    def enable(self, loop: str, allowed: bool) -> None:
+        """Set or clear a loop's enable register, as its operator would.
+
+        Raises:
+            PlcError: the loop has no exchange area.
+        """
+        exchange = self._loops[loop].exchange
+        if exchange is None:
+            raise PlcError(f"loop {loop} has no exchange area; give its writeback a base")
+        exchange.enable(allowed)
+
+    def close(self) -> None:
+        """End the plants; may be called twice."""
+        for loop in self._loops.values():
+            loop.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _roles(self, loop: Loop) -> dict[str, TagPort]:
+        roles = {role: getattr(loop, role) for role in ("op", "pv", "sp", "mode", "scan")}
+        return {role: self._ports[tag] for role, tag in roles.items() if tag is not None}
+
+    def _exchange(self, loop: Loop, device: Device, heartbeat: float) -> ExchangePort | None:
+        writeback = loop.writeback
+        if writeback.exchange is None or writeback.loop_id is None:
+            return None
+        reader = BlockReader(
+            writeback.loop_id,
+            word_order=device.word_order,
+            heartbeat_timeout=heartbeat,
+            limits=BlockLimits(writeback.limits.stick_band, writeback.limits.slip_jump),
+        )
+        return ExchangePort(self.image, writeback.exchange, reader)
+
+
+def _common(periods: list[Fraction]) -> Fraction:
+    """The longest period that every one of ``periods`` is a multiple of."""
+    denominator = math.lcm(*(period.denominator for period in periods))
+    return Fraction(math.gcd(*(int(period * denominator) for period in periods)), denominator)
