@@ -78,8 +78,8 @@ def decode_block(words: Sequence[int], word_order: Order = "big") -> ParameterBl
     """Return the block that ``words`` hold.
 
     Raises:
-        BlockError: with the `BlockFault` that a PLC would acknowledge; `NOT_NEWER`, `WRONG_LOOP`
-            and `NOT_ENABLED` are the reader's to find.
+        BlockError: with the `BlockFault` that a PLC would acknowledge; `NOT_NEWER`, `WRONG_LOOP`,
+            `NOT_ENABLED` and `COMMIT` are the reader's to find.
     """
     if len(words) != BLOCK_REGISTERS:
         raise BlockError(BlockFault.VERSION, f"{len(words)} registers, not {BLOCK_REGISTERS}")

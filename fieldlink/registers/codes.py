@@ -65,6 +65,7 @@ class BlockFault(Enum):
         "compare the value with the reader's limits",
     )
     NOT_ENABLED = (12, "the enable register is 0", "let the operator enable the loop's block")
+    COMMIT = (13, "the commit word names no bank", "write bank A (0) or B (1) in its high byte")
 
     def __init__(self, code: int, text: str, advice: str) -> None:
         self.code = code

@@ -1,12 +1,12 @@
 """Which register of a parameter block holds what: the single source of code and documentation.
 
-32-bit fields begin at even offsets and 64-bit fields at multiples of four, so that a PLC can overlay
-them where its compiler wants such alignment.
+32-bit fields begin at even offsets and 64-bit fields at multiples of four, so that a PLC can
+overlay them where its compiler wants such alignment.
 
-The coefficients a and b are double precision and the rest is single: a third-order process sampled a
-hundred times faster than its lags has A(1) = 1 + a1 + a2 + a3 near 1e-6, which the rounding of single
-precision coefficients (1e-7) would turn into another process. A PLC without LREAL takes gain, time
-constant and dead time instead.
+The coefficients a and b are double precision and the rest is single. A third-order process sampled
+a hundred times faster than its lags has A(1) = 1 + a1 + a2 + a3 near 1e-6; rounding coefficients to
+single precision (1e-7) makes it another process. A PLC without LREAL takes gain, time constant and
+dead time instead.
 """
 
 from __future__ import annotations

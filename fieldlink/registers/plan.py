@@ -93,12 +93,40 @@ class _Limits:
 
     def allow(self, piece: Sequence[Tag]) -> bool:
         """Whether one request may read all of ``piece``."""
-        table, start, end = piece[0].table, _start(piece), _end(piece)
-        return (
-            all(tag.table is table for tag in piece)
-            and end - start <= self.most(table)
-            and self.range_of(start, end) is not None
-        )
+        table = piece[0].table
+        one_table = all(tag.table is table for tag in piece)
+        return one_table and self.allow_span(table, _start(piece), _end(piece))
+
+    def allow_span(self, table: Table, start: int, end: int) -> bool:
+        """Whether one request may read from ``start`` up to, not including, ``end``."""
+        return end - start <= self.most(table) and self.range_of(start, end) is not None
+
+
+@dataclass(slots=True)
+class _Span:
+    """A request that still grows."""
+
+    table: Table
+    start: int
+    end: int
+    tags: list[Tag]
+
+    def take(self, later: _Span, limits: _Limits) -> bool:
+        """Take in a span that begins here or further on, if one request may read both."""
+        end = max(self.end, later.end)
+        if (
+            later.table is not self.table
+            or later.start - self.end > limits.max_gap
+            or not limits.allow_span(self.table, self.start, end)
+        ):
+            return False
+        self.end = end
+        self.tags.extend(later.tags)
+        return True
+
+    def request(self) -> ReadRequest:
+        ordered = tuple(sorted(self.tags, key=lambda tag: (tag.address, tag.name)))
+        return ReadRequest(self.table, self.start, self.end - self.start, ordered)
 
 
 def plan_reads(
@@ -131,13 +159,12 @@ def plan_reads(
     pieces = _pieces(all_tags, together, limits)
     order = list(Table)
     pieces.sort(key=lambda piece: (order.index(piece[0].table), _start(piece), _end(piece)))
-    requests: list[list[Tag]] = []
+    spans: list[_Span] = []
     for piece in pieces:
-        if requests and _joins(requests[-1], piece, limits):
-            requests[-1].extend(piece)
-        else:
-            requests.append(list(piece))
-    return tuple(_request(found) for found in requests)
+        span = _Span(piece[0].table, _start(piece), _end(piece), list(piece))
+        if not (spans and spans[-1].take(span, limits)):
+            spans.append(span)
+    return tuple(span.request() for span in spans)
 
 
 def find_apart(
@@ -179,17 +206,6 @@ def _pieces(
             pieces.append(piece_of[tag.name])
             seen.update(member.name for member in piece_of[tag.name])
     return pieces
-
-
-def _joins(request: Sequence[Tag], piece: Sequence[Tag], limits: _Limits) -> bool:
-    gap = _start(piece) - _end(request)
-    return gap <= limits.max_gap and limits.allow([*request, *piece])
-
-
-def _request(tags: list[Tag]) -> ReadRequest:
-    start = _start(tags)
-    ordered = tuple(sorted(tags, key=lambda tag: (tag.address, tag.name)))
-    return ReadRequest(tags[0].table, start, _end(tags) - start, ordered)
 
 
 def _why_unreadable(tag: Tag, limits: _Limits) -> str:

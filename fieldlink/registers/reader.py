@@ -186,7 +186,7 @@ class BlockReader:
         try:
             bank, low_seq = split_commit(words.commit)
         except ValueError as error:
-            self._reject(words.commit, BlockError(BlockFault.SEQ_TORN, str(error)))
+            self._reject(words.commit, BlockError(BlockFault.COMMIT, str(error)))
             return
         registers = words.bank(bank)
         if self._judged == (words.commit, registers):
