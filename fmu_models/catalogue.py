@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +10,9 @@ from types import MappingProxyType
 
 from loop_model import ProcessModel, ValveModel
 
-from .build import build, is_current, target_file
 from .describe import FmiVersion
 from .errors import PlantNameError, nearest
+from .packing import build, is_current, target_file
 
 __all__ = ["CatalogueModel", "catalogue", "fmu_path"]
 
@@ -38,6 +39,24 @@ class CatalogueModel:
     period: float
     valve: ValveModel
     noise_std: float
+
+
+def _two_lags(
+    *, gain: float, lags: tuple[float, float], dead_time: float, base: float, period: float
+) -> ProcessModel:
+    """Sample ``gain / ((t1 s + 1)(t2 s + 1)) exp(-dead_time s)`` with a zero-order hold."""
+    p1, p2 = (math.exp(-period / lag) for lag in lags)
+    share = lags[0] / (lags[0] - lags[1])
+    # The step response is gain (1 - share p1^k - (1 - share) p2^k); b follows from its first two.
+    first, second = (gain * (1.0 - share * p1**k - (1.0 - share) * p2**k) for k in (1, 2))
+    a1, a2 = -(p1 + p2), p1 * p2
+    return ProcessModel(
+        a=(a1, a2),
+        b=(first, second - first + a1 * first),
+        dead_time=1 + round(dead_time / period),
+        offset=base * (1.0 + a1 + a2),
+        period=period,
+    )
 
 
 _EXAMPLE1 = CatalogueModel(
@@ -72,9 +91,61 @@ _EXAMPLE2 = CatalogueModel(
     valve=ValveModel.from_friction(5.0, 2.0),
     noise_std=10.0**-1.5,
 )
+_FLOW = CatalogueModel(
+    name="flow",
+    description="flow through a valve in a line: fast, noisy, the gain falls as the valve opens",
+    process=None,
+    op_range=(5.0, 100.0),
+    period=1.0,
+    valve=ValveModel(stick_band=4.0, slip_jump=1.0),
+    noise_std=0.3,
+)
+_LEVEL = CatalogueModel(
+    name="level",
+    description="level of a tank with a constant outflow: integrating, full in 200 s",
+    # The outflow balances the inflow at OP 50.
+    process=ProcessModel(a=(-1.0,), b=(1 / 200,), dead_time=1, offset=-50 / 200, period=1.0),
+    op_range=(0.0, 100.0),
+    period=1.0,
+    valve=ValveModel(stick_band=5.0, slip_jump=1.5),
+    noise_std=0.05,
+)
+_HEAT = CatalogueModel(
+    name="heat",
+    description="outlet temperature of a heat exchanger: slow, dead time 20 s, lags 60 s and 15 s",
+    process=_two_lags(gain=0.8, lags=(60.0, 15.0), dead_time=20.0, base=20.0, period=5.0),
+    op_range=(0.0, 100.0),
+    period=5.0,
+    valve=ValveModel(stick_band=3.0, slip_jump=1.0),
+    noise_std=0.05,
+)
+_PRESSURE = CatalogueModel(
+    name="pressure",
+    description="pressure of a gas vessel between header and consumers: nonlinear",
+    process=None,
+    op_range=(5.0, 100.0),
+    period=1.0,
+    valve=ValveModel(stick_band=4.0, slip_jump=1.0),
+    noise_std=0.005,
+)
+_PHYSICAL = CatalogueModel(
+    name="physical",
+    description="pneumatic actuator, stem and packing with Karnopp or LuGre friction, lag of 5 s",
+    # Of a stem that moves at the samples only; this one takes a part of a second.
+    process=ProcessModel(
+        a=(-math.exp(-0.2),), b=(-math.expm1(-0.2),), dead_time=1, offset=0.0, period=1.0
+    ),
+    op_range=(0.0, 100.0),
+    period=1.0,
+    valve=ValveModel(stick_band=8.0, slip_jump=2.0),
+    noise_std=0.05,
+)
 
 catalogue: Mapping[str, CatalogueModel] = MappingProxyType(
-    {model.name: model for model in (_EXAMPLE1, _EXAMPLE2)}
+    {
+        model.name: model
+        for model in (_EXAMPLE1, _EXAMPLE2, _FLOW, _LEVEL, _HEAT, _PRESSURE, _PHYSICAL)
+    }
 )
 """Every plant that comes with fieldlink, by name."""
 

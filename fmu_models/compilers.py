@@ -12,6 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from .describe import FmiVersion
 from .errors import PlantBuildError
 
 __all__ = ["PLATFORMS", "Platform", "compile_library", "host_platform"]
@@ -32,6 +33,10 @@ class Platform:
     fmi2: str | None
     suffix: str
     zig: str
+
+    def folder(self, version: FmiVersion) -> str | None:
+        """Return its folder under ``binaries`` in an FMU of that version, None where it has none."""
+        return self.fmi2 if version == 2 else self.fmi3
 
 
 PLATFORMS: tuple[Platform, ...] = (

@@ -1,0 +1,153 @@
+/* A valve from first principles: pneumatic spring-and-diaphragm actuator, stem and packing, with
+ * Karnopp's or the LuGre friction model, before a first-order process.
+ *
+ * m dv/dt = k travel (u/100) - k x - friction(v), u = the actuator's pressure in percent of span,
+ * behind a first-order lag of positioner and tubing. Mass, spring, viscous friction and Stribeck
+ * velocity are those of Kayihan and Doyle, Friction compensation for a process control valve,
+ * Control Engineering Practice 8 (2000) 799-812, which Choudhury, Thornhill and Shah (2005) use
+ * too: 3 lb, 300 lbf/in, 3.5 lbf s/in, 0.01 in/s, a span of 1200 lbf and so 4 in of travel.
+ * Static and Coulomb friction follow from the stick band and the slip jump in percent of that span
+ * force. With a step of pressure the stem of this overdamped actuator comes to rest where He's
+ * model puts it; with a lag of pressure it may slip early, stick again, and rest up to J short.
+ *
+ * Integrated at its own step of 0.1 ms, implicit in velocity. */
+#define MODEL_IDENTIFIER physical
+#define BASE_STEP 0.0001
+#define DEFAULT_STEP 1.0
+
+#include <math.h>
+#include <stdint.h>
+
+enum { VALVE_FRICTIONLESS = 0, VALVE_KARNOPP = 4, VALVE_LUGRE = 5 };
+
+#define VARIABLES(X)                                                                               \
+    X(op, input, Real, 50.0, -ANY, ANY, "%", "controller output, limited to 0 ... 100")            \
+    X(load, input, Real, 0.0, -ANY, ANY, "%", "load disturbance, added to the stem position")      \
+    X(pv, output, Real, 0.0, -ANY, ANY, "1", "measured process variable")                          \
+    X(stem, output, Real, 0.0, -ANY, ANY, "%", "stem position, for judging only")                  \
+    X(valve, tunable, Integer, 4, 0, 5, "", "valve: 0 healthy, 4 Karnopp, 5 LuGre")                \
+    X(stick_band, tunable, Real, 8.0, 0.0, ANY, "%", "stick band, (Fs + Fc) of the span force")    \
+    X(slip_jump, tunable, Real, 2.0, 0.0, ANY, "%", "slip jump, (Fs - Fc) of the span force")      \
+    X(noise_std, tunable, Real, 0.05, 0.0, ANY, "1", "standard deviation of the noise on PV")      \
+    X(op_start, fixed, Real, 50.0, -ANY, ANY, "%", "OP at which the plant rests at the start")     \
+    X(seed, fixed, Integer, 1, 0, 2147483647, "", "seed of the noise")                             \
+    X(time_constant, tunable, Real, 5.0, 0.01, ANY, "s", "of the process, PV from stem; gain 1")   \
+    X(actuator_lag, tunable, Real, 0.2, 0.001, ANY, "s", "of the actuator's pressure")             \
+    X(mass, tunable, Real, 1.361, 0.01, ANY, "kg", "of the moving parts")                          \
+    X(spring, tunable, Real, 52538.0, 1.0, ANY, "N/m", "stiffness of the spring")                  \
+    X(travel, tunable, Real, 0.1016, 0.001, ANY, "m", "of the stem")                               \
+    X(viscous, tunable, Real, 612.9, 0.0, ANY, "N.s/m", "viscous friction")                        \
+    X(stribeck, tunable, Real, 0.000254, 0.000001, ANY, "m/s", "Stribeck velocity")                \
+    X(bristle, tunable, Real, 10000000.0, 1000.0, 50000000.0, "N/m", "of LuGre bristles")
+
+typedef struct {
+    double pressure; /* percent of span */
+    double x, v;     /* m, m/s */
+    double z;        /* deflection of LuGre's bristles in m */
+    double y;        /* process */
+} plant_memory;
+
+#include "plant.h"
+
+typedef struct {
+    double span, static_force, coulomb; /* N */
+} forces;
+
+static const char *check(const plant *p) {
+    const int kind = (int)p->v.valve;
+    if (kind != VALVE_FRICTIONLESS && kind != VALVE_KARNOPP && kind != VALVE_LUGRE)
+        return "valve must be 0 (healthy), 4 (Karnopp) or 5 (LuGre) in this model";
+    return p->v.slip_jump <= p->v.stick_band ? 0 : "slip_jump must not exceed stick_band";
+}
+
+static forces present_forces(const plant *p) {
+    forces f;
+    f.span = p->v.spring * p->v.travel;
+    f.static_force = 0.005 * (p->v.stick_band + p->v.slip_jump) * f.span;
+    f.coulomb = 0.005 * (p->v.stick_band - p->v.slip_jump) * f.span;
+    if ((int)p->v.valve == VALVE_FRICTIONLESS)
+        f.static_force = f.coulomb = 0.0;
+    return f;
+}
+
+/* Sliding friction without its viscous part: from static to Coulomb as the velocity grows. */
+static double sliding(const plant *p, const forces *f, double v) {
+    const double r = v / p->v.stribeck;
+    return f->coulomb + (f->static_force - f->coulomb) * exp(-r * r);
+}
+
+/* Karnopp: Computer simulation of stick-slip friction in mechanical dynamic systems. J. Dynamic
+ * Systems, Measurement, and Control 107 (1985) 100-103. Within a small velocity the stem sticks,
+ * and friction balances the driving force up to the static one. */
+static void advance_karnopp(plant *p, const forces *f, double drive) {
+    const double slow = 0.1 * p->v.stribeck;
+    double v = p->memory.v, direction;
+    if (fabs(v) < slow && fabs(drive) <= f->static_force) {
+        p->memory.v = 0.0;
+        return;
+    }
+    direction = fabs(v) < slow ? (drive > 0.0 ? 1.0 : -1.0) : (v > 0.0 ? 1.0 : -1.0);
+    v = (p->v.mass * v + BASE_STEP * (drive - direction * sliding(p, f, v))) /
+        (p->v.mass + BASE_STEP * p->v.viscous);
+    /* Friction never drives: what would turn round comes to rest first. */
+    p->memory.v = f->static_force > 0.0 && v * direction < 0.0 ? 0.0 : v;
+}
+
+/* Canudas de Wit, Olsson, Astrom, Lischinsky: A new model for control of systems with friction.
+ * IEEE Trans. Automatic Control 40 (1995) 419-425, equations (1)-(3); bristles critically damped,
+ * bristle deflection and velocity implicit. */
+static void advance_lugre(plant *p, const forces *f, double drive) {
+    const double stiffness = p->v.bristle, h = BASE_STEP;
+    const double damping = 2.0 * sqrt(stiffness * p->v.mass);
+    const double limit = fmax(sliding(p, f, p->memory.v), 1.0); /* N: g(v) must not vanish */
+    const double slip = stiffness * fabs(p->memory.v) * p->memory.z / limit;
+    const double v = (p->v.mass * p->memory.v +
+                      h * (drive - stiffness * p->memory.z + (damping + h * stiffness) * slip)) /
+                     (p->v.mass + h * (damping + p->v.viscous + h * stiffness));
+    p->memory.z = (p->memory.z + h * v) / (1.0 + h * stiffness * fabs(v) / limit);
+    p->memory.v = v;
+}
+
+static void measure(plant *p) {
+    p->v.stem = 100.0 * p->memory.x / p->v.travel;
+    p->v.pv = p->memory.y + p->v.noise_std * noise_normal(&p->noise);
+}
+
+static const char *plant_initialise(plant *p) {
+    noise_start(&p->noise, p->v.seed);
+    p->memory.pressure = plant_clamp(p->v.op, 0.0, 100.0);
+    p->memory.x = 0.01 * p->memory.pressure * p->v.travel;
+    p->memory.v = p->memory.z = 0.0;
+    p->memory.y = p->memory.pressure + p->v.load;
+    measure(p);
+    return check(p);
+}
+
+static const char *plant_advance(plant *p, int64_t count) {
+    const char *complaint = check(p);
+    const forces f = present_forces(p);
+    const double op = plant_clamp(p->v.op, 0.0, 100.0);
+    const double fill = 1.0 - exp(-BASE_STEP / p->v.actuator_lag);
+    const double follow = 1.0 - exp(-BASE_STEP / p->v.time_constant);
+    if (complaint)
+        return complaint;
+    for (int64_t i = 0; i < count; ++i) {
+        double drive;
+        p->memory.pressure += fill * (op - p->memory.pressure);
+        drive = 0.01 * f.span * p->memory.pressure - p->v.spring * p->memory.x;
+        if ((int)p->v.valve == VALVE_LUGRE)
+            advance_lugre(p, &f, drive);
+        else
+            advance_karnopp(p, &f, drive);
+        p->memory.x += BASE_STEP * p->memory.v;
+        if (p->memory.x < 0.0 || p->memory.x > p->v.travel) { /* the end stops */
+            p->memory.x = plant_clamp(p->memory.x, 0.0, p->v.travel);
+            p->memory.v = 0.0;
+        }
+        p->memory.y += follow * (100.0 * p->memory.x / p->v.travel + p->v.load - p->memory.y);
+    }
+    measure(p);
+    return 0;
+}
+
+#include "fmi.h"
