@@ -35,7 +35,7 @@ class Platform:
     zig: str
 
     def folder(self, version: FmiVersion) -> str | None:
-        """Return its folder under ``binaries`` in an FMU of that version, None where it has none."""
+        """Return its folder under ``binaries`` in FMI ``version``, None where it has none."""
         return self.fmi2 if version == 2 else self.fmi3
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import get_args
 from xml.etree import ElementTree as ET
 
-from .compilers import PLATFORMS, Platform, compile_library, host_platform
+from .compilers import Platform, compile_library, host_platform
 from .describe import FmiVersion, ModelSource, describe, read_model
 from .errors import PlantBuildError
 

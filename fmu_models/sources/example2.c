@@ -4,7 +4,7 @@
  *
  * Equation (18) prints the coefficients rounded, which leaves a steady gain of 0.948. They are
  * those of 1 / ((10 s + 1)(5 s + 1)(s + 1)) with a zero-order hold, to every printed digit; the
- * exact ones stand here, with a gain of 1. The noise has the paper's standard deviation, 10^-1.5. */
+ * exact ones stand here, with a gain of 1. The standard deviation of v is 10^-1.5. */
 #define MODEL_IDENTIFIER example2
 #define BASE_STEP 1.0
 #define DEFAULT_STEP 1.0
