@@ -36,7 +36,7 @@ class Fallback(Enum):
     HEARTBEAT_DEAD = "Fieldlink's heartbeat does not count: check that it runs and reaches the PLC"
     EXPIRED = "the block is older than its valid-for time: a new window has to confirm it"
     WITHDRAWN = "an operator has withdrawn the block"
-    CLEARED = "the committed bank reads all zero: the PLC or its Modbus server cleared it"
+    CLEARED = "the block's bank reads all zero: the PLC or its Modbus server cleared it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +162,8 @@ class BlockReader:
             self._judge(words)
         elif words.commit != self._ack_commit:
             self._reject(words.commit, BlockError(BlockFault.NOT_ENABLED))
+        if self._accepted is not None and not any(words.bank(self._active_bank)):
+            self._drop(Fallback.CLEARED)
         if self._accepted is not None and now_s >= self._expires_at:
             self._drop(Fallback.EXPIRED)
         return ReaderState(
@@ -228,12 +230,9 @@ class BlockReader:
             self._drop(Fallback.WITHDRAWN)
 
     def _reject(self, commit: int, error: BlockError) -> None:
-        if error.reason is BlockFault.EMPTY:
-            if self._accepted is not None:
-                self._drop(Fallback.CLEARED)
-            if commit == 0:
-                # Nothing was ever committed: an empty area is no fault.
-                return
+        if error.reason is BlockFault.EMPTY and commit == 0:
+            # Nothing was ever committed: an empty area is no fault.
+            return
         self._ack_result = error.reason.code
         self._ack_commit = commit
         self._detail = str(error)

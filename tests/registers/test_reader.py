@@ -165,7 +165,8 @@ def test_committing_the_accepted_block_again_does_not_renew_it(plc: Plc) -> None
     plc.write(BLOCK, Bank.B)
     plc.scan()
     plc.registers[LAYOUT.commit] = commit_word(Bank.A, 9)
-    plc.scan()
+    state = plc.scan()
+    assert (state.ack_result, state.in_force) == (BlockFault.EMPTY.code, BLOCK)
     plc.registers[LAYOUT.commit] = commit_word(Bank.B, 1)
     state = plc.scan(50.0)
     assert state.ack_result == ACCEPTED
