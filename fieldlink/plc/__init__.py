@@ -1,5 +1,9 @@
-"""The simulated Modbus PLC that hosts plants, their controllers and a compensator."""
+"""The simulated Modbus PLC that hosts plants, their controllers and a compensator.
 
+Importing this package makes ``link = "fmu"`` known to `fieldlink.links.open_link`.
+"""
+
+from fieldlink.links import register_link
 from fieldlink.plc.build import PlcError
 from fieldlink.plc.lockstep import LockstepLink
 from fieldlink.plc.modbus import PortError
@@ -8,3 +12,5 @@ from fieldlink.plc.truth import Truth
 from fieldlink.plc.virtual import VirtualPlc
 
 __all__ = ["LockstepLink", "PlcError", "PlcServer", "PortError", "Truth", "VirtualPlc", "serve"]
+
+register_link("fmu", LockstepLink)

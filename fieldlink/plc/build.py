@@ -16,9 +16,7 @@ from compensator import (
 from fieldlink.errors import FieldlinkError
 from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.program import LoopProgram, ReplayedLoop
-from fieldlink.site.models import Loop, PlantSettings
-from fieldlink.site.recording import read_recording
-from fieldlink.site.resolved import Site
+from fieldlink.site import Loop, PlantSettings, Site, read_recording
 from fmu_models import CatalogueModel, PlantError, catalogue, open_plant
 from loop_model import ProcessModel
 

@@ -11,9 +11,14 @@ from fieldlink.plc.program import Commands, LoopFailedError, LoopProgram
 from fieldlink.plc.setpoint import SetpointProfile
 from fieldlink.plc.truth import CycleRecord, TruthLog
 from fieldlink.registers import ReaderState
-from fieldlink.site.models import Loop
+from fieldlink.site import Loop
 
-__all__ = ["HostedLoop"]
+__all__ = ["HostedLoop", "exact_period"]
+
+
+def exact_period(loop: Loop) -> Fraction:
+    """Return a loop's period in seconds as written, to the microsecond, without rounding."""
+    return Fraction(loop.period).limit_denominator(1_000_000)
 
 
 class HostedLoop:
@@ -40,7 +45,7 @@ class HostedLoop:
         exchange: ExchangePort | None,
     ) -> None:
         self.name = name
-        self.period = Fraction(loop.period).limit_denominator(1_000_000)
+        self.period = exact_period(loop)
         self.exchange = exchange
         self.block: ReaderState | None = None
         self.failure: str | None = None

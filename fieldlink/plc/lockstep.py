@@ -14,9 +14,9 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.errors import ExceptionReplyError, LinkUnreachableError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.plc.image import RequestRefusedError
-from fieldlink.plc.virtual import VirtualPlc
+from fieldlink.plc.virtual import VirtualPlc, scan_period
 from fieldlink.registers import Table
-from fieldlink.site.resolved import Site
+from fieldlink.site import Site
 
 __all__ = ["LockstepLink"]
 
@@ -27,13 +27,14 @@ class LockstepLink:
     Args:
         site: the site.
         device: the device's name; its loops need a plant.
-        clock: stamps the readings; the caller moves it.
+        clock: stamps the readings; the caller moves it by ``scan_period`` (plant seconds) a scan.
     """
 
     def __init__(self, site: Site, device: str, clock: Clock) -> None:
         self._site = site
         self._device = device
         self._plc: VirtualPlc | None = None
+        self.scan_period = float(scan_period(site, device))
         self._reader = PlanReader(site.requests(device), self._read, clock)
         self.requests = 0
 
@@ -52,11 +53,6 @@ class LockstepLink:
     def state(self) -> LinkState:
         """How the device answers."""
         return LinkState.CLOSED if self._plc is None else self._reader.state
-
-    @property
-    def scan_period(self) -> float:
-        """Plant seconds from one scan to the next."""
-        return self.plc.scan_period
 
     async def open(self) -> None:
         """Start the plants."""

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.plc.truth import CycleRecord
-from fieldlink.site.recording import Recording
+from fieldlink.site import Recording
 from loop_model import LoopModel
 
 __all__ = ["Commands", "LoopFailedError", "LoopProgram", "ReplayedLoop"]

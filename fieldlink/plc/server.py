@@ -26,7 +26,7 @@ from pymodbus.server import ModbusTcpServer
 from fieldlink.plc.build import PlcError
 from fieldlink.plc.modbus import listen, modbus_device, other_units
 from fieldlink.plc.virtual import VirtualPlc
-from fieldlink.site.resolved import Site
+from fieldlink.site import Site
 
 __all__ = ["PlcServer", "ServedUnit", "serve"]
 

@@ -19,15 +19,14 @@ from types import TracebackType
 from typing import Self
 
 from fieldlink.plc.build import PlcError, build_program
-from fieldlink.plc.hosted import HostedLoop
+from fieldlink.plc.hosted import HostedLoop, exact_period
 from fieldlink.plc.image import RegisterImage
 from fieldlink.plc.ports import ExchangePort, TagPort
 from fieldlink.plc.truth import Truth
 from fieldlink.registers import BlockLimits, BlockReader, ReaderState
-from fieldlink.site.models import Device, Loop
-from fieldlink.site.resolved import Site
+from fieldlink.site import Device, Loop, Site
 
-__all__ = ["VirtualPlc"]
+__all__ = ["VirtualPlc", "scan_period"]
 
 HEARTBEAT_TIMEOUT = 10.0
 
@@ -71,7 +70,7 @@ class VirtualPlc:
                 f"device {device}: none of its loops has a plant; add a table [loops.NAME.plant] "
                 "with an fmu or a recording"
             )
-        self._period = _common([hosted.period for hosted in self._loops.values()])
+        self._period = scan_period(site, device)
 
     @property
     def loops(self) -> tuple[str, ...]:
@@ -153,7 +152,10 @@ class VirtualPlc:
         return ExchangePort(self.image, writeback.exchange, reader)
 
 
-def _common(periods: list[Fraction]) -> Fraction:
-    """The longest period that every one of ``periods`` is a multiple of."""
+def scan_period(site: Site, device: str) -> Fraction:
+    """Return the plant seconds of a scan: the longest that every simulated loop's period is a
+    multiple of."""
+    loops = site.loops_of(device).values()
+    periods = [exact_period(loop) for loop in loops if loop.plant is not None]
     denominator = math.lcm(*(period.denominator for period in periods))
     return Fraction(math.gcd(*(int(period * denominator) for period in periods)), denominator)
