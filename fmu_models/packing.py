@@ -27,6 +27,7 @@ __all__ = [
     "FMI_VERSIONS",
     "SOURCES",
     "build",
+    "build_source",
     "is_current",
     "model_names",
     "target_file",
@@ -35,14 +36,6 @@ __all__ = [
 SOURCES = Path(__file__).with_name("sources")
 BINARIES = Path(__file__).with_name("binaries")
 
-_FMI_HEADERS = (
-    "fmi2Functions.h",
-    "fmi2FunctionTypes.h",
-    "fmi2TypesPlatform.h",
-    "fmi3Functions.h",
-    "fmi3FunctionTypes.h",
-    "fmi3PlatformTypes.h",
-)
 FMI_VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same bytes from the same sources
 
@@ -70,44 +63,66 @@ def is_current(file: Path, name: str, version: FmiVersion) -> bool:
     except (zipfile.BadZipFile, KeyError, ET.ParseError):
         return False
     token = root.get("guid" if version == 2 else "instantiationToken")
-    return token == _token(name) and any(n.startswith(f"binaries/{folder}/") for n in names)
+    return token == _token(SOURCES / f"{name}.c") and any(
+        n.startswith(f"binaries/{folder}/") for n in names
+    )
 
 
 def build(
     name: str, *, platforms: tuple[Platform, ...] | None = None, output: Path = BINARIES
 ) -> tuple[Path, ...]:
-    """Build the FMUs of one model, FMI 2 and FMI 3, and return their paths.
-
-    A file appears under its name only when it is complete, so two builds at once do no harm.
-    Where FMI 2 has no folder for any of the platforms, only FMI 3 is built.
-
-    Raises:
-        PlantBuildError: unknown model, no compiler, or ``output`` cannot be written.
-    """
+    """Build the FMUs of a model that has its source here; see `build_source`."""
     if name not in model_names():
         raise PlantBuildError(f"there is no model {name!r}; there are: {', '.join(model_names())}")
+    return build_source(SOURCES / f"{name}.c", platforms=platforms, output=output)
+
+
+def build_source(
+    source: Path, *, platforms: tuple[Platform, ...] | None = None, output: Path
+) -> tuple[Path, ...]:
+    """Build the FMUs of a model's C file, FMI 2 and FMI 3, into ``output``; return their paths.
+
+    The file may include its neighbours and our headers. An FMU appears under its name only when it
+    is complete, so two builds at once do no harm. Where FMI 2 has no folder for any of the
+    platforms, only FMI 3 is built.
+
+    Args:
+        source: a model in the form of ``plant.h``, called as its MODEL_IDENTIFIER says.
+        platforms: None means this machine's.
+        output: folder of the ``.fmu`` files; it is made.
+
+    Raises:
+        PlantBuildError: no such file, not in that form, no compiler, compiler's complaints, or
+            ``output`` cannot be written.
+    """
+    if not source.is_file():
+        raise PlantBuildError(f"{source}: there is no such C file")
     chosen = platforms or (host_platform(),)
-    model = read_model(SOURCES / f"{name}.c")
-    token = _token(name)
+    model = read_model(source)
+    if model.name != source.stem:
+        raise PlantBuildError(f"{source}: MODEL_IDENTIFIER is {model.name}; call the file like it")
     try:
         output.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".build-", dir=output) as folder:
-            return _build_in(Path(folder), model, token, chosen, output)
+            return _build_in(Path(folder), model, chosen, output)
     except OSError as error:
         raise PlantBuildError(
-            f"cannot write the FMU of {name} below {output}: {error}; build into a folder of your "
-            "own: python -m fmu_models.build --output FOLDER"
+            f"cannot write the FMU of {model.name} below {output}: {error}; build into a folder of "
+            "your own: python -m fmu_models.build --output FOLDER"
         ) from error
 
 
 def _build_in(
-    work: Path, model: ModelSource, token: str, platforms: tuple[Platform, ...], output: Path
+    work: Path, model: ModelSource, platforms: tuple[Platform, ...], output: Path
 ) -> tuple[Path, ...]:
+    token = _token(model.file)
     (work / "token.h").write_text(f'#define FMU_TOKEN "{token}"\n', encoding="ascii")
     libraries: dict[Platform, Path] = {}
     for platform in platforms:
         library = work / f"{platform.fmi3}{platform.suffix}"
-        compile_library(model.file, (work, SOURCES, _header_folder()), library, platform)
+        compile_library(
+            model.file, (model.file.parent, work, SOURCES, _header_folder()), library, platform
+        )
         libraries[platform] = library
     built = []
     for version in FMI_VERSIONS:
@@ -133,7 +148,7 @@ def _pack(
         folder = platform.folder(version)
         if folder is not None:
             entries[f"binaries/{folder}/{model.name}{platform.suffix}"] = library.read_bytes()
-    for source in _inputs(model.name):
+    for source in _inputs(model.file):
         entries[f"sources/{source.name}"] = source.read_bytes()
     entries["sources/token.h"] = f'#define FMU_TOKEN "{token}"\n'.encode()
     if version == 3:
@@ -162,29 +177,26 @@ def _header_folder() -> Path:
 
 
 @functools.cache
-def _inputs(name: str) -> tuple[Path, ...]:
+def _inputs(source: Path) -> tuple[Path, ...]:
     """Return the files that the FMU of a model is compiled from: those its includes lead to."""
-    pending = [SOURCES / f"{name}.c"]
-    found: list[Path] = []
+    folders = (source.parent, SOURCES, _header_folder())
+    pending = [source]
+    found: set[Path] = set()
     while pending:
-        file = pending.pop(0)
-        if file in found:
-            continue
-        found.append(file)
+        file = pending.pop()
+        found.add(file)
         for include in re.findall(r'^\s*#include "([^"]+)"', file.read_text("utf-8"), re.MULTILINE):
-            if include == "token.h":
-                continue
-            own = SOURCES / include
-            pending.append(own if own.is_file() else _header_folder() / include)
-    headers = {_header_folder() / header for header in _FMI_HEADERS}
-    return tuple(sorted({*found, *headers}))
+            header = next((f / include for f in folders if (f / include).is_file()), None)
+            if header is not None and header not in found:
+                pending.append(header)
+    return tuple(sorted(found))
 
 
 @functools.cache
-def _token(name: str) -> str:
-    """Return the digest of all of ours that the FMU of a model is made from."""
+def _token(source: Path) -> str:
+    """Return the digest of everything but the FMI headers that the FMU of a model is made from."""
     digest = hashlib.sha256()
-    own = [file for file in _inputs(name) if file.parent == SOURCES]
+    own = [file for file in _inputs(source) if file.parent != _header_folder()]
     for file in (*own, Path(__file__).with_name("describe.py")):
         digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     h = digest.hexdigest()
