@@ -1,8 +1,8 @@
 """Which slot a sample belongs to: by the clock, or by the controller's own cycle counter.
 
 With a counter every cycle of the controller has its number, so polling about twice a period finds
-each of them exactly once, whatever the jitter: the same number again is a duplicate, a larger step is
-a gap of known length. Without one, a sample belongs to the beat in which it was read.
+each of them exactly once, whatever the jitter: the same number again is a duplicate, a larger step
+is a gap of known length. Without one, a sample belongs to the beat in which it was read.
 """
 
 from __future__ import annotations

@@ -1,0 +1,167 @@
+"""One loop from scans to windows: every sample is placed, counted and handed on.
+
+Nothing here waits or knows the time of day, so the live daemon and the lockstep run share it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from fieldlink.daemon.estimating import EstimateRequest
+from fieldlink.daemon.placing import BeatPlacer, CounterPlacer, Place, Placer
+from fieldlink.daemon.window import LoopSample, Window
+from fieldlink.links import Quality, Reading, Scan
+from fieldlink.registers import Tag
+from fieldlink.site import Loop, Site
+from fieldlink.store import SampleRecord
+
+__all__ = ["LoopCounts", "LoopPipeline"]
+
+_NOT_THERE = frozenset({Quality.NOT_READ, Quality.QUARANTINED, Quality.UNKNOWN_TAG})
+
+
+@dataclass(frozen=True, slots=True)
+class LoopCounts:
+    """What became of a loop's samples; ``expected = read + bad + missed``.
+
+    Attributes:
+        expected: slots from the first to the last sample.
+        read: slots filled with good OP and PV.
+        bad: slots filled with a value of bad quality.
+        missed: slots left empty.
+        duplicates: readings of a sample that was there already.
+        restarts: times the controller's cycle counter began anew.
+    """
+
+    expected: int = 0
+    read: int = 0
+    bad: int = 0
+    missed: int = 0
+    duplicates: int = 0
+    restarts: int = 0
+
+
+class LoopPipeline:
+    """The samples of one loop.
+
+    Args:
+        name: the loop's name.
+        loop: its settings.
+        counter: the tag of its cycle counter, None when it has none.
+    """
+
+    def __init__(self, name: str, loop: Loop, counter: Tag | None) -> None:
+        self.name = name
+        self.loop = loop
+        self._placer = _placer(loop, counter)
+        self._window = Window(
+            loop.window, has_sp=loop.sp is not None, has_auto=loop.mode is not None
+        )
+        self._every = max(1, round(loop.estimate_period / loop.period))
+        self._estimated_at: int | None = None
+        self.counts = LoopCounts()
+        self.latest: SampleRecord | None = None
+
+    @classmethod
+    def of_site(cls, site: Site, name: str) -> LoopPipeline:
+        """Build the pipeline of a loop of the site file."""
+        loop = site.loops[name]
+        counter = None if loop.scan is None else site.maps.get(loop.device, {}).get(loop.scan)
+        return cls(name, loop, counter)
+
+    @property
+    def filled(self) -> float:
+        """How much of the window is there, 0 to 1."""
+        return self._window.span / self._window.size
+
+    @property
+    def samples_until_estimate(self) -> int:
+        """Samples to come before the next estimate is due; 0 when it is.
+
+        The first is due when the window is full, the next ``estimate_every`` later.
+        """
+        missing = self._window.size - self._window.span
+        if self._estimated_at is not None:
+            missing = max(missing, self._estimated_at + self._every - self._window.last_slot)
+        return max(0, missing)
+
+    def take(self, scan: Scan, now: float) -> SampleRecord | None:
+        """Put the loop's part of a scan into the window.
+
+        Args:
+            scan: all tags of the loop's device.
+            now: plant seconds at which the scan was due.
+
+        Returns:
+            What to store; None when the scan has nothing new of this loop.
+        """
+        op, pv = scan[self.loop.op], scan[self.loop.pv]
+        if op.quality in _NOT_THERE or pv.quality in _NOT_THERE:
+            return None
+        counter = 0.0
+        if self.loop.scan is not None:
+            reading = scan[self.loop.scan]
+            if not reading.good:
+                return None
+            counter = reading.value
+        placed = self._placer.place(now, counter)
+        if placed.place is Place.DUPLICATE:
+            self.counts = replace(self.counts, duplicates=self.counts.duplicates + 1)
+            return None
+        sample = self._sample(scan, op, pv)
+        skipped = self._window.put(placed.slot, sample)
+        good = sample.quality == 0
+        counts = self.counts
+        self.counts = replace(
+            counts,
+            expected=counts.expected + skipped + 1,
+            read=counts.read + good,
+            bad=counts.bad + (not good),
+            missed=counts.missed + skipped,
+            restarts=counts.restarts + (placed.place is Place.RESTARTED),
+        )
+        self.latest = self._record(placed.slot, sample)
+        return self.latest
+
+    def request(self) -> EstimateRequest:
+        """Return the window as a request to the estimator; the next one is due later."""
+        self._estimated_at = self._window.last_slot
+        settings = self.loop.estimator
+        return EstimateRequest(
+            self.name,
+            self._window.data(),
+            self.loop.period,
+            settings.criterion,
+            settings.confidence,
+        )
+
+    def _sample(self, scan: Scan, op: Reading, pv: Reading) -> LoopSample:
+        sp = math.nan if self.loop.sp is None else scan[self.loop.sp].value
+        auto = math.nan
+        if self.loop.mode is not None:
+            mode = scan[self.loop.mode]
+            auto = float(mode.value in self.loop.auto_values) if mode.good else math.nan
+        quality = max(op.quality.code, pv.quality.code)
+        return LoopSample(op.value, pv.value, sp, auto, pv.utc, quality)
+
+    def _record(self, slot: int, sample: LoopSample) -> SampleRecord:
+        return SampleRecord(
+            loop=self.name,
+            utc_ms=round(sample.utc * 1000.0),
+            slot=slot,
+            op=sample.op,
+            pv=sample.pv,
+            sp=None if self.loop.sp is None else sample.sp,
+            auto=None if math.isnan(sample.auto) else bool(sample.auto),
+            quality=sample.quality,
+        )
+
+
+def _placer(loop: Loop, counter: Tag | None) -> Placer:
+    if loop.scan is None:
+        return BeatPlacer(loop.period)
+    modulus = math.inf
+    if counter is not None and not counter.data_type.is_float:
+        modulus = abs(counter.scale) * 2.0 ** (16 * counter.data_type.registers)
+    return CounterPlacer(loop.period, modulus)

@@ -1,0 +1,202 @@
+"""The estimator in processes of its own: one that hangs or dies costs the daemon a counted failure.
+
+A worker that exceeds its time ends itself (a watchdog thread in C, which no computation can hold
+up) and leaves the place where it hung on stderr. A dead worker breaks its pool: a new pool takes
+over, and the windows that were only bystanders are judged again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import faulthandler
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import ParamSpec, TypeVar
+
+import structlog
+
+import estimator
+from fieldlink.daemon.estimating import (
+    Estimate,
+    EstimateOutcome,
+    EstimateRequest,
+    estimate,
+)
+
+__all__ = ["EstimatorPool", "PoolSettings"]
+
+_log = structlog.get_logger(__name__)
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class PoolSettings:
+    """How many workers and how patient to be.
+
+    Attributes:
+        workers: processes; one core is left to the daemon by default.
+        limit: seconds that one window may take in a worker.
+        grace: seconds beyond the limits of all windows ahead before a worker counts as lost.
+    """
+
+    workers: int = max(1, (os.cpu_count() or 2) - 1)
+    limit: float = 60.0
+    grace: float = 10.0
+
+
+class EstimatorPool:
+    """An `Estimator` over a process pool that is replaced when it breaks.
+
+    Args:
+        settings: size and patience.
+        work: what a worker does with a request; a function of a module, because it is pickled.
+        prepare: what a worker does first.
+    """
+
+    def __init__(
+        self,
+        settings: PoolSettings | None = None,
+        work: Callable[[EstimateRequest], Estimate] = estimate,
+        prepare: Callable[[], None] = estimator.warm_up,
+    ) -> None:
+        self._settings = settings or PoolSettings()
+        self._work = work
+        self._prepare = prepare
+        self._pool = self._new_pool()
+        self._in_flight = 0
+        self._second_attempts = asyncio.Lock()
+        self.rebuilt = 0
+
+    async def warm_up(self) -> None:
+        """Start the workers and let each load its kernels."""
+        begun = await asyncio.gather(
+            *(self._submit(_nothing) for _ in range(self._settings.workers)),
+            return_exceptions=True,
+        )
+        for error in begun:
+            if isinstance(error, BaseException):
+                _log.error("estimator.warm_up_failed", error=repr(error))
+
+    async def run(self, request: EstimateRequest) -> Estimate:
+        """Judge a window; a window whose worker dies is judged once more in a new pool."""
+        first = await self._attempt(request)
+        if first.outcome is not EstimateOutcome.WORKER_DIED:
+            return first
+        # One at a time: the window that killed the worker must not take a bystander along again.
+        async with self._second_attempts:
+            return await self._attempt(request)
+
+    async def _attempt(self, request: EstimateRequest) -> Estimate:
+        pool, limit = self._pool, self._settings.limit
+        self._in_flight += 1
+        turns = -(-self._in_flight // self._settings.workers)
+        bound = turns * limit + self._settings.grace
+        try:
+            return await asyncio.wait_for(
+                self._submit(_bounded, self._work, request, limit), timeout=bound
+            )
+        except TimeoutError:
+            # The worker's own watchdog did not fire: it is stopped or starved from outside.
+            self._replace(pool, kill=True)
+            return Estimate.failed(
+                request, EstimateOutcome.TIMED_OUT, f"no result within {bound:g} s"
+            )
+        except BrokenProcessPool:
+            self._replace(pool, kill=False)
+            return Estimate.failed(
+                request,
+                EstimateOutcome.WORKER_DIED,
+                f"the estimator's process ended, or needed more than {limit:g} s",
+            )
+        finally:
+            self._in_flight -= 1
+
+    async def close(self) -> None:
+        """End the workers; what they are doing is lost."""
+        _kill(self._pool)
+        await asyncio.to_thread(self._pool.shutdown, wait=True, cancel_futures=True)
+
+    def worker_ids(self) -> tuple[int, ...]:
+        """Return the process ids of the workers that run now."""
+        return tuple(_processes(self._pool))
+
+    async def _submit(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(
+            self._settings.workers,
+            mp_context=_context(),
+            initializer=_begin,
+            initargs=(self._prepare,),
+        )
+
+    def _replace(self, broken: ProcessPoolExecutor, *, kill: bool) -> None:
+        if broken is not self._pool:
+            return
+        self.rebuilt += 1
+        _log.warning("estimator.pool_rebuilt", times=self.rebuilt, killed=kill)
+        self._pool = self._new_pool()
+        if kill:
+            _kill(broken)
+        broken.shutdown(wait=False, cancel_futures=True)
+
+
+def _context() -> multiprocessing.context.BaseContext:
+    """Return how workers begin; never fork: a lock that a thread holds would stay locked in them.
+
+    The fork server has loaded the estimator once, so that a new worker is there in milliseconds.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([estimate.__module__])
+    return context
+
+
+def _processes(pool: ProcessPoolExecutor) -> dict[int, multiprocessing.process.BaseProcess]:
+    # Public names for this (terminate_workers, kill_workers) come with Python 3.14.
+    return dict(getattr(pool, "_processes", None) or {})
+
+
+def _kill(pool: ProcessPoolExecutor) -> None:
+    for process in _processes(pool).values():
+        process.kill()
+
+
+def _begin(prepare: Callable[[], None]) -> None:
+    """First thing in a worker: the daemon alone decides when it ends; then the kernels."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    threading.Thread(target=_die_with_parent, name="parent", daemon=True).start()
+    prepare()
+
+
+def _die_with_parent() -> None:
+    """A worker whose daemon was killed would otherwise wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _bounded(
+    work: Callable[[EstimateRequest], Estimate], request: EstimateRequest, limit: float
+) -> Estimate:
+    faulthandler.dump_traceback_later(limit, exit=True)
+    try:
+        return work(request)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+def _nothing() -> None:
+    """Work for a worker that is only to be started."""
