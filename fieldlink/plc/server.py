@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -23,6 +22,7 @@ from typing import Self
 import structlog
 from pymodbus.server import ModbusTcpServer
 
+from fieldlink.links import Clock, SystemClock
 from fieldlink.plc.build import PlcError
 from fieldlink.plc.modbus import listen, modbus_device, other_units
 from fieldlink.plc.virtual import VirtualPlc
@@ -60,14 +60,21 @@ class PlcServer:
         units: unit id to PLC; the server closes them.
         host: address to bind.
         port: 0 picks a free one, see `port` after the start.
+        clock: paces the scans.
     """
 
     def __init__(
-        self, units: Mapping[int, VirtualPlc], *, host: str = LOOPBACK, port: int = 0
+        self,
+        units: Mapping[int, VirtualPlc],
+        *,
+        host: str = LOOPBACK,
+        port: int = 0,
+        clock: Clock | None = None,
     ) -> None:
         self.units = tuple(ServedUnit(plc, unit) for unit, plc in units.items())
         self.host = host
         self.port = port
+        self._clock: Clock = clock or SystemClock()
         self._server: ModbusTcpServer | None = None
 
     async def start(self) -> None:
@@ -123,17 +130,17 @@ class PlcServer:
     async def _pace(self, served: ServedUnit) -> None:
         plc = served.plc
         interval = plc.scan_period / plc.speed
-        deadline = time.monotonic() + interval
+        deadline = self._clock.monotonic() + interval
         known: set[str] = set()
         while True:
-            # At least one turn for the network between two scans, however late they are.
-            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
+            # Also when it is late already: the network has a turn between two scans.
+            await self._clock.sleep_until(deadline)
             plc.scan()
             for loop in plc.failures.keys() - known:
                 known.add(loop)
                 _log.error("loop stands still", device=plc.device, why=plc.failures[loop])
             deadline += interval
-            lag = time.monotonic() - deadline
+            lag = self._clock.monotonic() - deadline
             if lag > 0.0:
                 served.late += 1
             if lag > CATCH_UP:
@@ -197,8 +204,8 @@ def _endpoints(site: Site, port: int | None) -> dict[tuple[str, int], list[str]]
             endpoints.setdefault((device.host, device.port), []).append(name)
     if not endpoints:
         raise PlcError(
-            f'site {site.name}: no device with link = "modbus-tcp" has a loop with a plant; add a '
-            "table [loops.NAME.plant] with an fmu or a recording"
+            f"site {site.name}: no modbus-tcp device has a loop with a plant; "
+            "add a table [loops.NAME.plant] with an fmu or a recording"
         )
     if port is not None and len(endpoints) > 1:
         listed = ", ".join(f"{host}:{number}" for host, number in endpoints)
