@@ -36,10 +36,14 @@ class Problem:
 
 
 class _ProblemsError(FieldlinkError):
-    """Carries the problems, whose texts make the message, one a line."""
+    """Carries the problems, file by file and line by line; their texts make the message."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
-        self.problems = tuple(problems)
+        found = tuple(problems)
+        files = list(dict.fromkeys(problem.file for problem in found))
+        self.problems = tuple(
+            sorted(found, key=lambda problem: (files.index(problem.file), problem.line or 0))
+        )
         super().__init__("\n".join(map(str, self.problems)))
 
 

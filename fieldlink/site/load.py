@@ -78,8 +78,9 @@ def _problem(source: TomlSource, detail: ErrorDetails) -> Problem:
     if kind == "extra_forbidden":
         return source.problem(key, "unknown key", nearest(str(key[-1]), model.model_fields))
     if kind == "missing":
-        what = f": {_describe(field)}" if field is not None else ""
-        return source.problem(key, "is missing", f"add it{what}")
+        return source.problem(key, "is missing", f"add it{_meaning(field)}")
+    if kind == "too_short":
+        return source.problem(key, "is empty", f"give at least one{_meaning(field)}")
     if kind == "value_error":
         message, _, remedy = detail["msg"].removeprefix("Value error, ").partition("; ")
         return source.problem(key, message, remedy)
@@ -87,8 +88,7 @@ def _problem(source: TomlSource, detail: ErrorDetails) -> Problem:
         return source.problem(key, f"{value!r} is unknown", nearest(str(value), _choices(field)))
     shown = repr(value) if not isinstance(value, dict | list) else f"a {type(value).__name__}"
     message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
-    remedy = f"give {_describe(field)}" if field is not None else "correct the value"
-    return source.problem(key, message, remedy)
+    return source.problem(key, message, f"correct it{_meaning(field)}")
 
 
 def _find_field(key: tuple[str | int, ...]) -> tuple[type[BaseModel], FieldInfo | None]:
@@ -125,6 +125,8 @@ def _choices(field: FieldInfo) -> list[str]:
     return [name for literal in literals for name in get_args(literal)]
 
 
-def _describe(field: FieldInfo) -> str:
-    text = (field.description or "another value").rstrip(".")
-    return text[0].lower() + text[1:]
+def _meaning(field: FieldInfo | None) -> str:
+    """Return what the key means, in brackets."""
+    if field is None or field.description is None:
+        return ""
+    return f" ({field.description.rstrip('.')})"

@@ -169,7 +169,12 @@ class _Columns:
         line = self._file.header_line
         if len(matches) > 1:
             shown = ", ".join(header[number] for number in matches)
-            self.report(wanted, f"several columns match: {shown}", f"name one with --{role}", line)
+            self.report(
+                wanted,
+                f"several columns match: {shown}",
+                "give the one that is meant by its exact name",
+                line,
+            )
         elif not matches and all(map(_is_number, header)):
             if role == "op":
                 self.report("", "the first row holds numbers, no names", "add a row op,pv", line)
@@ -178,7 +183,7 @@ class _Columns:
         elif not matches and (name is not None or role in ("op", "pv")):
             remedy = nearest(wanted, header)
             if name is None:
-                remedy += f" (say which with --{role} NAME)"
+                remedy += f", or say which column is {role}"
             self.report(wanted, "no column of that name", remedy, line)
         return matches[0] if len(matches) == 1 else None
 

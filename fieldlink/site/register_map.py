@@ -122,9 +122,7 @@ class _RowReader:
         low, high = self._number("low", None), self._number("high", None)
         writable = self._choice("writable", _BOOLEANS, False)
         if scale == 0.0:
-            self.report(
-                "scale", "a scale of 0 loses the value", "give the engineering units per count"
-            )
+            self.report("scale", "a scale of 0 loses the value", "give engineering units per count")
         if low is not None and high is not None and low >= high:
             self.report(
                 "low", f"low = {low:g} is not below high = {high:g}", "exchange or correct them"
@@ -229,4 +227,5 @@ def _neighbours(ordered: list[Tag], share: Callable[[Tag, Tag], bool]) -> list[t
 
 
 def _span(tag: Tag) -> str:
-    return f"{tag.data_type} at {tag.table} {tag.address} to {tag.end - 1}"
+    span = str(tag.address) if tag.count == 1 else f"{tag.address} to {tag.end - 1}"
+    return f"{tag.data_type} at {tag.table} {span}"

@@ -107,14 +107,14 @@ def _plant_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterat
         try:
             read_recording(site.resolve(plant.recording), period=loop.period)
         except RecordingError as error:
-            for problem in error.problems:
-                yield source.problem(key, f"{plant.recording} cannot be replayed", "see below")
-                yield problem
+            remedy = "see what is wrong with it below"
+            yield source.problem(key, f"{plant.recording} cannot be replayed", remedy)
+            yield from error.problems
     if plant.compensate and loop.writeback.exchange is None:
         yield source.problem(
             ("loops", name, "plant", "compensate"),
             "there is no exchange area through which a block could come",
-            "give [loops.NAME.writeback] a base and a loop_id",
+            f"give [loops.{name}.writeback] a base and a loop_id",
         )
 
 

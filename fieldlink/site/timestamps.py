@@ -123,22 +123,22 @@ def _unwrap(times: list[float]) -> Floats:
 
 
 def _dates(cells: Sequence[str], filled: list[int]) -> Floats:
-    """Day and month are taken in the order in which the dates increase; ISO 8601 is tried first."""
+    """ISO 8601 is tried first; of day first and month first the reading of the shorter span counts.
+
+    The wrong one of the two makes months of days or jumps back.
+    """
     column = pd.Series([cells[index] for index in filled])
-    readings = []
-    for options in (
-        {"format": "ISO8601"},
-        {"format": "mixed"},
-        {"format": "mixed", "dayfirst": True},
-    ):
-        stamps = pd.to_datetime(column, utc=True, errors="coerce", **options)
-        readings.append(stamps)
-        if stamps.notna().all() and stamps.is_monotonic_increasing:
-            return _seconds(stamps)
-    complete = [stamps for stamps in readings if stamps.notna().all()]
+    iso = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
+    if iso.notna().all():
+        return _seconds(iso)
+    readings = [
+        pd.to_datetime(column, utc=True, errors="coerce", format="mixed", dayfirst=day_first)
+        for day_first in (False, True)
+    ]
+    complete = [_seconds(stamps) for stamps in readings if stamps.notna().all()]
     if complete:
-        return _seconds(complete[0])
-    best = max(readings, key=lambda stamps: int(stamps.notna().sum()))
+        return min(complete, key=np.ptp)
+    best = max((iso, *readings), key=lambda stamps: int(stamps.notna().sum()))
     wrong = filled[int(np.flatnonzero(best.isna().to_numpy())[0])]
     raise NoClockError(f"{cells[wrong]!r} is no date and time", wrong)
 
