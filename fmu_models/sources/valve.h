@@ -27,8 +27,8 @@ static inline const char *valve_check(double stick_band, double slip_jump) {
                : "slip_jump must not exceed stick_band (S = fS + fD, J = fS - fD, fD >= 0)";
 }
 
-/* Let the stem rest at `op`, as if it had last moved upwards: it slips at OP = stem +- (S + J) / 2,
- * where He's valve slips too. */
+/* Let the stem rest at `op`, as if it had moved upwards and OP had then turned back: He's and Kano's
+ * valve slip at OP = stem +- (S + J) / 2, Choudhury's upwards at S + (S - J) / 2. */
 static inline void valve_rest(valve_state *valve, double stick_band, double slip_jump, double op) {
     valve->stem = op;
     valve->op = op;
