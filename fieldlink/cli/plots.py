@@ -65,10 +65,8 @@ def identification_figure(
     lower.plot(t, recording.pv, color=PV, lw=1.0, label="PV (recorded)")
     if recording.sp is not None:
         lower.plot(t, recording.sp, color=MARK, lw=0.9, ls="--", label="SP")
-    if result.stem is not None:
-        upper.plot(t, result.stem, color=STEM, lw=1.2, label="stem (estimated)")
-    if result.pv_model is not None:
-        lower.plot(t, result.pv_model, color=MODEL, lw=1.0, label="PV (model)")
+    upper.plot(t, result.stem, color=STEM, lw=1.2, label="stem (estimated)")
+    lower.plot(t, result.pv_model, color=MODEL, lw=1.0, label="PV (model)")
     upper.set_ylabel("OP")
     lower.set(xlabel="time / s", ylabel="PV")
     for axes in (upper, lower):
@@ -82,8 +80,8 @@ def identification_figure(
 
 def _phase(axes: Axes, recording: Recording, result: Identification) -> None:
     axes.plot(recording.op, recording.pv, color=OP, lw=0.6, label="over OP")
-    if result.stem is not None:
-        axes.plot(result.stem, recording.pv, color=STEM, lw=0.0, marker=".", ms=2.0, label="over stem")
+    dots = {"lw": 0.0, "marker": ".", "ms": 2.0}
+    axes.plot(result.stem, recording.pv, color=STEM, label="over the stem", **dots)
     axes.set(xlabel="OP, stem", ylabel="PV", title="PV over OP and over the estimated stem")
     axes.legend(fontsize="small")
 
@@ -102,6 +100,6 @@ def _surface(axes: Axes, result: Identification) -> None:
     assert figure is not None
     figure.colorbar(mesh, ax=axes, label="log10 of the cost")
     S, J = result.stick_band, result.slip_jump
-    if S.value is not None and J.value is not None:
-        errors = ([[S.value - S.low], [S.high - S.value]], [[J.value - J.low], [J.high - J.value]])
-        axes.errorbar(S.value, J.value, xerr=errors[0], yerr=errors[1], color="white", marker="o", ms=4)
+    if np.isfinite([S.value, J.value]).all():
+        across, up = ([[x.value - x.low], [x.high - x.value]] for x in (S, J))
+        axes.errorbar(S.value, J.value, xerr=across, yerr=up, color="white", marker="o", ms=4)

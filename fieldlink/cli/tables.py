@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -20,15 +21,15 @@ _WORDS = {
 }
 
 
-def number(value: float | None, digits: int = 4) -> str:
-    """Return a number for a person, an en dash where there is none."""
-    return "–" if value is None else f"{value:.{digits}g}"
+def number(value: float, digits: int = 4) -> str:
+    """Return a number for a person, a dash where there is none."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else "-"
 
 
 def interval_text(interval: Interval) -> str:
     """Return ``value  [low, high]``."""
-    if interval.value is None:
-        return "–"
+    if math.isnan(interval.value):
+        return "-"
     return f"{number(interval.value)}  [{number(interval.low)}, {number(interval.high)}]"
 
 
@@ -50,11 +51,11 @@ def identification_table(result: Identification) -> Table:
     table.add_row("static friction fS", interval_text(result.static_friction))
     table.add_row("dynamic friction fD", interval_text(result.dynamic_friction))
     process = result.process
-    if process is not None:
-        parameters = ", ".join(f"{k} {number(v)}" for k, v in process.parameters.items())
-        table.add_row("process", f"{process.structure}: {parameters}")
-        table.add_row("gain", number(process.gain))
-        table.add_row("dead time", f"{process.dead_time_samples} samples")
-    table.add_row("fit R²", f"{number(result.fit.r2)}, healthy valve {number(result.fit.r2_healthy_valve)}")
+    parameters = ", ".join(f"{name} {number(v)}" for name, v in process.parameters.items())
+    table.add_row("process", f"{process.structure}: {parameters}")
+    table.add_row("gain", interval_text(process.gain_interval))
+    table.add_row("dead time", f"{process.dead_time_samples} samples")
+    fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
+    table.add_row("share of PV explained", fit)
     table.add_row("criterion", result.criterion)
     return table

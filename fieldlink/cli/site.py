@@ -1,0 +1,95 @@
+"""``fieldlink check`` and ``fieldlink schema``: what a site file means, and what it may hold."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fieldlink.site import CheckReport
+    from fieldlink.site.report import DeviceReport, LoopReport
+
+__all__ = ["SiteFile", "check", "schema"]
+
+SiteFile = Annotated[Path, typer.Argument(help="The site file (TOML).", metavar="SITE")]
+
+
+def check(
+    site: SiteFile,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
+) -> None:
+    """Print what a site file means and which requests a scan takes; nothing is contacted."""
+    from rich.console import Console
+
+    from fieldlink.site import check as report_on
+    from fieldlink.site import load_site
+
+    report = report_on(load_site(site))
+    if as_json:
+        typer.echo(json.dumps(report.to_dict()))
+        return
+    _print(Console(soft_wrap=True, highlight=False), report)
+
+
+def schema() -> None:
+    """Print the JSON Schema of the site file, for an editor that completes and checks."""
+    from fieldlink.site import schema as json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+def _print(console: Console, report: CheckReport) -> None:
+    console.print(f"[bold]site {report.name}[/bold]  {report.file}")
+    console.print(f"  data in {report.data_dir}; historian {report.historian}")
+    for device in report.devices:
+        _print_device(console, device)
+    for loop in report.loops:
+        _print_loop(console, loop)
+    for warning in report.warnings:
+        console.print(f"[yellow]warning[/yellow] {warning}")
+    devices, loops = len(report.devices), len(report.loops)
+    console.print(
+        f"[green]ok[/green] {devices} device{'s' * (devices != 1)}, {loops} loop{'s' * (loops != 1)}, "
+        f"{report.requests_per_scan} requests per scan, {len(report.warnings)} warnings"
+    )
+
+
+def _print_device(console: Console, device: DeviceReport) -> None:
+    where = f" {device.address}" if device.address else ""
+    console.print(f"\n[bold]device {device.name}[/bold]  {device.link}{where}")
+    console.print(f"  {device.tags} tags, byte order {device.order}, {len(device.requests)} requests per scan")
+    for request in device.requests:
+        console.print(
+            f"  FC{request.function} {request.table} {request.first}-{request.last}: "
+            f"{', '.join(request.tags)}"
+        )
+
+
+def _print_loop(console: Console, loop: LoopReport) -> None:
+    console.print(f"\n[bold]loop {loop.name}[/bold]  on {loop.device}")
+    console.print("  " + ", ".join(f"{role} {tag}" for role, tag in loop.tags.items()))
+    together = {
+        True: "OP and PV come from one request",
+        False: "OP and PV do NOT come from one request",
+        None: "no register map",
+    }[loop.op_pv_together]
+    console.print(
+        f"  every {loop.period:g} s, {together}; window {loop.window_seconds:g} s, "
+        f"estimated every {loop.estimate_every:g} s"
+    )
+    back = loop.writeback
+    if back is None:
+        console.print("  write-back: none")
+    else:
+        areas = ", ".join(
+            f"{name} {first}" + (f"-{last}" if last != first else "") for name, first, last in back.areas
+        )
+        state = "enabled" if back.enabled else "disabled"
+        console.print(f"  write-back: {state}, loop id {back.loop_id}; {areas}")
+    if loop.plant:
+        console.print(f"  simulated by: {loop.plant}")

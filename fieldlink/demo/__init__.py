@@ -1,0 +1,1 @@
+"""The whole chain in one command: a simulated PLC, the daemon, the compensator, and a report."""
