@@ -1,1 +1,27 @@
-"""Sampling, windows, the estimator pool, write-back, health."""
+"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks."""
+
+from fieldlink.daemon.estimating import Estimate, EstimateOutcome, Findings, Interval
+from fieldlink.daemon.lockstep import LockstepRun
+from fieldlink.daemon.logs import configure_logging
+from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.pool import PoolSettings
+from fieldlink.daemon.service import Daemon
+from fieldlink.daemon.signals import stop_on_signals
+from fieldlink.daemon.status import DaemonStatus, DeviceStatus, LoopStatus
+
+__all__ = [
+    "Attempt",
+    "Daemon",
+    "DaemonStatus",
+    "DeviceStatus",
+    "Estimate",
+    "EstimateOutcome",
+    "Findings",
+    "Interval",
+    "LockstepRun",
+    "LoopStatus",
+    "PoolSettings",
+    "WritebackOutcome",
+    "configure_logging",
+    "stop_on_signals",
+]

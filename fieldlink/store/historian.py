@@ -102,8 +102,14 @@ class Historian:
         )
         self._thread.start()
 
-    def put(self, record: Record) -> bool:
-        """Hand over a record; returns at once, False when there was no room for it."""
+    def put(self, record: Record, *, wait: bool = False) -> bool:
+        """Hand over a record; returns at once, False when there was no room for it.
+
+        With ``wait`` it waits for room instead, for runs that are faster than any disk.
+        """
+        if wait:
+            self._queue.put(record)
+            return True
         room = not (
             isinstance(record, SampleRecord) and self._queue.qsize() >= self._samples_stop_at
         )
