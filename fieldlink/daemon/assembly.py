@@ -1,0 +1,76 @@
+"""The parts of a running site, put together the same way for live and lockstep runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fieldlink.daemon.device import DeviceRunner
+from fieldlink.daemon.journal import Journal
+from fieldlink.daemon.status import DaemonStatus
+from fieldlink.links import Clock, open_link
+from fieldlink.site import Site
+from fieldlink.store import Record, StoreReport
+
+__all__ = ["Assembly"]
+
+
+class Assembly:
+    """One runner for every device that has a loop.
+
+    Args:
+        site: the site.
+        clock: stamps readings and records.
+        put: takes records for the store.
+        read_only: never write to any device.
+        live: whether the clock goes by itself.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        clock: Clock,
+        put: Callable[[Record], object],
+        *,
+        read_only: bool = False,
+        live: bool = True,
+    ) -> None:
+        self.journal = Journal(put, clock)
+        used = dict.fromkeys(loop.device for loop in site.loops.values())
+        self.runners = {
+            name: DeviceRunner(
+                site,
+                name,
+                open_link(site, name, clock),
+                self.journal,
+                read_only=read_only,
+                live=live,
+            )
+            for name in used
+        }
+
+    async def open(self) -> None:
+        """Open every link.
+
+        Raises:
+            FieldlinkError: a link cannot ever work; a device that is only absent is no error.
+        """
+        for runner in self.runners.values():
+            await runner.link.open()
+
+    async def close(self) -> None:
+        """Close every link."""
+        for runner in self.runners.values():
+            await runner.link.close()
+
+    def status(self, store: StoreReport, pool_rebuilt: int = 0) -> DaemonStatus:
+        """Return a snapshot."""
+        return DaemonStatus(
+            devices={name: runner.status() for name, runner in self.runners.items()},
+            loops={
+                loop: runner.loop_status(loop)
+                for runner in self.runners.values()
+                for loop in runner.pipelines
+            },
+            store=store,
+            pool_rebuilt=pool_rebuilt,
+        )

@@ -1,0 +1,106 @@
+"""From findings to a parameter block: what may be sent, and as what."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from fieldlink.daemon.estimating import Findings, Interval
+from fieldlink.registers import Bounded, ParameterBlock, Status, Verdict
+
+__all__ = ["Agreement", "Candidate"]
+
+_NONE = Bounded.exact(0.0)
+
+STATUS_OF_VERDICT = {
+    "stiction": Status.VALID,
+    "no_stiction": Status.NO_STICTION,
+    "not_assessable": Status.NOT_ASSESSABLE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Findings that wait to be written.
+
+    Attributes:
+        findings: what the estimator said.
+        end_utc: end of the window, seconds since 1970.
+        windows: windows in a row that agree with it, itself included.
+    """
+
+    findings: Findings
+    end_utc: float
+    windows: int
+
+    @property
+    def status(self) -> Status:
+        """What the block asks of its reader."""
+        return STATUS_OF_VERDICT[self.findings.verdict]
+
+    def block(self, loop_id: int, seq: int, valid_for: int) -> ParameterBlock:
+        """Return the block to send.
+
+        Raises:
+            BlockError: the findings cannot be expressed in a block.
+        """
+        found = self.findings
+        sticky = self.status is Status.VALID
+        model = found.model if sticky else None
+        return ParameterBlock(
+            loop_id=loop_id,
+            seq=seq,
+            status=self.status,
+            valid_for=valid_for,
+            window_end_ms=max(0, round(self.end_utc * 1000.0)),
+            static_friction=_bounded(found.static_friction) if sticky else _NONE,
+            dynamic_friction=_bounded(found.dynamic_friction) if sticky else _NONE,
+            stick_band=_bounded(found.stick_band) if sticky else _NONE,
+            slip_jump=_bounded(found.slip_jump) if sticky else _NONE,
+            confidence=found.confidence,
+            process=None if model is None else model.process,
+            verdict=Verdict.of(found.verdict),
+            windows=min(self.windows, 0xFFFF),
+            samples=found.samples,
+            fit=_finite(found.r2),
+            evidence=_finite(found.score),
+        )
+
+
+class Agreement:
+    """Counts how many windows in a row say the same.
+
+    Windows agree when their verdict is the same and, for a sticky valve, their intervals of the
+    stick band overlap.
+    """
+
+    def __init__(self) -> None:
+        self._last: Findings | None = None
+        self._count = 0
+
+    def count(self, findings: Findings) -> int:
+        """Return the windows in a row that agree with ``findings``, this one included."""
+        self._count = self._count + 1 if self._agrees(findings) else 1
+        self._last = findings
+        return self._count
+
+    def _agrees(self, findings: Findings) -> bool:
+        last = self._last
+        if last is None or last.verdict != findings.verdict:
+            return False
+        if findings.verdict != "stiction":
+            return True
+        a, b = _bounded(last.stick_band), _bounded(findings.stick_band)
+        return a.low <= b.high and b.low <= a.high
+
+
+def _bounded(interval: Interval) -> Bounded:
+    """Bounds that are unknown or on the wrong side (rounding) become the value; none is below 0."""
+    value = interval.value
+    low = min(interval.low, value) if math.isfinite(interval.low) else value
+    high = max(interval.high, value) if math.isfinite(interval.high) else value
+    return Bounded(value, max(0.0, low), high)
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else 0.0

@@ -1,0 +1,210 @@
+"""One device and its loops: scans go into windows, findings go back into registers.
+
+`poll`, `accept` and `service` are single steps that the live daemon and the lockstep run both call;
+when they are called is what differs between the two.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+from functools import partial
+
+from fieldlink.daemon.estimating import Estimate
+from fieldlink.daemon.exchange import Exchange
+from fieldlink.daemon.journal import Journal
+from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.pipeline import LoopPipeline
+from fieldlink.daemon.status import DeviceStatus, LoopStatus
+from fieldlink.daemon.writeback import WriteBack
+from fieldlink.errors import FieldlinkError
+from fieldlink.links import (
+    Link,
+    LinkError,
+    LinkState,
+    RecordingEndedError,
+    RegisterAccess,
+    Scan,
+)
+from fieldlink.site import Loop, Site
+
+__all__ = ["DeviceRunner", "poll_period"]
+
+
+class DeviceRunner:
+    """Runs one device.
+
+    Args:
+        site: the site.
+        name: the device's name.
+        link: its link.
+        journal: where everything is said.
+        read_only: never write to the device.
+        live: whether time goes on by itself while something is awaited.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        name: str,
+        link: Link,
+        journal: Journal,
+        *,
+        read_only: bool = False,
+        live: bool = True,
+    ) -> None:
+        self.name = name
+        self.link = link
+        self.speed = site.devices[name].speed if live else 1.0
+        self.pipelines = {loop: LoopPipeline.of_site(site, loop) for loop in site.loops_of(name)}
+        self.poll_period = poll_period([p.loop for p in self.pipelines.values()])
+        self.ended = False
+        self.late = 0
+        self._journal = journal
+        self._polls = self._requests = self._failures = 0
+        self._last_failure = ""
+        self._state = LinkState.CLOSED
+        self._now = 0.0
+        self._service_fails = False
+        self._estimates: dict[str, Estimate] = {}
+        self._estimate_counts = dict.fromkeys(self.pipelines, 0)
+        self._attempts: dict[str, Attempt] = {}
+        self._accepted: dict[str, Attempt] = {}
+        self._attempt_counts = dict.fromkeys(self.pipelines, 0)
+        self._writebacks = {
+            loop: self._writeback(site, loop, read_only=read_only, live=live)
+            for loop, pipeline in self.pipelines.items()
+            if pipeline.loop.writeback.enabled
+        }
+
+    async def poll(self, now: float) -> None:
+        """Scan once; ``now`` is the plant second at which that was due."""
+        scan = await self.link.scan()
+        self._now = now
+        self._polls += 1
+        self._requests += scan.requests
+        self._watch(scan)
+        for pipeline in self.pipelines.values():
+            record = pipeline.take(scan, now)
+            if record is not None:
+                self._journal.sample(record)
+
+    def accept(self, estimate: Estimate) -> None:
+        """Take over an estimate of one of the loops: say it, and hand it to the write-back."""
+        loop = estimate.loop
+        self._estimate_counts[loop] += 1
+        self._estimates[loop] = estimate
+        self._journal.estimate(estimate)
+        writeback = self._writebacks.get(loop)
+        if writeback is not None and estimate.findings is not None:
+            writeback.submit(estimate.findings, estimate.end_utc)
+
+    async def service(self, now: float) -> None:
+        """Let the loops' write-backs do what is due at plant second ``now``."""
+        for loop, writeback in self._writebacks.items():
+            try:
+                await writeback.service(now)
+            except LinkError as error:
+                self._note_service(loop, str(error))
+            else:
+                self._note_service(loop, "")
+
+    @property
+    def writes(self) -> bool:
+        """Whether any loop of the device has its write-back enabled."""
+        return bool(self._writebacks)
+
+    def status(self) -> DeviceStatus:
+        """Return a snapshot of the device."""
+        written = sum(writeback.requests for writeback in self._writebacks.values())
+        return DeviceStatus(
+            state=self._state,
+            polls=self._polls,
+            late=self.late,
+            requests=self._requests + written,
+            failures=self._failures,
+            last_failure=self._last_failure,
+            plant_time=self._now,
+        )
+
+    def loop_status(self, loop: str) -> LoopStatus:
+        """Return a snapshot of one of its loops."""
+        pipeline = self.pipelines[loop]
+        return LoopStatus(
+            device=self.name,
+            counts=pipeline.counts,
+            filled=pipeline.filled,
+            samples_until_estimate=pipeline.samples_until_estimate,
+            latest=pipeline.latest,
+            estimates=self._estimate_counts[loop],
+            last_estimate=self._estimates.get(loop),
+            attempts=self._attempt_counts[loop],
+            last_attempt=self._attempts.get(loop),
+            last_accepted=self._accepted.get(loop),
+        )
+
+    def _watch(self, scan: Scan) -> None:
+        self._failures += len(scan.failures)
+        if scan.failures:
+            self._last_failure = str(scan.failures[0])
+        if not self.ended and any(isinstance(f, RecordingEndedError) for f in scan.failures):
+            self.ended = True
+        before, self._state = self._state, self.link.state
+        if self._state is not before:
+            message = self._last_failure if scan.failures else self._state.advice
+            kind = f"device.{self._state.name.lower()}"
+            self._journal.event(
+                kind, self.name, message, bad=self._state is not LinkState.GOOD and not self.ended
+            )
+
+    def _note_service(self, loop: str, error: str) -> None:
+        if bool(error) is not self._service_fails:
+            self._service_fails = bool(error)
+            kind = "writeback.unreachable" if error else "writeback.reachable"
+            self._journal.event(
+                kind, loop, error or "the exchange area answers again", bad=bool(error)
+            )
+
+    def _note_attempt(self, loop: str, attempt: Attempt) -> None:
+        self._attempts[loop] = attempt
+        self._attempt_counts[loop] += 1
+        if attempt.outcome is WritebackOutcome.ACCEPTED:
+            self._accepted[loop] = attempt
+        self._journal.attempt(loop, attempt)
+
+    def _writeback(self, site: Site, loop: str, *, read_only: bool, live: bool) -> WriteBack:
+        settings = site.loops[loop].writeback
+        layout = settings.exchange
+        if layout is None or not isinstance(self.link, RegisterAccess):
+            raise FieldlinkError(
+                f"loops.{loop}.writeback: device {self.name!r} has no registers to write to; "
+                'set enabled = false, or use link = "modbus-tcp"'
+            )
+        period = site.loops[loop].period
+        pause: Callable[[], Awaitable[None]] = partial(
+            asyncio.sleep, period / self.speed if live else 0.0
+        )
+        return WriteBack(
+            settings,
+            Exchange(self.link, layout, site.devices[self.name].word_order),
+            period=period,
+            read_only=read_only,
+            pause=pause,
+            report=partial(self._note_attempt, loop),
+        )
+
+
+def poll_period(loops: list[Loop]) -> float:
+    """Return the plant seconds between two scans that serve every loop of a device.
+
+    A loop with a cycle counter is polled twice a period, so that no cycle is missed; the others
+    once. The result divides all of these where that costs at most four times the fastest loop's
+    polls.
+    """
+    if not loops:
+        return 1.0
+    wanted = [loop.period / 2.0 if loop.scan is not None else loop.period for loop in loops]
+    common = math.gcd(*(max(1, round(seconds * 1e6)) for seconds in wanted)) / 1e6
+    fastest = min(wanted)
+    return common if common >= 0.25 * fastest else 0.5 * fastest

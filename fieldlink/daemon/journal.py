@@ -1,0 +1,100 @@
+"""What happens is said once and kept: a log line for people, a record for the store.
+
+Events are for changes, not for states: a device that is silent for a day is two lines, not a line a
+second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import structlog
+
+from fieldlink.daemon.estimating import Estimate, EstimateOutcome
+from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.links import Clock
+from fieldlink.store import EventRecord, Record, SampleRecord
+
+__all__ = ["Journal"]
+
+_log = structlog.get_logger(__name__)
+
+_EXPECTED = frozenset(
+    {
+        WritebackOutcome.COMMITTED,
+        WritebackOutcome.ACCEPTED,
+        WritebackOutcome.UNCHANGED,
+        WritebackOutcome.TOO_FEW_WINDOWS,
+        WritebackOutcome.TOO_SOON,
+        WritebackOutcome.READ_ONLY,
+        WritebackOutcome.SUPERSEDED,
+        WritebackOutcome.NOT_ENABLED,
+    }
+)
+
+
+class Journal:
+    """Logs and stores.
+
+    Args:
+        put: takes a record for the store; must not block a live daemon.
+        clock: gives the time of day.
+    """
+
+    def __init__(self, put: Callable[[Record], object], clock: Clock) -> None:
+        self._put = put
+        self._clock = clock
+
+    def sample(self, record: SampleRecord) -> None:
+        """Store a sample."""
+        self._put(record)
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Log and store an estimate."""
+        self._put(estimate.record(self._clock.utc()))
+        found = estimate.findings
+        if found is None:
+            level = _log.info if estimate.outcome is EstimateOutcome.REFUSED else _log.error
+            level(
+                "estimate.failed",
+                loop=estimate.loop,
+                outcome=estimate.outcome.code,
+                message=estimate.message,
+                advice=estimate.outcome.advice,
+            )
+            return
+        _log.info(
+            "estimate",
+            loop=estimate.loop,
+            verdict=found.verdict,
+            score=round(found.score, 1),
+            stick_band=round(found.stick_band.value, 3),
+            slip_jump=round(found.slip_jump.value, 3),
+            r2=round(found.r2, 3),
+            seconds=round(found.seconds, 3),
+            reason=found.reasons[0] if found.reasons else "",
+        )
+
+    def attempt(self, loop: str, attempt: Attempt) -> None:
+        """Log and store a write-back attempt."""
+        record = attempt.record(loop, self._clock.utc())
+        self._put(record)
+        level = _log.info if attempt.outcome in _EXPECTED else _log.warning
+        level(
+            "writeback",
+            loop=loop,
+            outcome=record.outcome,
+            seq=record.seq,
+            bank=record.bank,
+            status=record.status,
+            reason=record.reason,
+        )
+
+    def event(self, kind: str, source: str, message: str, *, bad: bool = False) -> None:
+        """Log and store something that happened to ``source``."""
+        self._put(self.event_record(kind, source, message))
+        (_log.warning if bad else _log.info)(kind, source=source, message=message)
+
+    def event_record(self, kind: str, source: str, message: str) -> EventRecord:
+        """Return an event that happens now."""
+        return EventRecord(round(self._clock.utc() * 1000.0), kind, source, message)

@@ -1,0 +1,294 @@
+"""The write-back of one loop: findings into the PLC's parameter block, by rules without exception.
+
+A candidate is judged when it comes (agreement of windows, limits) and then waits for its turn.
+Every two plant seconds `WriteBack.service` reads the exchange area, beats the heartbeat, looks for
+the PLC's acknowledgement, and makes at most one attempt:
+
+    enable bit set? - minimum interval over? - more than the deadband away from the active block?
+    write the inactive bank (one FC16) - read it back, once more if it differs - commit (one FC6)
+
+A step that fails ends the attempt and leaves the active bank as it was. Only the newest candidate
+waits. The sequence number goes on from the newest that PLC, banks or this process know. Times are
+plant seconds that the caller passes in; there is no clock here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+
+from fieldlink.daemon.candidate import Agreement, Candidate
+from fieldlink.daemon.estimating import Findings
+from fieldlink.daemon.exchange import ControlWords, Exchange
+from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.links import LinkError
+from fieldlink.registers import (
+    ACCEPTED,
+    Bank,
+    BlockError,
+    ParameterBlock,
+    Status,
+    commit_word,
+    describe_ack,
+    is_newer,
+    next_seq,
+)
+from fieldlink.site import WriteBack as WriteBackSettings
+
+__all__ = ["BEAT", "WriteBack"]
+
+BEAT = 2.0
+"""Plant seconds between two looks at the exchange area; PLCs count a heartbeat dead after ten."""
+
+ACK_WAIT = 10.0
+"""Plant seconds that a PLC may take to acknowledge, or four periods of the loop if that is more."""
+
+RETRY = 30.0
+"""Plant seconds after an attempt that failed before its commit, or the interval if that is less."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Banks:
+    """Both banks as read before a write."""
+
+    target: Bank
+    target_words: tuple[int, ...]
+    active_words: tuple[int, ...]
+    active: ParameterBlock | None
+
+
+class WriteBack:
+    """Writes the blocks of one loop.
+
+    Args:
+        settings: the loop's write-back settings, with an exchange area and a loop id.
+        exchange: the exchange area.
+        period: plant seconds of the loop's period.
+        read_only: never write, whatever the settings say.
+        pause: waits one scan of the PLC before a second read-back.
+        report: called with every attempt and every decision.
+    """
+
+    def __init__(
+        self,
+        settings: WriteBackSettings,
+        exchange: Exchange,
+        *,
+        period: float,
+        read_only: bool,
+        pause: Callable[[], Awaitable[None]],
+        report: Callable[[Attempt], None],
+    ) -> None:
+        if settings.loop_id is None:
+            raise ValueError("write-back needs a loop_id; the site file's check asks for it")
+        self._settings = settings
+        self._loop_id = settings.loop_id
+        self._exchange = exchange
+        self._read_only = read_only
+        self._pause = pause
+        self._report = report
+        self._ack_wait = max(ACK_WAIT, 4.0 * period)
+        self._agreement = Agreement()
+        self._pending: Candidate | None = None
+        self._said: WritebackOutcome | None = None
+        self._awaiting: tuple[Attempt, float] | None = None
+        self._last_seq = 0
+        self._written_at: float | None = None
+        self._not_before = -math.inf
+        self._next_beat: float | None = None
+
+    @property
+    def requests(self) -> int:
+        """Requests made so far."""
+        return self._exchange.requests
+
+    def submit(self, findings: Findings, end_utc: float) -> None:
+        """Judge new findings; what passes waits for its turn and takes the place of what waited."""
+        candidate = Candidate(findings, end_utc, self._agreement.count(findings))
+        refusal = self._judge(candidate)
+        if refusal is not None:
+            self._report(refusal)
+            return
+        if self._pending is not None:
+            self._report(Attempt(WritebackOutcome.SUPERSEDED, "", self._pending))
+        self._pending, self._said = candidate, None
+
+    async def service(self, now: float) -> None:
+        """Do what is due at ``now`` plant seconds.
+
+        Raises:
+            LinkError: the exchange area could not be read, or the heartbeat not written.
+        """
+        if self._read_only or (self._next_beat is not None and now < self._next_beat):
+            return
+        self._next_beat = now + BEAT
+        try:
+            control = await self._exchange.control()
+            if control.enabled:
+                await self._exchange.beat((control.heartbeat + 1) & 0xFFFF)
+        except LinkError as error:
+            self._wait(WritebackOutcome.UNREACHABLE, str(error))
+            raise
+        self._look_for_ack(control, now)
+        if self._pending is not None and self._awaiting is None:
+            await self._try(self._pending, control, now)
+
+    def _judge(self, candidate: Candidate) -> Attempt | None:
+        """Return why a candidate must not even wait; None when it may."""
+        settings, found = self._settings, candidate.findings
+        if self._read_only:
+            return Attempt(WritebackOutcome.READ_ONLY, "", candidate)
+        if candidate.windows < settings.min_windows:
+            counted = f"{candidate.windows} of {settings.min_windows} windows agree"
+            return Attempt(WritebackOutcome.TOO_FEW_WINDOWS, counted, candidate)
+        if candidate.status is Status.VALID:
+            for name, value, (low, high) in (
+                ("stick_band", found.stick_band.value, settings.limits.stick_band),
+                ("slip_jump", found.slip_jump.value, settings.limits.slip_jump),
+            ):
+                if not low <= value <= high:
+                    what = f"{name} = {value:g}, limits {low:g} to {high:g}"
+                    return Attempt(WritebackOutcome.OUT_OF_LIMITS, what, candidate)
+        try:
+            candidate.block(self._loop_id, 1, settings.valid_for)
+        except BlockError as error:
+            return Attempt(WritebackOutcome.NOT_EXPRESSIBLE, str(error), candidate)
+        return None
+
+    async def _try(self, candidate: Candidate, control: ControlWords, now: float) -> None:
+        if not control.enabled:
+            self._wait(WritebackOutcome.NOT_ENABLED, f"enable register is {control.enable}")
+            return
+        if now < self._not_before:
+            self._wait(WritebackOutcome.TOO_SOON, f"{self._not_before - now:.0f} s left")
+            return
+        try:
+            banks = await self._read_banks(control)
+        except LinkError as error:
+            self._wait(WritebackOutcome.UNREACHABLE, str(error))
+            return
+        if self._is_unchanged(candidate, banks.active, now):
+            self._settle(
+                Attempt(
+                    WritebackOutcome.UNCHANGED,
+                    f"deadband {self._settings.deadband:g}",
+                    candidate,
+                    active_before=banks.active_words,
+                )
+            )
+            return
+        attempt = await self._write(candidate, control, banks)
+        interval = self._settings.min_interval
+        if attempt.outcome in (WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED):
+            self._awaiting = (attempt, now + self._ack_wait)
+            self._not_before = now + interval
+        else:
+            self._not_before = now + min(interval, RETRY)
+        self._settle(attempt)
+
+    async def _read_banks(self, control: ControlWords) -> _Banks:
+        target = control.inactive_bank
+        active_words = await self._exchange.bank(target.other)
+        target_words = await self._exchange.bank(target)
+        active = self._exchange.decode(active_words)
+        for known in (active, self._exchange.decode(target_words)):
+            if known is not None and is_newer(known.seq, self._last_seq):
+                self._last_seq = known.seq
+        if control.ack_seq and is_newer(control.ack_seq, self._last_seq):
+            self._last_seq = control.ack_seq
+        if active is not None and active.seq != control.ack_seq:
+            active = None
+        return _Banks(target, target_words, active_words, active)
+
+    def _is_unchanged(
+        self, candidate: Candidate, active: ParameterBlock | None, now: float
+    ) -> bool:
+        """Whether the PLC has as good as this, with more than half of its time to go."""
+        if active is None or active.status is not candidate.status or self._written_at is None:
+            return False
+        if now - self._written_at > 0.5 * self._settings.valid_for:
+            return False
+        if candidate.status is not Status.VALID:
+            return True
+        found, deadband = candidate.findings, self._settings.deadband
+        return (
+            abs(found.stick_band.value - active.stick_band.value) <= deadband
+            and abs(found.slip_jump.value - active.slip_jump.value) <= deadband
+        )
+
+    async def _write(self, candidate: Candidate, control: ControlWords, banks: _Banks) -> Attempt:
+        seq = next_seq(self._last_seq)
+        block = candidate.block(self._loop_id, seq, self._settings.valid_for)
+        words = tuple(self._exchange.encode(block))
+        attempt = Attempt(
+            WritebackOutcome.COMMITTED,
+            f"{control.commit:#06x} was committed before",
+            candidate,
+            block,
+            words,
+            banks.target,
+            banks.target_words,
+            banks.active_words,
+        )
+        self._last_seq = seq
+        try:
+            await self._exchange.write_bank(banks.target, words)
+            back = await self._exchange.bank(banks.target)
+            if back != words:
+                await self._pause()
+                back = await self._exchange.bank(banks.target)
+        except LinkError as error:
+            return replace(attempt, outcome=WritebackOutcome.WRITE_FAILED, reason=str(error))
+        if back != words:
+            differing = [i for i, (a, b) in enumerate(zip(words, back, strict=True)) if a != b]
+            return replace(
+                attempt,
+                outcome=WritebackOutcome.READBACK_DIFFERS,
+                reason=f"{len(differing)} registers differ, the first at offset {differing[0]}",
+            )
+        try:
+            await self._exchange.commit(banks.target, seq)
+        except LinkError as error:
+            return replace(attempt, outcome=WritebackOutcome.COMMIT_FAILED, reason=str(error))
+        return attempt
+
+    def _look_for_ack(self, control: ControlWords, now: float) -> None:
+        if self._awaiting is None:
+            return
+        attempt, until = self._awaiting
+        assert attempt.block is not None
+        assert attempt.bank is not None
+        committed = commit_word(attempt.bank, attempt.block.seq)
+        if control.ack_seq == attempt.block.seq and control.ack_result == ACCEPTED:
+            self._written_at = now
+            # What a failed commit left waiting has arrived after all.
+            if self._pending is attempt.candidate:
+                self._pending = None
+            self._finish(replace(attempt, outcome=WritebackOutcome.ACCEPTED, reason=""))
+        elif control.ack_commit == committed and control.ack_result != ACCEPTED:
+            reason = describe_ack(control.ack_result)
+            self._finish(replace(attempt, outcome=WritebackOutcome.REJECTED, reason=reason))
+        elif now >= until:
+            self._finish(
+                replace(
+                    attempt,
+                    outcome=WritebackOutcome.NOT_ACKNOWLEDGED,
+                    reason=f"ack_seq is {control.ack_seq} after {self._ack_wait:g} s",
+                )
+            )
+
+    def _finish(self, attempt: Attempt) -> None:
+        self._awaiting = None
+        self._report(attempt)
+
+    def _wait(self, outcome: WritebackOutcome, reason: str) -> None:
+        """Say once a candidate why it waits."""
+        if self._pending is not None and self._said is not outcome:
+            self._said = outcome
+            self._report(Attempt(outcome, reason, self._pending))
+
+    def _settle(self, attempt: Attempt) -> None:
+        if not attempt.outcome.leaves_pending and self._pending is attempt.candidate:
+            self._pending = None
+        self._report(attempt)
