@@ -1,0 +1,123 @@
+"""Closed-loop windows of the paper's Examples 1 and 2.
+
+The plants are the continuous processes sampled exactly (zero-order hold at 1 s), by SciPy. The
+paper prints their coefficients rounded to four digits, (15) and (18), which shifts the gain of a
+process with poles so near to 1: rounded, Example 1 has gain 1.012 and Example 2 has 0.948, where
+the exact ones have 1. The paper does not print Example 2's transfer function; the one here is the
+only one with round time constants whose coefficients round to (18).
+
+The loop is closed by the paper's stiction-unaware MPC (16) on the exact linear model, noise enters
+as ``v`` of (7), and a window begins somewhere in a cycle after the oscillation has settled.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from compensator.study import Study, run
+from compensator.unaware import UnawareMpc
+from loop_model import ProcessModel, ValveModel
+
+__all__ = ["EXAMPLES", "Example", "ExampleWindow", "PublishedFit", "example_window", "sampled"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedFit:
+    """What the paper reports: frictions, theta as ``[a, b]`` of (8), seconds."""
+
+    static_friction: float
+    dynamic_friction: float
+    theta: tuple[float, ...]
+    seconds: float
+    grid_seconds: float | None
+
+    @property
+    def gain(self) -> float:
+        """Gain of the published theta, ``B(1)/A(1)``."""
+        half = len(self.theta) // 2
+        return sum(self.theta[half:]) / (1.0 + sum(self.theta[:half]))
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """One of the paper's examples: truth, printed coefficients, noise, published result."""
+
+    name: str
+    valve: ValveModel
+    process: ProcessModel
+    printed: ProcessModel
+    noise: float
+    published: PublishedFit
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleWindow:
+    """A window of an example: OP, PV and the stem that nobody measures, shape ``(n,)``."""
+
+    op: Array
+    pv: Array
+    stem: Array
+
+
+def sampled(*time_constants: float, gain: float = 1.0, period: float = 1.0) -> ProcessModel:
+    """``gain / prod(T s + 1)`` sampled with a zero-order hold, as ARX without delay."""
+    denominator = functools.reduce(np.polymul, [[t, 1.0] for t in time_constants])
+    num, den, _ = signal.cont2discrete(([gain], list(denominator)), period, method="zoh")
+    b = np.asarray(num, dtype=np.float64).ravel()
+    # A strictly proper process has no feed-through; its first numerator coefficient is 0.
+    return ProcessModel(
+        a=tuple(float(v) for v in np.asarray(den)[1:]),
+        b=tuple(float(v) for v in b[1:]),
+        dead_time=1,
+        offset=0.0,
+        period=period,
+    )
+
+
+EXAMPLES = (
+    Example(
+        name="Example 1",
+        valve=ValveModel.from_friction(7.0, 4.0),
+        process=sampled(4.0, 6.0, 2.0),
+        printed=ProcessModel((-2.232, 1.645, -0.3998), (0.00277, 0.00884, 0.001752), 1, 0.0, 1.0),
+        noise=1e-2,
+        published=PublishedFit(
+            6.98, 4.01, (-1.195, -0.204, 0.4353, 0.00375, 0.01094, 0.01767), 4.0, 150.0
+        ),
+    ),
+    Example(
+        name="Example 2",
+        valve=ValveModel.from_friction(5.0, 2.0),
+        process=sampled(10.0, 5.0, 1.0),
+        printed=ProcessModel((-2.091, 1.375, -0.2725), (0.002445, 0.007181, 0.001278), 1, 0.0, 1.0),
+        noise=10.0**-1.5,
+        published=PublishedFit(
+            5.02, 1.99, (-1.124, -0.360, 0.5112, 0.002085, 0.011218, 0.010629), 6.0, None
+        ),
+    ),
+)
+
+
+def example_window(example: Example, seed: int, *, samples: int = 1000) -> ExampleWindow:
+    """A window of ``samples`` at constant set-point, beginning in mid-cycle.
+
+    The loop starts at rest at OP 50, the set-point steps to 55 after 50 samples, and the window
+    begins at a sample drawn from 500 to 600. The same seed gives the same window.
+    """
+    begin = 500 + int(np.random.default_rng([seed, 1]).integers(0, 100))
+    study = Study(
+        setpoint=((0, 50.0), (50, 55.0)),
+        samples=begin + samples,
+        equation_noise=example.noise,
+        seed=seed,
+    )
+    trace = run(example.process, example.valve, UnawareMpc(example.process), study)
+    part = slice(begin, begin + samples)
+    return ExampleWindow(trace.op[part], trace.pv[part], trace.stem[part])
