@@ -59,9 +59,10 @@ class PlantClosedError(PlantError):
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: the nearest known ones, or all."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    plain = {known_name.lower(): known_name for known_name in names}
+    close = difflib.get_close_matches(name.lower(), plain, n=3, cutoff=0.5)
     if close:
-        return f"did you mean {' or '.join(map(repr, close))}?"
+        return f"did you mean {' or '.join(repr(plain[match]) for match in close)}?"
     if not names:
         return "there are none"
     shown = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")

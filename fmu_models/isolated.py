@@ -259,8 +259,7 @@ class IsolatedPlant(Plant):
         if code is None:
             what = "its process cannot be reached any more"
         elif code < 0:
-            number = -code
-            what = f"its process died of {signal.Signals(number).name} ({signal.strsignal(number)})"
+            what = f"its process died of {_signal_name(-code)}"
         else:
             what = f"its process ended with exit status {code}"
         hint = (
@@ -286,6 +285,13 @@ class IsolatedPlant(Plant):
             self._home.kill(self._key)
             select.select([self._status], [], [], _SECONDS_TO_END)
         os.close(self._status)
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return f"{signal.Signals(number).name} ({signal.strsignal(number)})"
+    except ValueError:
+        return f"signal {number}"  # real-time signals have no name
 
 
 def _plain(values: Mapping[str, float]) -> dict[str, float]:

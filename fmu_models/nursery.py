@@ -2,8 +2,9 @@
 
 It has imported everything once, so a plant starts in milliseconds and shares its memory with the
 others. It does three things: gives birth to a worker on request, kills one on request, and when a
-worker has ended removes its folder and tells the exit status. When the process it serves goes
-away, however that happens, it kills the workers that are left and ends: no orphan, no litter.
+worker has ended, however, removes its folder and tells the exit status. When the process it serves
+goes away, however that happens, it kills the workers that are left and ends: no orphan, no litter.
+Should it be killed itself, the workers go on until they are closed.
 
 Requests on the control socket are ``_REQUEST``; a birth carries two descriptors, the worker's end
 of its connection and the pipe for its exit status.
@@ -104,6 +105,7 @@ class _Nursery:
             traceback.print_exc()  # before the exit below, which the client sees the status of
             raise
         finally:
+            shutil.rmtree(folder, ignore_errors=True)
             sys.stderr.flush()
             os._exit(code)
 

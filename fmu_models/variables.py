@@ -169,7 +169,8 @@ class VariableAccess:
         number = float(value)
         if not math.isfinite(number):
             raise PlantInputError(
-                f"plant {self._model}: {name} = {value} cannot be set; it must be a finite number"
+                f"plant {self._model}: {name} = {number:g} cannot be set; it must be a finite "
+                "number"
             )
         if group.real:
             return number
@@ -178,7 +179,7 @@ class VariableAccess:
         fits = number in (0.0, 1.0) if group.boolean else c_type(whole).value == whole
         if whole != number or not fits:
             raise PlantInputError(
-                f"plant {self._model}: {name} = {value} cannot be set; it must be "
+                f"plant {self._model}: {name} = {number:g} cannot be set; it must be "
                 + ("0 or 1" if group.boolean else f"a whole number that fits {c_type.__name__}")
             )
         return whole
