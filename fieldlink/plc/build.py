@@ -7,10 +7,13 @@ from pathlib import Path
 from compensator import (
     CompensatorError,
     Controller,
+    HybridSettings,
     MpcSettings,
     OpLimits,
     PiController,
     PiSettings,
+    Supervisor,
+    SupervisorSettings,
     UnawareMpc,
 )
 from fieldlink.errors import FieldlinkError
@@ -60,7 +63,7 @@ def _controlled(
     process = _process(known, loop.period)
     op = _first_op(settings, limits)
     try:
-        supervisor = _supervisor(name, loop, settings, process, limits)
+        controller = _controller(name, loop, settings, process, limits)
         plant = open_plant(
             model,
             parameters=_parameters(settings, known) | {INPUT: op},
@@ -76,6 +79,8 @@ def _controlled(
                 f"loop {name}: {settings.fmu} has no {variable!r} among {', '.join(there) or '-'}; "
                 "a plant needs the input op and the output pv"
             )
+    supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits))
+    supervisor = None if controller is None else Supervisor(controller, supervision)
     return ControlledLoop(name, plant, supervisor, op)
 
 
@@ -98,7 +103,7 @@ def _first_op(settings: PlantSettings, limits: OpLimits) -> float:
     return 0.5 * (limits.low + limits.high) if given is None else float(given)
 
 
-def _supervisor(
+def _controller(
     name: str,
     loop: Loop,
     settings: PlantSettings,

@@ -51,7 +51,7 @@ class HostedLoop:
         self.failure: str | None = None
         self.log = TruthLog()
         self.cycles = 0
-        self._program = program
+        self.program = program
         self._tags = tags
         self._auto_values = loop.auto_values
         self._manual_value = next(float(v) for v in range(256) if v not in loop.auto_values)
@@ -68,7 +68,7 @@ class HostedLoop:
             self.block = self.exchange.scan(now)
         if self.failure is None:
             try:
-                record = self._program.cycle(self._commands(now))
+                record = self.program.cycle(self._commands(now))
             except LoopFailedError as error:
                 self.failure = str(error)
                 record = self._standing_still()
@@ -85,17 +85,15 @@ class HostedLoop:
 
     def close(self) -> None:
         """End the program."""
-        self._program.close()
+        self.program.close()
 
     def _commands(self, now: float) -> Commands:
         self._sp = self._set_point(now)
-        block = self.block
         return Commands(
             automatic=self._wants_automatic(),
             op=self._operators("op"),
             sp=self._sp,
-            model=block.model if block is not None and self._compensate else None,
-            withdrawn=block.fallback.value if block is not None and block.fallback else "",
+            block=self.block if self._compensate else None,
         )
 
     def _set_point(self, now: float) -> float:
@@ -116,7 +114,7 @@ class HostedLoop:
         return port.value() if port is not None and port.writable else math.nan
 
     def _standing_still(self) -> CycleRecord:
-        return CycleRecord(self._program.op, math.nan, self._sp, math.nan, False, False)
+        return CycleRecord(self.program.op, math.nan, self._sp, math.nan, False, False)
 
     def _show(self, role: str, value: float) -> None:
         if role in self._tags:

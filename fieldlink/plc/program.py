@@ -12,8 +12,8 @@ from typing import Protocol
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.plc.truth import CycleRecord
+from fieldlink.registers import ReaderState
 from fieldlink.site import Recording
-from loop_model import LoopModel
 
 __all__ = ["Commands", "LoopFailedError", "LoopProgram", "ReplayedLoop"]
 
@@ -30,15 +30,13 @@ class Commands:
         automatic: whether the controller may compute OP.
         op: OP to apply while not automatic; NaN holds the last one.
         sp: set-point.
-        model: what the accepted parameter block says; None without one in force.
-        withdrawn: why there is no model.
+        block: what came of the parameter blocks; None when the loop does not compensate.
     """
 
     automatic: bool
     op: float
     sp: float
-    model: LoopModel | None = None
-    withdrawn: str = ""
+    block: ReaderState | None = None
 
 
 class LoopProgram(Protocol):

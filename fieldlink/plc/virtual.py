@@ -18,7 +18,9 @@ from fractions import Fraction
 from types import TracebackType
 from typing import Self
 
+from compensator import Supervisor
 from fieldlink.plc.build import PlcError, build_program
+from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.hosted import HostedLoop, exact_period
 from fieldlink.plc.image import RegisterImage
 from fieldlink.plc.ports import ExchangePort, TagPort
@@ -107,6 +109,11 @@ class VirtualPlc:
     def block(self, loop: str) -> ReaderState | None:
         """Return what the loop's last cycle made of its parameter block; None without an area."""
         return self._loops[loop].block
+
+    def supervisor(self, loop: str) -> Supervisor | None:
+        """Return who decides which controller has the loop, for its state; None without one."""
+        program = self._loops[loop].program
+        return program.supervisor if isinstance(program, ControlledLoop) else None
 
     def enable(self, loop: str, allowed: bool) -> None:
         """Set or clear a loop's enable register, as its operator would.

@@ -238,7 +238,7 @@ def test_a_crashed_plant_stops_its_loop_and_no_other(
         def crash(_: object) -> None:
             raise PlantCrashError("plant example1: its process died with signal 11")
 
-        monkeypatch.setattr(plc._loops["FC101"]._program._plant, "step", crash)
+        monkeypatch.setattr(plc._loops["FC101"].program._plant, "step", crash)
         for _ in range(5):
             plc.scan()
         assert plc.failures == {
