@@ -1,0 +1,239 @@
+"""The stiction compensator that plans in valve positions, with the exact valve.
+
+With stick band and slip jump known, ``OP = x* +/- fD`` puts the stem at any position ``x*`` at
+least J away, and any OP inside the band leaves it where it is. So each scan: where is the stem
+(`StemTracker`), which few moves bring PV to SP at the least cost (`MovePlanner`: the global
+optimum, no warm start), then either the first move of the plan or OP in the middle of the band,
+where no disturbance of OP can make it slip. A move has a price, set from the noise that the loop
+shows: an error that noise explains is not worth a move.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from compensator.action import (
+    Action,
+    ActionStatus,
+    CompensatorError,
+    OpLimits,
+    require_finite,
+    require_not_negative,
+)
+from compensator.moves import MovePlan, MovePlanner
+from compensator.prediction import NoiseModel, Prediction
+from compensator.stem import FRICTION, GAIN, Belief, StemTracker, TrackerSettings
+from loop_model import LoopModel, ValveModel
+
+__all__ = ["HybridMpc", "HybridSettings"]
+
+QUIET_NOISE = NoiseModel(equation=1.0, measurement=0.3, disturbance=0.05)
+"""Equation noise first, an offset that hardly drifts: PV's wandering is not taken for an offset."""
+
+
+@dataclass(frozen=True, slots=True)
+class HybridSettings:
+    """Settings of `HybridMpc`.
+
+    Attributes:
+        limits: range and rate of OP.
+        horizon: samples; 0 chooses it from the settling time.
+        move_penalty: price of one move: the share of the noise's own variance by which it must
+            lower PV's mean square error over the horizon.
+        travel_penalty: price of moving by one slip jump, as a share of ``move_penalty``.
+        noise_band: PV deviation that is of no interest (units of PV), added to the noise seen.
+        slip_margin: moves are planned at least ``J + slip_margin * fS`` in size, so that they slip
+            even if the static friction is somewhat above its estimate.
+        spread: relative uncertainty of fS and fD; gain_spread: of the process gain.
+        timing: uncertainty of the process's dynamics, in samples; see `TrackerSettings`.
+        noise: ratios that set the filter.
+    """
+
+    limits: OpLimits = field(default_factory=OpLimits)
+    horizon: int = 0
+    move_penalty: float = 0.4
+    travel_penalty: float = 0.2
+    noise_band: float = 0.0
+    slip_margin: float = 0.1
+    spread: float = 0.1
+    gain_spread: float = 0.1
+    timing: float = 1.0
+    noise: NoiseModel = QUIET_NOISE
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            "HybridSettings",
+            horizon=self.horizon,
+            move_penalty=self.move_penalty,
+            travel_penalty=self.travel_penalty,
+            noise_band=self.noise_band,
+            slip_margin=self.slip_margin,
+            spread=self.spread,
+            gain_spread=self.gain_spread,
+            timing=self.timing,
+        )
+
+
+class HybridMpc:
+    """Compensating controller of a `LoopModel`; see the module's text.
+
+    Args:
+        model: valve and process, from a parameter block or from identification.
+        settings: limits, prices, uncertainties.
+
+    Raises:
+        CompensatorError: the process cannot be controlled, or the valve's band leaves no position
+            to move to inside the OP range.
+    """
+
+    def __init__(self, model: LoopModel, settings: HybridSettings | None = None) -> None:
+        self.settings = settings or HybridSettings()
+        self.model = model
+        self.prediction = Prediction.of(model.process, "input")
+        self.planner = MovePlanner(self.prediction, self.settings.horizon)
+        self._tracker_settings = TrackerSettings(
+            self.settings.noise,
+            self.settings.spread,
+            self.settings.gain_spread,
+            self.settings.timing,
+        )
+        self.tracker = StemTracker(self.prediction, model.valve, self._tracker_settings)
+        self._reach = self.require_reachable(model.valve)
+        self._op = math.nan
+        self._pv_bad = False
+        self._moving = False
+
+    def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
+        """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
+        limits, fd = self.settings.limits, valve.dynamic_friction
+        low, high = limits.low + fd, limits.high - fd
+        if high - low < valve.slip_jump:
+            raise CompensatorError(
+                f"a stick band of {valve.stick_band:g} leaves no position to move to inside the OP "
+                f"range {limits.low:g} to {limits.high:g}; check the band's units and the limits"
+            )
+        return low, high
+
+    @property
+    def stem(self) -> float:
+        """Stem position believed now; NaN before the first observation."""
+        return self.tracker.best.stem if self.tracker.ready else math.nan
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the valve was moved by the last OP, or the plan is about to move it further."""
+        return self._moving
+
+    def change_valve(self, valve: ValveModel) -> None:
+        """Go on with other valve parameters; stem, state and disturbance are kept."""
+        self._reach = self.require_reachable(valve)
+        self.tracker.valve = valve
+        self.model = LoopModel(valve, self.model.process)
+
+    def observe(self, pv: float, op: float) -> None:
+        """See `Controller.observe`."""
+        require_finite("HybridMpc.observe", op=op)
+        self._pv_bad = not math.isfinite(pv)
+        before = self.stem
+        self.tracker.observe(pv, op)
+        self._moving = self.stem != before
+        self._op = op
+
+    def decide(self, sp: float) -> Action:
+        """See `Controller.decide`."""
+        require_finite("HybridMpc.decide", sp=sp)
+        if not self.tracker.ready:
+            return Action(self._op, ActionStatus.NOT_READY)
+        if self._pv_bad:
+            return Action(self._op, ActionStatus.PV_BAD)
+        tracker = self.tracker
+        belief = tracker.best
+        plan = self.plan(sp)
+        _, wanted = self.prediction.equilibrium(sp, 0.0)
+        target = self._stem_for(belief, wanted - tracker.drive(belief), belief.direction)
+        low, high = self._reach
+        limited = not low <= target <= high
+        target = min(max(target, low), high)
+        self._moving = self._moving or bool(plan.times)
+        if plan.times and plan.times[0] == 0:
+            change = plan.changes[0]
+            position = self._stem_for(belief, change, math.copysign(1.0, change))
+            status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
+            op = self._move(belief, min(max(position, low), high))
+        else:
+            position = belief.stem
+            status = ActionStatus.LIMITED if limited else ActionStatus.HOLDING
+            op = self._hold(belief)
+        return Action(op, status, target, plan.final_pv + sp, position, self._words(plan))
+
+    def _learnt(self, belief: Belief) -> tuple[float, float]:
+        """Return the learnt error of fD and of the gain, no further than can be believed."""
+        fd = 0.5 * self.model.valve.dynamic_friction
+        friction = min(max(float(belief.errors[FRICTION]), -fd), fd)
+        gain = min(max(float(belief.errors[GAIN]), -0.5), 0.5)
+        return friction, gain
+
+    def _stem_for(self, belief: Belief, change: float, direction: float) -> float:
+        """Return the stem position that changes the process's drive by ``change``."""
+        friction, gain = self._learnt(belief)
+        turned = friction * (direction - belief.direction)
+        return belief.stem + (change - turned) / (1.0 + gain)
+
+    def _change_for(self, belief: Belief, position: float, direction: float) -> float:
+        """Return the change of the process's drive that a stem position makes."""
+        friction, gain = self._learnt(belief)
+        turned = friction * (direction - belief.direction)
+        return (position - belief.stem) * (1.0 + gain) + turned
+
+    def plan(self, sp: float) -> MovePlan:
+        """Return the best plan from the present belief for the set-point ``sp``."""
+        tracker, s, valve = self.tracker, self.settings, self.model.valve
+        belief = tracker.best
+        error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - sp
+        smallest = self._smallest_move(belief)
+        # An offset not yet known well is no reason to move: waiting will tell.
+        variance = tracker.held_variance + tracker.offset_variance + s.noise_band**2
+        # A floor for loops without noise: a thousandth of what one slip makes of PV.
+        floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
+        move_cost = s.move_penalty * max(variance, floor) * float(self.planner.weights.sum())
+        travel_cost = s.travel_penalty * move_cost / max(smallest, valve.static_friction, 1e-9)
+        reach = (
+            self._change_for(belief, self._reach[0], -1.0),
+            self._change_for(belief, self._reach[1], 1.0),
+        )
+        return self.planner.plan(error, reach, smallest, move_cost, travel_cost)
+
+    def _smallest_move(self, belief: Belief) -> float:
+        """Return J and the margin above it; more after a command that the valve has withstood."""
+        s, valve = self.settings, self.model.valve
+        margin = s.slip_margin
+        if belief.survived > 0.0:
+            margin += s.spread * belief.survived
+        return valve.slip_jump + margin * valve.static_friction
+
+    def _move(self, belief: Belief, position: float) -> float:
+        """Return the OP that moves the stem to ``position``, as far as the rate limit lets it."""
+        valve, limits = self.model.valve, self.settings.limits
+        side = math.copysign(1.0, position - belief.stem)
+        wanted = position + side * valve.dynamic_friction
+        op = limits.clip(wanted, self._op)
+        edge = belief.stem + side * 0.85 * valve.static_friction
+        slips_early = op != wanted and (op - edge) * side > 0.0
+        if slips_early and (self._op - edge) * side < -1e-9:
+            # Too slow to do it in one go: wait at the band's edge, then jump from there.
+            return limits.clip(edge, self._op)
+        return op
+
+    def _hold(self, belief: Belief) -> float:
+        """Return the middle of the band, the OP that no disturbance turns into a slip."""
+        return self.settings.limits.clip(belief.stem, self._op)
+
+    @staticmethod
+    def _words(plan: MovePlan) -> str:
+        if not plan.times:
+            return "hold"
+        return "; ".join(
+            f"{change:+.4g} in {time} samples"
+            for time, change in zip(plan.times, plan.changes, strict=True)
+        )

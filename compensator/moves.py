@@ -1,0 +1,263 @@
+"""Plans of few valve moves, each of size 0 or at least the slip jump: the exact optimum, compiled.
+
+The problem (positions relative to the present stem, ``t_j`` on a grid of move times, ``s`` the
+process's step response, ``e`` the error PV would have with the stem at rest):
+
+    min  sum_p w_p (e_p + sum_j D_j s(p - t_j))**2 + sum_j (move_cost + travel_cost |D_j|)
+    s.t. |D_j| >= smallest,   low <= stem + D_1 + ... + D_j <= high,   at most two moves
+
+For given times and signs it is a convex quadratic in one or two unknowns on a polygon, solved in
+closed form: the interior optimum if it is inside, else the best point of the polygon's edges. All
+times and signs are tried, so the result is the global optimum on the grid of times.
+
+``w_p`` and the points ``p`` are dense at first and grow sparser; each point's weight is the stretch
+it stands for, so the far points carry the lasting offset (or the drift of an integrating process).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.prediction import Prediction
+
+__all__ = ["MovePlan", "MovePlanner"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class MovePlan:
+    """The best plan found.
+
+    Attributes:
+        times: sample of each move from now (0 is this scan); empty when holding is best.
+        changes: stem position after each move, relative to the present one.
+        cost: of the plan, costs of the moves included; hold_cost: of doing nothing.
+        final_pv: PV minus SP at the end of the horizon under the plan.
+    """
+
+    times: tuple[int, ...]
+    changes: tuple[float, ...]
+    cost: float
+    hold_cost: float
+    final_pv: float
+
+
+def _spread(first: int, dense: int, last: int, ratio: float) -> NDArray[np.int64]:
+    """Return integers from ``first`` to ``last``: every one up to ``dense``, then ever sparser."""
+    points = [first]
+    while points[-1] < last:
+        gap = 1 if points[-1] < dense else max(1, int(points[-1] * ratio))
+        points.append(min(points[-1] + gap, last))
+    return np.asarray(points, dtype=np.int64)
+
+
+def settling_samples(prediction: Prediction, most: int = 2000) -> int:
+    """Return samples after which a step's effect (its slope, when integrating) stays within 2 %."""
+    response = prediction.step_response(most)
+    if prediction.process.is_integrating:
+        response = np.diff(response, prepend=0.0)
+    outside = np.flatnonzero(np.abs(response - response[-1]) > 0.02 * abs(response[-1]))
+    return int(outside[-1]) + 2 if outside.size else 1
+
+
+class MovePlanner:
+    """Everything of the planning problem that does not change from scan to scan, and its solver.
+
+    Args:
+        prediction: the process.
+        horizon: samples; 0 chooses twice the settling time beyond the dead time.
+    """
+
+    def __init__(self, prediction: Prediction, horizon: int = 0) -> None:
+        self.prediction = prediction
+        settle = settling_samples(prediction)
+        self.horizon = horizon or min(1500, prediction.dead_time + max(30, 2 * settle))
+        points = _spread(1, 24, self.horizon, 0.06)
+        latest = max(1, self.horizon - prediction.dead_time) * 2 // 3
+        self.times = _spread(0, 12, latest, 0.12)
+        self.points = points
+        self.weights = np.diff(points, prepend=0).astype(np.float64)
+        response = np.concatenate([[0.0], prediction.step_response(self.horizon)])
+        shifted = points[None, :] - self.times[:, None]
+        self._effects = np.where(shifted > 0, response[np.maximum(shifted, 0)], 0.0)
+        self._weighted = self._effects * self.weights
+        self.gram = np.ascontiguousarray(self._weighted @ self._effects.T)
+        self._held = response[points]
+        rows = np.empty((points.size, prediction.order))
+        row = np.zeros(prediction.order)
+        row[0] = 1.0
+        k = 1
+        for i, p in enumerate(points):
+            while k < p:
+                row = row @ prediction.A
+                k += 1
+            rows[i] = row
+        self._free = rows
+
+    def held_pv(self, state: Array, drive: float) -> Array:
+        """Return PV at `points` if ``drive`` (stem and load) stays; ``state`` is the next scan's
+        without it.
+        """
+        return np.asarray(self._free @ state + self._held * drive)
+
+    def plan(
+        self,
+        error: Array,
+        reach: tuple[float, float],
+        smallest: float,
+        move_cost: float,
+        travel_cost: float,
+    ) -> MovePlan:
+        """Return the best plan.
+
+        Args:
+            error: PV minus SP at `points` with the stem at rest, shape ``(points,)``.
+            reach: positions that moves may end at, relative to the present one.
+            smallest: least size of a move.
+            move_cost, travel_cost: price of one move, and of its size, in units of PV squared
+                times samples.
+        """
+        correlation = self._weighted @ error
+        hold = float(np.sum(self.weights * error**2))
+        count, i, p, j, q, gain = best_moves(
+            self.gram, correlation, reach[0], reach[1], smallest, move_cost, travel_cost
+        )
+        times = (int(self.times[i]), int(self.times[j]))[:count]
+        effects = (self._effects[i, -1] * p, self._effects[j, -1] * (q - p))[:count]
+        final = float(error[-1] + sum(effects))
+        return MovePlan(times, (p, q)[:count], hold + gain, hold, final)
+
+
+@numba.njit(
+    "UniTuple(float64, 3)(float64, float64, float64, float64, float64,"
+    " float64, float64, float64, float64, float64, float64)",
+    cache=True,
+)
+def best_on_polygon(
+    hpp: float,
+    hpq: float,
+    hqq: float,
+    gp: float,
+    gq: float,
+    p_low: float,
+    p_high: float,
+    q_low: float,
+    q_high: float,
+    sign: float,
+    smallest: float,
+) -> tuple[float, float, float]:
+    """Minimise ``hpp p² + 2 hpq p q + hqq q² + 2 gp p + 2 gq q`` over ``p_low <= p <= p_high``,
+    ``q_low <= q <= q_high``, ``sign (q - p) >= smallest``; return value, p, q (value infinite when
+    there is no such point).
+    """
+    if p_low > p_high or q_low > q_high:
+        return math.inf, 0.0, 0.0
+    det = hpp * hqq - hpq * hpq
+    if det > 1e-14 * hpp * hqq:
+        p = (hpq * gq - hqq * gp) / det
+        q = (hpq * gp - hpp * gq) / det
+        if p_low <= p <= p_high and q_low <= q <= q_high and sign * (q - p) >= smallest:
+            return gp * p + gq * q, p, q
+    best, best_p, best_q = math.inf, 0.0, 0.0
+    for edge in range(5):
+        # Along every edge: p = p0 + dp t, q = q0 + dq t with t in [low, high].
+        if edge < 2:
+            p0, dp, q0, dq = (p_low if edge == 0 else p_high), 0.0, 0.0, 1.0
+            low, high = q_low, q_high
+            if sign > 0.0:
+                low = max(low, p0 + smallest)
+            else:
+                high = min(high, p0 - smallest)
+        elif edge < 4:
+            p0, dp, q0, dq = 0.0, 1.0, (q_low if edge == 2 else q_high), 0.0
+            low, high = p_low, p_high
+            if sign > 0.0:
+                high = min(high, q0 - smallest)
+            else:
+                low = max(low, q0 + smallest)
+        else:
+            p0, dp, q0, dq = 0.0, 1.0, sign * smallest, 1.0
+            low, high = max(p_low, q_low - q0), min(p_high, q_high - q0)
+        if low > high:
+            continue
+        curve = hpp * dp * dp + 2.0 * hpq * dp * dq + hqq * dq * dq
+        slope = (hpp * p0 + hpq * q0 + gp) * dp + (hpq * p0 + hqq * q0 + gq) * dq
+        t = -slope / curve if curve > 0.0 else (high if slope < 0.0 else low)
+        t = min(max(t, low), high)
+        p, q = p0 + dp * t, q0 + dq * t
+        value = hpp * p * p + 2.0 * hpq * p * q + hqq * q * q + 2.0 * (gp * p + gq * q)
+        if value < best:
+            best, best_p, best_q = value, p, q
+    return best, best_p, best_q
+
+
+@numba.njit(
+    "Tuple((int64, int64, float64, int64, float64, float64))"
+    "(float64[:, ::1], float64[::1], float64, float64, float64, float64, float64)",
+    cache=True,
+)
+def best_moves(
+    gram: Array,
+    correlation: Array,
+    low: float,
+    high: float,
+    smallest: float,
+    move_cost: float,
+    travel_cost: float,
+) -> tuple[int, int, float, int, float, float]:
+    """Return moves, first time index, first position, second time index, second position, and the
+    cost relative to holding; positions are relative to the present stem.
+    """
+    count, best_i, best_p, best_j, best_q, best = 0, 0, 0.0, 0, 0.0, 0.0
+    n = correlation.size
+    for i in range(n):
+        hii, gi = gram[i, i], correlation[i]
+        if hii <= 0.0:
+            continue
+        for up in (1.0, -1.0):
+            p_low = max(low, smallest) if up > 0.0 else low
+            p_high = high if up > 0.0 else min(high, -smallest)
+            if p_low > p_high:
+                continue
+            g = gi + 0.5 * travel_cost * up
+            p = min(max(-g / hii, p_low), p_high)
+            cost = hii * p * p + 2.0 * g * p + move_cost
+            if cost < best:
+                count, best_i, best_p, best = 1, i, p, cost
+            for j in range(i + 1, n):
+                hjj, hij, gj = gram[j, j], gram[i, j], correlation[j]
+                if hjj <= 0.0:
+                    continue
+                det = hii * hjj - hij * hij
+                # No pair of sizes does better than the unconstrained pair.
+                if det > 1e-12 * hii * hjj:
+                    bound = -(hjj * gi * gi - 2.0 * hij * gi * gj + hii * gj * gj) / det
+                    if bound + 2.0 * move_cost >= best:
+                        continue
+                # In positions p and q after the moves: sizes are p and q - p.
+                for on in (1.0, -1.0):
+                    a = gi + 0.5 * travel_cost * up
+                    b = gj + 0.5 * travel_cost * on
+                    value, p, q = best_on_polygon(
+                        hii - 2.0 * hij + hjj,
+                        hij - hjj,
+                        hjj,
+                        a - b,
+                        b,
+                        p_low,
+                        p_high,
+                        low,
+                        high,
+                        on,
+                        smallest,
+                    )
+                    cost = value + 2.0 * move_cost
+                    if cost < best:
+                        count, best_i, best_p, best_j, best_q, best = 2, i, p, j, q, cost
+    return count, best_i, best_p, best_j, best_q, best

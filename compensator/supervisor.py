@@ -1,0 +1,285 @@
+"""Who has the loop: the plant's own controller, or the compensator while its model is good.
+
+Both controllers observe every scan, so either can take over at any scan, and on the scan of a
+change OP stays where it is. A model is offered (from a parameter block) and withdrawn; the
+supervisor decides when to switch. Rules:
+
+* never while the valve is being moved;
+* the first model is taken as it is, later ones change fS and fD at a limited rate; a changed
+  process means a new compensator, which first relives the recent history;
+* the compensated loop is compared with itself before; when it is worse, grows or hunts, the base
+  controller gets the loop back and that model is not tried again;
+* PV bad for long, expiry, dead heartbeat or an operator do the same; the reason stays visible.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+
+from compensator.action import (
+    Action,
+    ActionStatus,
+    CompensatorError,
+    Controller,
+    require_finite,
+    require_positive,
+)
+from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.watch import LoopWatch, WatchVerdict, WindowFigures
+from loop_model import LoopModel, ValveModel
+
+__all__ = ["Supervisor", "SupervisorSettings", "SupervisorState", "WithdrawReason"]
+
+
+class SupervisorState(Enum):
+    """Who has the loop."""
+
+    BASE = "the base controller has the loop, no valve model is offered"
+    WAITING = "a model is accepted; the compensator takes over when the valve rests"
+    COMPENSATING = "the compensator has the loop"
+    MANUAL = "an operator has the loop; both controllers follow"
+
+
+class WithdrawReason(Enum):
+    """Why the compensator does not have the loop; the value is the advice."""
+
+    NONE = "no reason: nothing was withdrawn"
+    EXPIRED = "the block's time of validity is over; see why no newer one was written"
+    HEARTBEAT_DEAD = "the daemon's heartbeat stands still; check the daemon and the network"
+    OPERATOR = "withdrawn by an operator, or the enable bit is off"
+    NO_STICTION = "the valve was found healthy; the base controller suffices"
+    PV_BAD = "PV was bad for too long; the compensator returns when PV does"
+    WORSE = "PV deviated more than before; the model was given up, identify again"
+    GROWING = "the oscillation grew; the model was given up, identify again"
+    HUNTING = "OP travelled more than before for no gain; the model was given up, identify again"
+    REFUSED = "the offered model cannot be used; see `refusal`"
+
+
+_GIVEN_UP = {
+    WatchVerdict.WORSE: WithdrawReason.WORSE,
+    WatchVerdict.GROWING: WithdrawReason.GROWING,
+    WatchVerdict.HUNTING: WithdrawReason.HUNTING,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorSettings:
+    """Settings of `Supervisor`.
+
+    Attributes:
+        hybrid: settings of the compensator.
+        friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
+        history: scans that a new compensator relives, to find stem and load at once.
+        pv_bad_limit: scans of bad PV after which the base controller gets the loop.
+        worse_by: factor of PV's mean square error, against before, that is too much.
+    """
+
+    hybrid: HybridSettings = field(default_factory=HybridSettings)
+    friction_rate: float = 0.05
+    history: int = 300
+    pv_bad_limit: int = 10
+    worse_by: float = 1.3
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "SupervisorSettings",
+            friction_rate=self.friction_rate,
+            history=self.history,
+            pv_bad_limit=self.pv_bad_limit,
+            worse_by=self.worse_by,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    pv: float
+    sp: float
+    op: float
+
+
+class Supervisor:
+    """Base controller with a compensator on call; see the module's text.
+
+    Args:
+        base: the plant's controller (`UnawareMpc`, `PiController`).
+        settings: of the supervisor and the compensator.
+        build: makes the compensator of a model; `HybridMpc` with the settings' by default.
+    """
+
+    def __init__(
+        self,
+        base: Controller,
+        settings: SupervisorSettings | None = None,
+        build: Callable[[LoopModel], HybridMpc] | None = None,
+    ) -> None:
+        self.base = base
+        self.settings = settings or SupervisorSettings()
+        self._build = build or (lambda model: HybridMpc(model, self.settings.hybrid))
+        self.state = SupervisorState.BASE
+        self.reason = WithdrawReason.NONE
+        self.refusal = ""
+        self._compensator: HybridMpc | None = None
+        self._next: HybridMpc | None = None
+        self._goal: ValveModel | None = None
+        self._given_up: LoopModel | None = None
+        self._watch: LoopWatch | None = None
+        self._history: deque[_Sample] = deque(maxlen=self.settings.history)
+        self._sp = math.nan
+        self._bad_scans = 0
+
+    @property
+    def model(self) -> LoopModel | None:
+        """The model in use, its friction on its way to the offered one; None without."""
+        return None if self._compensator is None else self._compensator.model
+
+    @property
+    def compensating(self) -> bool:
+        """Whether the compensator has the loop."""
+        return self.state is SupervisorState.COMPENSATING
+
+    def offer(self, model: LoopModel) -> bool:
+        """Accept a model for compensation; return whether it is used.
+
+        A model that was given up, or that no compensator can be built on, is refused: `reason` and
+        `refusal` say why, and what was in use stays in use.
+        """
+        if model == self._given_up:
+            self.refusal = "this model made the loop worse before; offer a newly identified one"
+            return False
+        current = self._next or self._compensator
+        if current is not None and current.model.process == model.process:
+            try:
+                current.require_reachable(model.valve)
+            except CompensatorError as error:
+                return self._refuse(error)
+            self._goal, self.refusal = model.valve, ""
+            return True
+        try:
+            compensator = self._build(model)
+        except CompensatorError as error:
+            return self._refuse(error)
+        for sample in self._history:
+            compensator.observe(sample.pv, sample.op)
+        self._next, self._goal = compensator, model.valve
+        self.reason, self.refusal = WithdrawReason.NONE, ""
+        if self.state is SupervisorState.BASE:
+            self.state = SupervisorState.WAITING
+        return True
+
+    def _refuse(self, error: CompensatorError) -> bool:
+        self.refusal = str(error)
+        if self._compensator is None and self._next is None:
+            self.reason = WithdrawReason.REFUSED
+        return False
+
+    def withdraw(self, reason: WithdrawReason) -> None:
+        """Give the loop back to the base controller, from the next scan on."""
+        self._compensator = self._next = self._goal = self._watch = None
+        self.reason = reason
+        self.state = SupervisorState.BASE
+
+    def step(self, pv: float, sp: float, op_applied: float, *, automatic: bool = True) -> Action:
+        """Run one scan.
+
+        Args:
+            pv: measured now, NaN when bad.
+            sp: set-point.
+            op_applied: OP that was at the valve since the last scan, whoever set it.
+            automatic: False while an operator has the loop; OP then follows ``op_applied``.
+        """
+        require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
+        moved = abs(op_applied - self._history[-1].op) if self._history else 0.0
+        self._history.append(_Sample(pv, sp, op_applied))
+        for controller in (self.base, self._compensator, self._next):
+            if controller is not None:
+                controller.observe(pv, op_applied)
+        self._bad_scans = 0 if math.isfinite(pv) else self._bad_scans + 1
+        if not automatic:
+            self._stand_by(SupervisorState.MANUAL)
+            return Action(op_applied, ActionStatus.HOLDING, detail="manual")
+        if self.state is SupervisorState.MANUAL:
+            waiting = self._compensator is not None or self._next is not None
+            self.state = SupervisorState.WAITING if waiting else SupervisorState.BASE
+        if self._bad_scans > self.settings.pv_bad_limit and self.compensating:
+            self._stand_by(SupervisorState.WAITING)
+            self.reason = WithdrawReason.PV_BAD
+        self._ramp_frictions()
+        if self._take_over():
+            self._sp = sp
+            return Action(op_applied, ActionStatus.HOLDING, detail="take-over")
+        if not self.compensating:
+            self._sp = sp
+            return self.base.decide(sp)
+        return self._compensate(pv, sp, op_applied, moved)
+
+    def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
+        assert self._compensator is not None
+        assert self._watch is not None
+        if sp != self._sp:
+            self._watch.restart(self._compensator.planner.horizon // 2)
+        self._sp = sp
+        if math.isfinite(pv):
+            verdict = self._watch.push(pv - sp, moved, self._compensator.tracker.held_variance)
+            if verdict is not WatchVerdict.FINE:
+                self._given_up = LoopModel(
+                    self._goal or self._compensator.model.valve, self._compensator.model.process
+                )
+                self.withdraw(_GIVEN_UP[verdict])
+                return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
+        return self._compensator.decide(sp)
+
+    def _stand_by(self, state: SupervisorState) -> None:
+        """Let go of the loop but keep the model and go on observing."""
+        self.state = state
+        self._watch = None
+
+    def _take_over(self) -> bool:
+        """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
+        candidate = self._next or (None if self.compensating else self._compensator)
+        if candidate is None or not candidate.tracker.ready or self._bad_scans:
+            return False
+        if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
+            return False
+        if self._watch is None:
+            window = min(max(candidate.planner.horizon, 40), self.settings.history // 2)
+            self._watch = LoopWatch(window, self._before(window), self.settings.worse_by)
+        self._watch.restart(candidate.planner.horizon // 2)
+        self._compensator, self._next = candidate, None
+        self.state = SupervisorState.COMPENSATING
+        if self.reason is WithdrawReason.PV_BAD:
+            self.reason = WithdrawReason.NONE
+        return True
+
+    def _before(self, window: int) -> WindowFigures | None:
+        """Return the base controller's figures of the recent past, None after a SP change."""
+        recent = list(self._history)[-2 * window :]
+        if len(recent) < 2 * window or any(s.sp != recent[-1].sp for s in recent):
+            return None
+        good = [(s.pv - s.sp) ** 2 for s in recent if math.isfinite(s.pv)]
+        if len(good) < window:
+            return None
+        travel = sum(abs(b.op - a.op) for a, b in itertools.pairwise(recent))
+        return WindowFigures(sum(good) / len(good), travel / len(recent))
+
+    def _ramp_frictions(self) -> None:
+        """Move the compensator's fS and fD towards the offered ones while the valve rests."""
+        for controller in (self._compensator, self._next):
+            if controller is None or self._goal is None or controller.is_moving:
+                continue
+            have, goal, rate = controller.model.valve, self._goal, self.settings.friction_rate
+            if have == goal:
+                continue
+            change_static = goal.static_friction - have.static_friction
+            change_dynamic = goal.dynamic_friction - have.dynamic_friction
+            if max(abs(change_static), abs(change_dynamic)) <= rate:
+                controller.change_valve(goal)
+                continue
+            static = have.static_friction + min(max(change_static, -rate), rate)
+            dynamic = have.dynamic_friction + min(max(change_dynamic, -rate), rate)
+            # fD never passes fS on the way.
+            controller.change_valve(ValveModel.from_friction(static, min(dynamic, static)))

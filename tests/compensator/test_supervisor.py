@@ -1,0 +1,209 @@
+"""Take-over, fall-back and change of model: bumpless, never while the valve moves, and flagged."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from compensator import (
+    Action,
+    ActionStatus,
+    Supervisor,
+    SupervisorSettings,
+    SupervisorState,
+    UnawareMpc,
+    WithdrawReason,
+)
+from compensator.study import EXAMPLE_1, Plant
+from loop_model import LoopModel, ProcessModel, ValveModel
+
+REST = EXAMPLE_1.process.gain * 50.0
+Event = Callable[[Supervisor], object]
+
+
+class Loop:
+    """Example 1 under a supervisor, with everything it did on record."""
+
+    def __init__(self, seed: int = 4, settings: SupervisorSettings | None = None) -> None:
+        self.supervisor = Supervisor(UnawareMpc(EXAMPLE_1.process), settings)
+        self.plant = Plant(EXAMPLE_1.process, EXAMPLE_1.valve, 50.0, 48.0)
+        self.noise = np.random.default_rng(seed).normal(0.0, 0.01, 5000)
+        self.pv: list[float] = []
+        self.op: list[float] = [50.0]
+        self.stem: list[float] = [48.0]
+        self.states: list[SupervisorState] = []
+        self.frictions: list[tuple[float, float]] = []
+        self.actions: list[Action] = []
+
+    def run(
+        self,
+        samples: int,
+        sp: float = REST + 2.5,
+        *,
+        bad: bool = False,
+        manual: float | None = None,
+    ) -> None:
+        for _ in range(samples):
+            pv = self.plant.pv
+            action = self.supervisor.step(
+                math.nan if bad else pv, sp, self.op[-1], automatic=manual is None
+            )
+            op = action.op if manual is None else manual
+            self.plant.step(op, float(self.noise[len(self.pv)]))
+            self.pv.append(pv)
+            self.op.append(op)
+            self.stem.append(self.plant.stem)
+            self.states.append(self.supervisor.state)
+            self.actions.append(action)
+            model = self.supervisor.model
+            if model is not None:
+                valve = model.valve
+                self.frictions.append((valve.static_friction, valve.dynamic_friction))
+
+    def std(self, start: int, stop: int | None = None) -> float:
+        return float(np.std(self.pv[start:stop]))
+
+
+@pytest.fixture
+def compensated() -> Loop:
+    loop = Loop()
+    loop.run(400)
+    loop.supervisor.offer(EXAMPLE_1)
+    loop.run(400)
+    return loop
+
+
+def switches(loop: Loop) -> list[int]:
+    compensating = [state is SupervisorState.COMPENSATING for state in loop.states]
+    return [int(k) for k in np.flatnonzero(np.diff(np.asarray(compensating, dtype=int))) + 1]
+
+
+def test_the_oscillation_stops_after_take_over(compensated: Loop) -> None:
+    assert compensated.std(450) < 0.35 * compensated.std(50, 400)
+    assert compensated.supervisor.compensating
+    assert compensated.supervisor.reason is WithdrawReason.NONE
+
+
+def test_take_over_waits_for_rest_and_does_not_touch_op(compensated: Loop) -> None:
+    (k,) = switches(compensated)
+    assert 400 <= k < 440
+    assert compensated.op[k + 1] == compensated.op[k]
+    assert compensated.stem[k + 1] == compensated.stem[k] == compensated.stem[k - 1]
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [WithdrawReason.EXPIRED, WithdrawReason.HEARTBEAT_DEAD, WithdrawReason.OPERATOR],
+)
+def test_a_withdrawn_model_gives_the_loop_back_smoothly(
+    compensated: Loop, reason: WithdrawReason
+) -> None:
+    before = compensated.op[-1]
+    compensated.supervisor.withdraw(reason)
+    compensated.run(1)
+    assert compensated.supervisor.state is SupervisorState.BASE
+    assert compensated.supervisor.reason is reason
+    # The base controller has followed: it asks for what PV's deviation asks for, no more.
+    assert abs(compensated.op[-1] - before) < 3.0
+    compensated.run(400)
+    assert compensated.std(-300) > 0.5
+
+
+def test_a_newer_model_changes_the_frictions_at_the_limited_rate(compensated: Loop) -> None:
+    first = len(compensated.frictions)
+    assert compensated.supervisor.offer(
+        LoopModel(ValveModel.from_friction(7.6, 4.4), EXAMPLE_1.process)
+    )
+    compensated.run(200)
+    changes = np.abs(np.diff(compensated.frictions[first - 1 :], axis=0))
+    assert changes.max() <= 0.05 + 1e-9
+    assert compensated.frictions[-1] == pytest.approx((7.6, 4.4))
+
+
+def test_the_frictions_do_not_change_while_the_valve_moves(compensated: Loop) -> None:
+    compensated.supervisor.offer(LoopModel(ValveModel.from_friction(7.9, 4.6), EXAMPLE_1.process))
+    first = len(compensated.pv)
+    compensated.run(60, sp=REST + 9.0)
+    frictions = np.asarray(compensated.frictions[-60:])
+    changed = np.flatnonzero(np.abs(np.diff(frictions, axis=0)).max(axis=1) > 0.0) + 1 + first
+    moved = np.flatnonzero(np.abs(np.diff(compensated.stem)) > 0.0)
+    assert moved.size
+    assert not set(changed.tolist()) & {int(k) + 1 for k in moved if k >= first}
+
+
+def test_another_process_is_taken_over_bumplessly(compensated: Loop) -> None:
+    pole = math.exp(-1.0 / 8.5)
+    process = ProcessModel((-pole,), (1.0 - pole,), 5, 0.0, 1.0)
+    before = compensated.op[-1]
+    assert compensated.supervisor.offer(LoopModel(EXAMPLE_1.valve, process))
+    compensated.run(1)
+    assert compensated.op[-1] == pytest.approx(before)
+    compensated.run(300)
+    assert compensated.supervisor.model == LoopModel(EXAMPLE_1.valve, process)
+    assert compensated.std(-200) < 0.5 * compensated.std(50, 400)
+
+
+def test_a_useless_model_is_refused_and_the_good_one_kept(compensated: Loop) -> None:
+    hopeless = LoopModel(EXAMPLE_1.valve, ProcessModel((-1.3,), (0.1,), 1, 0.0, 1.0))
+    assert not compensated.supervisor.offer(hopeless)
+    assert "unstable" in compensated.supervisor.refusal
+    assert compensated.supervisor.compensating
+    too_wide = LoopModel(ValveModel(120.0, 1.0), EXAMPLE_1.process)
+    assert not compensated.supervisor.offer(too_wide)
+    assert "stick band of 120" in compensated.supervisor.refusal
+
+
+def test_a_refused_first_model_is_flagged() -> None:
+    loop = Loop()
+    loop.run(5)
+    loop.supervisor.offer(LoopModel(ValveModel(150.0, 1.0), EXAMPLE_1.process))
+    loop.run(5)
+    assert loop.supervisor.state is SupervisorState.BASE
+    assert loop.supervisor.reason is WithdrawReason.REFUSED
+
+
+def test_bad_pv_holds_then_falls_back_then_returns(compensated: Loop) -> None:
+    held = compensated.op[-1]
+    compensated.run(8, bad=True)
+    assert set(compensated.op[-8:]) == {held}
+    assert compensated.actions[-1].status is ActionStatus.PV_BAD
+    compensated.run(10, bad=True)
+    assert compensated.supervisor.reason is WithdrawReason.PV_BAD
+    assert not compensated.supervisor.compensating
+    assert set(compensated.op[-18:]) == {held}
+    compensated.run(200)
+    assert compensated.supervisor.compensating
+    assert compensated.supervisor.reason is WithdrawReason.NONE
+
+
+def test_manual_and_back_without_a_jump(compensated: Loop) -> None:
+    compensated.run(20, manual=compensated.op[-1])
+    assert compensated.supervisor.state is SupervisorState.MANUAL
+    before = compensated.op[-1]
+    compensated.run(1)
+    assert compensated.op[-1] == pytest.approx(before)
+    compensated.run(200)
+    assert compensated.supervisor.compensating
+    assert compensated.std(-150) < 0.5 * compensated.std(50, 400)
+
+
+def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
+    """A process of the wrong sign drives the loop away; the watch must end that."""
+    loop = Loop()
+    loop.run(400)
+    p = EXAMPLE_1.process
+    wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))
+    assert loop.supervisor.offer(wrong)
+    loop.run(600)
+    assert loop.supervisor.state is SupervisorState.BASE
+    assert loop.supervisor.reason in {
+        WithdrawReason.WORSE,
+        WithdrawReason.GROWING,
+        WithdrawReason.HUNTING,
+    }
+    assert not loop.supervisor.offer(wrong)
+    assert "worse" in loop.supervisor.refusal
+    assert loop.supervisor.offer(EXAMPLE_1)
+    loop.run(400)
+    assert loop.supervisor.compensating
