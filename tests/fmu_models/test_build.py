@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -156,9 +157,25 @@ def test_description_comes_from_the_table() -> None:
 
 
 @pytest.mark.slow
+def test_zig_and_the_machines_compiler_give_the_same_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("ziglang", reason="a second compiler: pip install ziglang")
+    own = build("heat", output=tmp_path / "own")[-1]
+    monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
+    zig = build("heat", output=tmp_path / "zig")[-1]
+    with open_plant(zig) as first, open_plant(own) as second:
+        inputs = [{"op": 60.0 + k % 7} for k in range(200)]
+        assert first.steps(inputs) == second.steps(inputs)
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(900)
+@pytest.mark.skipif(
+    "FIELDLINK_TEST_CROSS_BUILD" not in os.environ,
+    reason="takes minutes when zig's cache is cold; set FIELDLINK_TEST_CROSS_BUILD=1",
+)
 def test_zig_builds_for_every_platform(tmp_path: Path) -> None:
-    pytest.importorskip("ziglang", reason="zig (pip install ziglang) cross-compiles")
     fmi2, fmi3 = build("level", platforms=PLATFORMS, output=tmp_path)
     magic = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
     for path, expected in ((fmi2, 3), (fmi3, 5)):
@@ -167,5 +184,4 @@ def test_zig_builds_for_every_platform(tmp_path: Path) -> None:
             assert len(libraries) == expected
             for name in libraries:
                 assert archive.read(name).startswith(magic[Path(name).suffix])
-    with open_plant(fmi3) as zig, open_plant("level") as own:
-        assert zig.steps([{"op": 60.0}] * 50) == own.steps([{"op": 60.0}] * 50)
+    assert is_current(fmi3, "level", 3)
