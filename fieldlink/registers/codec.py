@@ -22,7 +22,7 @@ from fieldlink.registers.layout import (
 from fieldlink.registers.types import Order
 from loop_model import ProcessModel
 
-__all__ = ["decode_block", "encode_block"]
+__all__ = ["decode_block", "encode_block", "read_seq"]
 
 _NO_PROCESS, _SELF_REGULATING, _INTEGRATING = _KINDS = (0, 1, 2)
 
@@ -74,6 +74,32 @@ def encode_block(block: ParameterBlock, word_order: Order = "big") -> list[int]:
     return words
 
 
+def read_seq(words: Sequence[int]) -> int:
+    """Return the sequence number of a block that arrived whole; its content is not looked at.
+
+    Raises:
+        BlockError: it is empty, no block of this layout, or torn.
+    """
+    if len(words) != BLOCK_REGISTERS:
+        raise BlockError(BlockFault.VERSION, f"{len(words)} registers, not {BLOCK_REGISTERS}")
+    if not any(words):
+        raise BlockError(BlockFault.EMPTY)
+    magic, version, _, seq, _, length = words[:6]
+    crc, seq_again = words[-2:]
+    if magic != MAGIC:
+        raise BlockError(BlockFault.MAGIC, f"it is 16#{magic:04X}")
+    # Before the CRC, whose place depends on the layout.
+    if version != LAYOUT_VERSION or length != BLOCK_REGISTERS:
+        raise BlockError(BlockFault.VERSION, f"version {version}, length {length}")
+    if crc16(words[:-2]) != crc:
+        raise BlockError(BlockFault.CRC)
+    if seq != seq_again:
+        raise BlockError(BlockFault.SEQ_TORN, f"{seq} and {seq_again}")
+    if seq == 0:
+        raise BlockError(BlockFault.SEQ_ZERO)
+    return seq
+
+
 def decode_block(words: Sequence[int], word_order: Order = "big") -> ParameterBlock:
     """Return the block that ``words`` hold.
 
@@ -81,21 +107,8 @@ def decode_block(words: Sequence[int], word_order: Order = "big") -> ParameterBl
         BlockError: with the `BlockFault` that a PLC would acknowledge; `NOT_NEWER`, `WRONG_LOOP`,
             `NOT_ENABLED` and `COMMIT` are the reader's to find.
     """
-    if len(words) != BLOCK_REGISTERS:
-        raise BlockError(BlockFault.VERSION, f"{len(words)} registers, not {BLOCK_REGISTERS}")
-    if not any(words):
-        raise BlockError(BlockFault.EMPTY)
-    if words[0] != MAGIC:
-        raise BlockError(BlockFault.MAGIC, f"it is 16#{words[0]:04X}")
+    seq = read_seq(words)
     field = unpack(words, word_order)
-    # Before the CRC, whose place depends on the layout.
-    if field["version"] != LAYOUT_VERSION or field["length"] != BLOCK_REGISTERS:
-        detail = f"version {field['version']}, length {field['length']}"
-        raise BlockError(BlockFault.VERSION, detail)
-    if crc16(words[:-2]) != words[-2]:
-        raise BlockError(BlockFault.CRC)
-    if field["seq"] != field["seq_again"]:
-        raise BlockError(BlockFault.SEQ_TORN, f"{field['seq']} and {field['seq_again']}")
     try:
         status = Status(int(field["status"]))
         verdict = Verdict(int(field["verdict"]))
@@ -103,7 +116,7 @@ def decode_block(words: Sequence[int], word_order: Order = "big") -> ParameterBl
         raise BlockError(BlockFault.STATUS, str(error)) from error
     return ParameterBlock(
         loop_id=int(field["loop_id"]),
-        seq=int(field["seq"]),
+        seq=seq,
         status=status,
         valid_for=int(field["valid_for"]),
         window_end_ms=int(field["window_end"]),

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from fieldlink.registers.block import ParameterBlock, is_newer
-from fieldlink.registers.codec import decode_block
+from fieldlink.registers.codec import decode_block, read_seq
 from fieldlink.registers.codes import ACCEPTED, NOTHING_SEEN, BlockError, BlockFault, Status
 from fieldlink.registers.exchange import Bank, ExchangeLayout, ExchangeWords, split_commit
 from fieldlink.registers.types import Order
@@ -194,10 +194,10 @@ class BlockReader:
         if self._judged == (words.commit, registers):
             return
         try:
-            block = decode_block(registers, self._word_order)
-            if block.seq & 0xFF != low_seq:
+            if read_seq(registers) & 0xFF != low_seq:
                 # The next block lies in the committed bank and its commit is still to come.
                 return
+            block = decode_block(registers, self._word_order)
             if registers != self._ack_registers:
                 self._check(block)
         except BlockError as error:
