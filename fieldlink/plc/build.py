@@ -26,6 +26,8 @@ from loop_model import ProcessModel
 __all__ = ["PlcError", "build_program"]
 
 INPUT, OUTPUT = "op", "pv"
+ANSWER_WITHIN = 10.0
+"""Seconds that an FMU may take: the PLC stands still meanwhile, once, before it goes on without."""
 
 
 class PlcError(FieldlinkError):
@@ -69,6 +71,7 @@ def _controlled(
             parameters=_parameters(settings, known) | {INPUT: op},
             period=loop.period,
             isolated=isolated,
+            timeout=ANSWER_WITHIN,
         )
     except (PlantError, CompensatorError) as error:
         raise PlcError(f"loop {name}: {error}") from error
@@ -98,9 +101,13 @@ def _process(known: CatalogueModel | None, period: float) -> ProcessModel | None
 
 
 def _first_op(settings: PlantSettings, limits: OpLimits) -> float:
-    """OP at which the plant begins at rest: as the site says, else the middle of the range."""
+    """OP at which the plant begins at rest, as the site says or 40 % up its range.
+
+    Not the middle, where so many set-points are: a stem that happens to rest just where it should
+    shows no stiction for as long as nothing disturbs it.
+    """
     given = settings.parameters.get(INPUT, settings.parameters.get("op_start"))
-    return 0.5 * (limits.low + limits.high) if given is None else float(given)
+    return limits.low + 0.4 * (limits.high - limits.low) if given is None else float(given)
 
 
 def _controller(
