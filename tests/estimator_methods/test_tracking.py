@@ -1,0 +1,135 @@
+"""A valve over many windows: smoothing, changes, time left; against courses that were made up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimator.changes import ChangeKind, find_changes
+from estimator.outcomes import EstimatorError
+from estimator.result import Interval
+from estimator.tracking import track
+from estimator.trend import smooth_trend
+
+DAY = 86400.0
+QUANTILE = 1.6448536
+
+
+def _windows(true, std, seed=0):
+    rng = np.random.default_rng(seed)
+    value = true + rng.normal(0.0, std, len(true))
+    return [Interval(v, v - QUANTILE * std, v + QUANTILE * std) for v in value]
+
+
+def test_a_straight_line_is_found_with_its_slope_and_the_days_left():
+    days = np.arange(40.0)
+    true = 2.0 + 0.05 * days
+    course = track(days * DAY, _windows(true, 0.1), _windows(true, 0.1), stick_band_limit=5.0)
+    band = course.stick_band
+    assert 0.05 in band.trend_per_day
+    assert band.value[-1] == pytest.approx(true[-1], abs=0.1)
+    assert band.days_to_limit.low <= (5.0 - true[-1]) / 0.05 <= band.days_to_limit.high
+    assert band.days_to_limit.value == pytest.approx(21.0, abs=5.0)
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say():
+    days = np.sort(np.random.default_rng(5).uniform(0.0, 60.0, 30))
+    true = 3.0 + 0.5 * np.sin(days / 15.0)
+    inside = []
+    for seed in range(30):
+        band = track(days * DAY, _windows(true, 0.2, seed), _windows(true, 0.2, seed)).stick_band
+        inside.append((band.low <= true) & (true <= band.high))
+    assert 0.8 <= np.mean(inside) <= 0.97
+
+
+def test_smoothing_beats_the_single_windows_and_bridges_gaps():
+    days = np.arange(50.0)
+    true = 4.0 + 0.02 * days
+    windows = _windows(true, 0.3)
+    windows[20:26] = [Interval.unknown()] * 6
+    band = track(days * DAY, windows, windows).stick_band
+    raw = np.array([one.value for one in windows])
+    assert np.isfinite(band.value).all()
+    assert np.nanstd(band.value - true) < 0.7 * np.nanstd(raw - true)
+    assert band.high[22] - band.low[22] > band.high[10] - band.low[10]
+
+
+def test_precise_windows_weigh_more():
+    times = np.arange(10.0) * DAY
+    windows = [Interval(2.0, 1.99, 2.01)] * 10
+    windows[4] = Interval(6.0, 0.0, 12.0)
+    band = track(times, windows, windows).stick_band
+    assert band.value[4] == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_step_is_dated_and_a_repair_starts_anew():
+    true = np.concatenate([np.full(15, 2.0), np.full(15, 4.0), np.full(15, 1.0)])
+    times = np.arange(45) * DAY
+    band = track(times, _windows(true, 0.2), _windows(true, 0.2)).stick_band
+    assert [change.kind for change in band.changes] == [ChangeKind.INCREASE, ChangeKind.DECREASE]
+    assert [abs(c.onset - k) <= 2 for c, k in zip(band.changes, (15, 30), strict=True)] == [
+        True
+    ] * 2
+    assert band.worse_since is None
+    assert band.value[-1] == pytest.approx(1.0, abs=0.25)
+    before = track(times[:30], _windows(true, 0.2)[:30], _windows(true, 0.2)[:30]).stick_band
+    assert before.worse_since == pytest.approx(15 * DAY, abs=2 * DAY)
+
+
+def test_a_slow_drift_gives_an_alarm_and_noise_rarely_does():
+    steady = sum(
+        bool(find_changes(np.random.default_rng(s).normal(3.0, 0.2, 40), np.full(40, 0.2)))
+        for s in range(50)
+    )
+    assert steady <= 5
+    for seed in range(5):
+        drift = 3.0 + 0.03 * np.arange(60) + np.random.default_rng(seed).normal(0.0, 0.2, 60)
+        kinds = {change.kind for change in find_changes(drift, np.full(60, 0.2))}
+        assert kinds == {ChangeKind.INCREASE}
+
+
+def test_one_wild_window_gives_no_alarm():
+    value = np.full(30, 2.0) + 0.05 * np.sin(np.arange(30.0))
+    value[15] = 60.0
+    assert find_changes(value, np.full(30, 0.1)) == ()
+
+
+def test_more_scatter_than_the_intervals_allow_widens_them():
+    rng = np.random.default_rng(1)
+    value = 3.0 + rng.normal(0.0, 0.5, 40)
+    trend = smooth_trend(np.arange(40.0), value, np.full(40, 0.05))
+    assert trend.widening > 10.0
+    assert abs(trend.level[20] - 3.0) < 3.0 * trend.level_std[20]
+
+
+def test_no_trend_towards_the_limit_is_no_number_of_days():
+    true = np.full(20, 2.0)
+    windows = [Interval(v, v - 0.1, v + 0.1) for v in true - 0.01 * np.arange(20)]
+    left = track(np.arange(20) * DAY, windows, windows, stick_band_limit=8.0).stick_band
+    assert left.days_to_limit.value == math.inf
+    over = track(np.arange(20) * DAY, windows, windows, stick_band_limit=1.0).stick_band
+    assert over.days_to_limit.value == 0.0
+
+
+def test_two_windows_have_no_trend():
+    windows = [Interval(2.0, 1.8, 2.2)] * 2
+    band = track([0.0, DAY], windows, windows, stick_band_limit=3.0).stick_band
+    assert math.isnan(band.trend_per_day.value)
+    assert math.isnan(band.days_to_limit.value)
+    assert np.isfinite(band.value).all()
+
+
+@pytest.mark.parametrize(
+    ("times", "windows", "part"),
+    [
+        ([0.0, 0.0], [Interval(1, 0, 2)] * 2, "increasing"),
+        ([0.0], [Interval(1, 0, 2)] * 2, "one length"),
+        ([0.0, 1.0], [Interval.unknown()] * 2, "nothing to follow"),
+        ([0.0, 1.0], [Interval(1, 2, 0)] * 2, "upside down"),
+    ],
+)
+def test_bad_input_is_refused_with_its_name(times, windows, part):
+    with pytest.raises(EstimatorError, match=part):
+        track(times, windows, windows)
