@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 import tempfile
 from collections import deque
@@ -92,14 +93,15 @@ class InProcessPlant(Plant):
             parameters=roles.parameters,
             can_restore=bool(simulation.canGetAndSetFMUstate and simulation.canSerializeFMUstate),
         )
-        self._folder = (
-            tempfile.TemporaryDirectory(prefix="fieldlink-fmu-", ignore_cleanup_errors=True)
-            if folder is None
-            else None
-        )
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        if folder is None:
+            self._folder = tempfile.TemporaryDirectory(
+                prefix="fieldlink-fmu-", ignore_cleanup_errors=True
+            )
+            folder = Path(self._folder.name)
         try:
-            extract_fmu(file, Path(self._folder.name) if self._folder else folder or Path())
-            self._open(description, Path(self._folder.name) if self._folder else folder or Path())
+            extract_fmu(file, folder)
+            self._open(description, folder)
             self._begin(parameters)
         except BaseException:
             self.close()
@@ -109,12 +111,14 @@ class InProcessPlant(Plant):
         kind = fmi2.FMU2Slave if self._fmi2 else fmi3.FMU3Slave
         _said.clear()
         try:
-            fmu = kind(
-                guid=description.guid,
-                modelIdentifier=description.coSimulation.modelIdentifier,
-                unzipDirectory=str(folder),
-                instanceName=description.modelName,
-            )
+            # FMPy changes the working directory to load the library, and stays there on failure.
+            with contextlib.chdir(os.curdir):
+                fmu = kind(
+                    guid=description.guid,
+                    modelIdentifier=description.coSimulation.modelIdentifier,
+                    unzipDirectory=str(folder),
+                    instanceName=description.modelName,
+                )
         except Exception as error:  # FMPy raises nothing narrower
             raise PlantFileError(
                 f"plant {self._info.name}: its library cannot be loaded: {error}; it is damaged, "
@@ -220,8 +224,7 @@ class InProcessPlant(Plant):
 
     def restore(self, snapshot: bytes) -> None:
         """Go back to a state that `snapshot` returned."""
-        if self._fmu is None:
-            self._check_alive()
+        self._check_open()
         self._check_can_restore()
         head = snapshot[: _SNAPSHOT_HEAD.size]
         if len(head) < _SNAPSHOT_HEAD.size or head[:4] != _SNAPSHOT_MARK:
@@ -256,6 +259,9 @@ class InProcessPlant(Plant):
     def _check_alive(self) -> None:
         if self._failure is not None:
             raise PlantClosedError(f"the plant failed before: {self._failure}")
+        self._check_open()
+
+    def _check_open(self) -> None:
         if self._fmu is None:
             raise PlantClosedError(f"plant {self._info.name} is closed; open it again")
 

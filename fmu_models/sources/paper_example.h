@@ -32,11 +32,12 @@ static const char *plant_initialise(plant *p) {
 
 static const char *plant_advance(plant *p, int64_t count) {
     const char *complaint = valve_check(p->v.stick_band, p->v.slip_jump);
+    double stem;
     if (complaint)
         return complaint;
+    /* One move a step, as the data-driven models do with a new sample of OP. */
+    stem = valve_move(&p->memory.valve, (int)p->v.valve, p->v.stick_band, p->v.slip_jump, p->v.op);
     for (int64_t i = 0; i < count; ++i) {
-        const double stem = valve_move(&p->memory.valve, (int)p->v.valve, p->v.stick_band,
-                                       p->v.slip_jump, p->v.op);
         const double v = p->v.noise_std * noise_normal(&p->noise);
         arx_step(&p->memory.process, process_a, process_b, stem + p->v.load, v);
         measure(p);

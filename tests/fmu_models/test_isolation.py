@@ -92,12 +92,16 @@ def test_truncated_library(altered: Alter) -> None:
         open_plant(altered(fmu_path("example1"), halve))
 
 
-def test_library_that_is_no_library(altered: Alter) -> None:
+@pytest.mark.parametrize("isolated", [True, False])
+def test_library_that_is_no_library(altered: Alter, isolated: bool) -> None:
+    folder = Path.cwd()
+
     def replace(name: str, content: bytes) -> bytes:
         return b"not a library" if name.startswith("binaries/") else content
 
     with pytest.raises(PlantFileError, match=r"library cannot be loaded.*damaged"):
-        open_plant(altered(fmu_path("example1"), replace))
+        open_plant(altered(fmu_path("example1"), replace), isolated=isolated)
+    assert Path.cwd() == folder
 
 
 @pytest.mark.parametrize("isolated", [True, False])
