@@ -10,6 +10,9 @@ from fieldlink.registers import Bounded, ParameterBlock, Status, Verdict
 
 __all__ = ["Agreement", "Candidate"]
 
+SAME_STICK_BAND = 0.1
+"""Stick bands of two windows that differ by this share of the larger one count as the same."""
+
 _NONE = Bounded.exact(0.0)
 
 STATUS_OF_VERDICT = {
@@ -70,8 +73,8 @@ class Candidate:
 class Agreement:
     """Counts how many windows in a row say the same.
 
-    Windows agree when their verdict is the same and, for a sticky valve, their intervals of the
-    stick band overlap.
+    Windows agree when their verdict is the same and, for a sticky valve, their stick bands differ
+    by at most a tenth or have overlapping intervals.
     """
 
     def __init__(self) -> None:
@@ -91,7 +94,8 @@ class Agreement:
         if findings.verdict != "stiction":
             return True
         a, b = _bounded(last.stick_band), _bounded(findings.stick_band)
-        return a.low <= b.high and b.low <= a.high
+        close = abs(a.value - b.value) <= SAME_STICK_BAND * max(a.value, b.value)
+        return close or (a.low <= b.high and b.low <= a.high)
 
 
 def _bounded(interval: Interval) -> Bounded:

@@ -16,7 +16,7 @@ class WritebackOutcome(Enum):
     """The outcome of an attempt, or why there was none; the code is stored, with advice."""
 
     COMMITTED = ("committed", "waiting for the PLC to acknowledge")
-    ACCEPTED = ("accepted", "the PLC uses the block")
+    ACCEPTED = ("accepted", "the PLC has taken the block over")
     REJECTED = ("rejected", "see the PLC's result code")
     NOT_ACKNOWLEDGED = ("not_acknowledged", "check that the PLC's block reader runs")
     READ_ONLY = ("read_only", "run without --read-only to write")

@@ -103,7 +103,7 @@ class Daemon:
         ending = asyncio.Event()
         schedule = Schedule()
         tasks = [_spawn(self._pool.warm_up(), "warm-up")]
-        forever = [schedule.failed]
+        forever: list[asyncio.Task[None]] = []
         for runner in self._assembly.runners.values():
             polled = asyncio.Event()
             forever.append(_spawn(self._poll(runner, polled, ending), f"poll {runner.name}"))
@@ -118,11 +118,11 @@ class Daemon:
                 )
         schedule.start()
         try:
-            yield forever
+            yield [schedule.failed, *forever]
         finally:
             ending.set()
             schedule.pause()
-            running = [*tasks, *forever[1:], *self._judging]
+            running = [*tasks, *forever, *self._judging]
             _, unfinished = await asyncio.wait(running, timeout=STOP_GRACE)
             for task in unfinished:
                 self._assembly.journal.event(

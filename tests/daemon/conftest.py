@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fieldlink.daemon.estimating import Findings, Interval
+from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState
+from loop_model import LoopModel, ProcessModel, ValveModel
+
+HELPER = Path(__file__).resolve().parents[1] / "links" / "fake_device.py"
+LAYOUT = ExchangeLayout.at(100)
+
+
+def load_helper(path: Path) -> Any:
+    """Import a helper that lies beside the tests; they are no package."""
+    name = f"fieldlink_tests_{path.stem}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+@pytest.fixture
+async def new_device() -> AsyncIterator[Callable[..., Any]]:
+    made = []
+
+    def make(**settings: Any) -> Any:
+        device = load_helper(HELPER).FakeDevice(**settings)
+        made.append(device)
+        return device
+
+    yield make
+    for device in made:
+        await device.stop()
+
+
+@pytest.fixture
+async def device(new_device: Callable[..., Any]) -> Any:
+    running = new_device()
+    await running.start()
+    return running
+
+
+class PlcProgram:
+    """The PLC's side of the exchange, run on the words of a fake device."""
+
+    def __init__(self, words: list[int], loop_id: int = 101) -> None:
+        self.words = words
+        self.reader = BlockReader(loop_id)
+        self.now = 0.0
+        self.state = ReaderState()
+        words[LAYOUT.enable] = 1
+
+    def scan(self, seconds: float = 1.0) -> ReaderState:
+        self.now += seconds
+        view = LAYOUT.view(lambda address, count: self.words[address : address + count])
+        self.state = self.reader.scan(view, self.now)
+        for address, word in self.state.reply(LAYOUT).items():
+            self.words[address] = word
+        return self.state
+
+
+@pytest.fixture
+def plc(device: Any) -> PlcProgram:
+    return PlcProgram(device.words)
+
+
+@pytest.fixture
+def layout() -> ExchangeLayout:
+    return LAYOUT
+
+
+def _findings(
+    stick_band: float = 7.0, slip_jump: float = 4.0, verdict: str = "stiction", **changes: Any
+) -> Findings:
+    valve = ValveModel(stick_band, slip_jump)
+    process = ProcessModel(a=(-0.9,), b=(0.1,), dead_time=1, offset=0.5, period=1.0)
+    values = {
+        "verdict": verdict,
+        "reasons": ("because",),
+        "score": 30.0,
+        "stick_band": Interval(stick_band, 0.98 * stick_band, 1.02 * stick_band),
+        "slip_jump": Interval(slip_jump, 0.0, 1.2 * slip_jump),
+        "static_friction": Interval(valve.static_friction, math.nan, math.nan),
+        "dynamic_friction": Interval(valve.dynamic_friction, math.nan, math.nan),
+        "confidence": 0.9,
+        "r2": 0.95,
+        "criterion": "oe",
+        "samples": 800,
+        "seconds": 0.1,
+        "model": LoopModel(valve, process) if verdict == "stiction" else None,
+        "document": {"verdict": verdict},
+    }
+    return Findings(**values | changes)
+
+
+@pytest.fixture
+def findings() -> Callable[..., Findings]:
+    return _findings

@@ -1,0 +1,367 @@
+"""The live daemon over real sockets: devices that come and go, a store that fills, a clean end."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import struct
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fieldlink.daemon import Daemon, PoolSettings, WritebackOutcome
+from fieldlink.daemon.device import poll_period
+from fieldlink.links import LinkState
+from fieldlink.site import Loop, Site, load_site
+from fieldlink.store import (
+    HistorianSettings,
+    StoreError,
+    read_estimates,
+    read_events,
+    read_samples,
+    read_writebacks,
+)
+
+STORE = HistorianSettings(linger=0.02)
+POOL = PoolSettings(workers=1)
+PERIOD_WALL = 0.02
+MAP = """tag,table,address,type
+OP,holding,0,float32
+PV,holding,2,float32
+SCAN,holding,4,uint16
+"""
+
+
+class Plant:
+    """A sticky loop in a fake device: OP ramps up and down, PV follows the stem."""
+
+    def __init__(self, device: Any, plc: Any | None = None) -> None:
+        self.device = device
+        self.plc = plc
+        self.cycle = 0
+        self.stem = 50.0
+        self.pv = 50.0
+        self._rng = np.random.default_rng(3)
+
+    def step(self) -> None:
+        op = 50.0 + 6.0 * abs((self.cycle / 40.0) % 2.0 - 1.0)
+        if op - self.stem > 2.5:
+            self.stem = op - 1.5
+        elif self.stem - op > 2.5:
+            self.stem = op + 1.5
+        pv = self.pv + 0.02 * self._rng.standard_normal()
+        self.pv += 0.3 * (self.stem - self.pv)
+        self.cycle += 1
+        self.device.words[0:5] = [
+            *struct.unpack(">2H", struct.pack(">f", op)),
+            *struct.unpack(">2H", struct.pack(">f", pv)),
+            self.cycle & 0xFFFF,
+        ]
+        if self.plc is not None:
+            self.plc.scan()
+
+    async def run(self) -> None:
+        deadline = time.monotonic()
+        while True:
+            self.step()
+            deadline += PERIOD_WALL
+            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
+
+
+@asynccontextmanager
+async def plant_on(device: Any, plc: Any | None = None) -> AsyncIterator[Plant]:
+    plant = Plant(device, plc)
+    plant.step()
+    task = asyncio.create_task(plant.run())
+    try:
+        yield plant
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def site_for(folder: Path, ports: dict[str, int], loop_extra: str = "", **loop: Any) -> Site:
+    """Write and load a site; each device has one loop, named like it in capitals."""
+    keys = {"period": 1.0, "window": 50, "estimate_every": 20.0} | loop
+    parts = ['[site]\nname = "test"\n']
+    for name, port in ports.items():
+        parts.append(
+            f'[devices.{name}]\nlink = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\n'
+            f'register_map = "map.csv"\ntimeout = 0.15\nspeed = {1.0 / PERIOD_WALL}\n'
+            f'[loops.{name.upper()}]\ndevice = "{name}"\nop = "OP"\npv = "PV"\nscan = "SCAN"\n'
+            + "".join(f"{key} = {value}\n" for key, value in keys.items())
+            + loop_extra.replace("LOOP", name.upper())
+        )
+    (folder / "map.csv").write_text(MAP)
+    (folder / "site.toml").write_text("\n".join(parts))
+    return load_site(folder / "site.toml")
+
+
+@asynccontextmanager
+async def running(site: Site, **options: Any) -> AsyncIterator[Daemon]:
+    daemon = Daemon(site, store=STORE, pool=POOL, **options)
+    stop = asyncio.Event()
+    task = asyncio.create_task(daemon.run(stop=stop))
+    try:
+        yield daemon
+        stop.set()
+        await task
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def until(condition: Callable[[], bool], what: str, tries: int = 2000) -> None:
+    for _ in range(tries):
+        if condition():
+            return
+        await asyncio.sleep(0.01)
+    pytest.fail(f"never happened: {what}")
+
+
+async def test_samples_estimates_and_their_ends_are_stored(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port}, window=300, estimate_every=100.0)
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].estimates >= 2, "two estimates")
+    status = daemon.status()
+    counts = status.loops["PLC"].counts
+    assert counts.expected == counts.read + counts.missed + counts.bad
+    samples = read_samples(site.historian_url, "PLC")
+    assert len(samples) == counts.read
+    assert samples["slot"].is_monotonic_increasing
+    estimates = read_estimates(site.historian_url)
+    assert estimates["verdict"].tolist()[0] == "stiction"
+    last = status.loops["PLC"].last_estimate
+    assert last is not None
+    assert last.findings is not None
+    assert estimates["stick_band"].iloc[-1] == last.findings.stick_band.value
+    assert estimates["document"].iloc[-1] == last.findings.document
+    assert (estimates["last_slot"] - estimates["first_slot"] == 299).all()
+    events = read_events(site.historian_url)["kind"].tolist()
+    assert events[0] == "daemon.start"
+    assert events[-1] == "daemon.stop"
+    assert status.store.dropped == 0
+    assert status.store.waiting == 0
+
+
+async def test_polling_by_the_counter_takes_every_cycle_once(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    async with plant_on(device) as plant, running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].counts.read >= 100, "100 samples")
+        read = daemon.status().loops["PLC"].counts
+        assert read.expected <= plant.cycle
+    samples = read_samples(site.historian_url)
+    op = [50.0 + 6.0 * abs((k / 40.0) % 2.0 - 1.0) for k in range(10_000)]
+    start = int(np.argmin(np.abs(np.array(op[:40]) - samples["op"][0])))
+    expected = np.array([op[start + slot] for slot in samples["slot"]])
+    direction = np.array([op[40 + start + slot] for slot in samples["slot"]])
+    seen = samples["op"].to_numpy()
+    assert np.abs(seen - expected).max() < 1e-4 or np.abs(seen - direction).max() < 1e-4
+
+
+async def test_a_device_absent_at_the_start_and_lost_later_comes_back(
+    new_device: Callable[..., Any], tmp_path: Path
+) -> None:
+    device = new_device()
+    await device.start()
+    await device.stop()
+    site = site_for(tmp_path, {"plc": device.port})
+
+    def state() -> LinkState:
+        return daemon.status().devices["plc"].state
+
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: state() is LinkState.DEMOTED, "demoted while absent")
+        await device.start()
+        await until(lambda: daemon.status().loops["PLC"].counts.read >= 5, "samples")
+        await device.stop()
+        await until(lambda: state() is LinkState.DEMOTED, "demoted while away")
+        before = daemon.status().loops["PLC"].counts.read
+        await device.start()
+        await until(lambda: daemon.status().loops["PLC"].counts.read >= before + 5, "samples again")
+        assert daemon.status().loops["PLC"].counts.missed > 0
+    kinds = [k for k in read_events(site.historian_url)["kind"] if k.startswith("device.")]
+    assert kinds == ["device.demoted", "device.good", "device.demoted", "device.good"]
+
+
+async def test_a_silent_device_does_not_slow_another(
+    new_device: Callable[..., Any], tmp_path: Path
+) -> None:
+    good, silent = new_device(), new_device(mute=True)
+    await good.start()
+    await silent.start()
+    site = site_for(tmp_path, {"good": good.port, "silent": silent.port})
+    async with plant_on(good), running(site) as daemon:
+        await until(lambda: daemon.status().loops["GOOD"].counts.read >= 150, "150 samples")
+        status = daemon.status()
+    assert status.loops["SILENT"].counts.read == 0
+    assert status.devices["silent"].state is LinkState.DEMOTED
+    counts = status.loops["GOOD"].counts
+    assert counts.missed <= 0.1 * counts.expected
+    assert status.devices["good"].polls > 2 * status.devices["silent"].requests
+
+
+WRITEBACK = """
+[loops.LOOP.writeback]
+enabled = true
+loop_id = 101
+base = 100
+min_windows = 1
+"""
+
+
+async def test_findings_reach_the_plcs_block(device: Any, plc: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port}, WRITEBACK, window=300, estimate_every=100.0)
+    async with plant_on(device, plc), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].last_accepted is not None, "accepted")
+        status = daemon.status()
+    block = plc.state.in_force
+    assert block is not None
+    last = status.loops["PLC"].last_accepted
+    assert last is not None
+    assert last.block == block
+    stored = read_writebacks(site.historian_url, "PLC")
+    assert stored["outcome"].tolist()[:2] == ["committed", "accepted"]
+    assert stored["words"][0] == list(last.words or ())
+
+
+async def test_read_only_overrides_the_site_file(device: Any, plc: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port}, WRITEBACK, window=100, estimate_every=100.0)
+    async with plant_on(device, plc), running(site, read_only=True) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].last_attempt is not None, "a decision")
+        attempt = daemon.status().loops["PLC"].last_attempt
+    assert attempt is not None
+    assert attempt.outcome is WritebackOutcome.READ_ONLY
+    assert device.writes == []
+
+
+async def test_writing_is_off_by_default(device: Any, plc: Any, tmp_path: Path) -> None:
+    area = "[loops.LOOP.writeback]\nloop_id = 101\nbase = 100\n"
+    site = site_for(tmp_path, {"plc": device.port}, area, window=100, estimate_every=100.0)
+    async with plant_on(device, plc), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].estimates >= 1, "an estimate")
+    assert device.writes == []
+    assert read_writebacks(site.historian_url).empty
+
+
+async def test_a_killed_estimator_process_is_replaced(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].estimates >= 1, "an estimate")
+        assert daemon._pool is not None
+        for process in daemon._pool.worker_ids():
+            os.kill(process, signal.SIGKILL)
+        before = daemon.status().loops["PLC"].estimates
+        await until(lambda: daemon.status().loops["PLC"].estimates >= before + 2, "estimates again")
+        assert daemon.status().pool_rebuilt >= 1
+
+
+async def test_the_duration_ends_the_run(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    async with plant_on(device):
+        status = await Daemon(site, store=STORE, pool=POOL).run(duration=0.3)
+    assert status.loops["PLC"].counts.read > 0
+
+
+async def test_a_data_directory_that_cannot_be_used_ends_the_start(
+    device: Any, tmp_path: Path
+) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    (tmp_path / "occupied").write_text("")
+    with pytest.raises(StoreError, match="data_dir"):
+        await Daemon(site.with_data_dir(tmp_path / "occupied")).run(duration=1.0)
+    assert device.requests == []
+
+
+def test_sigterm_ends_the_program_and_loses_nothing(tmp_path: Path) -> None:
+    program = textwrap.dedent(
+        """
+        import asyncio, importlib.util, json, sys
+        from pathlib import Path
+
+        def load(path):
+            spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+            module = importlib.util.module_from_spec(spec)
+            sys.modules[spec.name] = module
+            spec.loader.exec_module(module)
+            return module
+
+        tests = load(sys.argv[1])
+        FakeDevice = load(sys.argv[2]).FakeDevice
+        from fieldlink.daemon import Daemon, configure_logging, stop_on_signals
+
+        async def main():
+            configure_logging()
+            device = FakeDevice()
+            await device.start()
+            folder = Path(sys.argv[3])
+            site = tests.site_for(folder, {"plc": device.port})
+            async with tests.plant_on(device):
+                with stop_on_signals() as stop:
+                    status = await Daemon(site, pool=tests.POOL).run(stop=stop)
+            await device.stop()
+            counts = status.loops["PLC"].counts
+            print(json.dumps({"read": counts.read, "written": status.store.written}))
+
+        if __name__ == "__main__":
+            asyncio.run(main())
+        """
+    )
+    script = tmp_path / "program.py"
+    script.write_text(program)
+    helper = Path(__file__).resolve().parents[1] / "links" / "fake_device.py"
+    process = subprocess.Popen(
+        [sys.executable, str(script), __file__, str(helper), str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        url = f"sqlite:///{tmp_path}/data/history.sqlite"
+        database = tmp_path / "data" / "history.sqlite"
+        for _ in range(3000):
+            if database.exists() and process.poll() is None:
+                try:
+                    if len(read_samples(url)) >= 30:
+                        break
+                except StoreError:
+                    pass
+            time.sleep(0.01)
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=60)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    assert process.returncode == 0, err
+    assert f'"read": {len(read_samples(url))},' in out
+    assert read_events(url)["kind"].tolist()[-1] == "daemon.stop"
+    assert "event=daemon.stop" in err
+    assert "Traceback" not in err
+
+
+def loop_of(period: float, scan: str | None = None) -> Loop:
+    return Loop(device="plc", op="OP", pv="PV", period=period, scan=scan)
+
+
+@pytest.mark.parametrize(
+    ("loops", "seconds"),
+    [
+        ([loop_of(1.0)], 1.0),
+        ([loop_of(1.0, "SCAN")], 0.5),
+        ([loop_of(1.0), loop_of(5.0)], 1.0),
+        ([loop_of(2.0), loop_of(3.0)], 1.0),
+        ([loop_of(1.0), loop_of(1.07)], 0.5),
+    ],
+)
+def test_one_poll_period_serves_all_loops(loops: list[Loop], seconds: float) -> None:
+    assert poll_period(loops) == seconds
