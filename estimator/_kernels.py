@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Mask", "fir", "lag", "stems"]
+__all__ = ["Array", "Mask", "fir", "lag", "lagged_products", "stems"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,8 +22,10 @@ Mask = NDArray[np.bool_]
 _kernel = partial(njit, cache=True, fastmath=True, error_model="numpy")
 
 
-@_kernel("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1])")
-def _stems(op: Array, static: Array, dynamic: Array, start: Array, out: Array) -> None:
+@_kernel("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1])")
+def _stems(
+    op: Array, static: Array, dynamic: Array, start: Array, out: Array, moves: Array
+) -> None:
     x = start.copy()
     for k in range(op.size):
         u = op[k]
@@ -32,6 +34,7 @@ def _stems(op: Array, static: Array, dynamic: Array, start: Array, out: Array) -
             e = u - x[j]
             moved = u - dynamic[j] if e > static[j] else x[j]
             moved = u + dynamic[j] if e < -static[j] else moved
+            moves[j] += 1.0 if moved != x[j] else 0.0
             x[j] = moved
             row[j] = moved
 
@@ -63,17 +66,47 @@ def _fir(signal: Array, taps: Array, out: Array) -> None:
                 now[j] += taps[i] * past[j]
 
 
-def stems(op: Array, stick_band: Array, slip_jump: Array, start: Array) -> Array:
-    """Stem positions of He's valve, equation (4), for many candidates.
+@_kernel("void(f8[:, ::1], f8[::1], i8, i8, f8[:, :, ::1])")
+def _lagged_products(
+    signal: Array, weight: Array, first_lag: int, rows_from: int, out: Array
+) -> None:
+    n, m = signal.shape
+    lags = out.shape[0]
+    for k in range(rows_from, n):
+        w = weight[k]
+        if w == 0.0:
+            continue
+        for a in range(lags):
+            left = signal[k - first_lag - a]
+            for b in range(a, lags):
+                right = signal[k - first_lag - b]
+                total = out[a, b]
+                for j in range(m):
+                    total[j] += w * left[j] * right[j]
+
+
+def lagged_products(signal: Array, weight: Array, first_lag: int, lags: int) -> Array:
+    """Sums over ``k`` of ``weight_k s_(k-d-a) s_(k-d-b)`` with ``d = first_lag``.
+
+    ``signal`` has shape ``(n, m)``, ``weight`` ``(n,)``. Returns ``(lags, lags, m)``, upper triangle
+    filled. Rows that reach before the first sample are left out.
+    """
+    out = np.zeros((lags, lags, signal.shape[1]))
+    _lagged_products(signal, weight, first_lag, first_lag + lags - 1, out)
+    return out
+
+
+def stems(op: Array, stick_band: Array, slip_jump: Array, start: Array) -> tuple[Array, Array]:
+    """Stem positions of He's valve, equation (4), for many candidates, and how often each moves.
 
     ``op`` has shape ``(n,)``; ``stick_band``, ``slip_jump`` and ``start`` (the position before the
-    first sample) have shape ``(m,)``. Returns ``(n, m)``.
+    first sample) have shape ``(m,)``. Returns the positions ``(n, m)`` and the moves ``(m,)``.
     """
     static = np.ascontiguousarray(0.5 * (stick_band + slip_jump))
     dynamic = np.ascontiguousarray(0.5 * (stick_band - slip_jump))
-    out = np.empty((op.size, static.size))
-    _stems(op, static, dynamic, np.ascontiguousarray(start), out)
-    return out
+    out, moves = np.empty((op.size, static.size)), np.zeros(static.size)
+    _stems(op, static, dynamic, np.ascontiguousarray(start), out, moves)
+    return out, moves
 
 
 def lag(signal: Array, pole: float) -> Array:
@@ -88,7 +121,7 @@ def lag(signal: Array, pole: float) -> Array:
 
 
 def fir(signal: Array, taps: Array) -> Array:
-    """Moving average ``taps[0] s_k + taps[1] s_(k-1) + ...``, the first sample held before the start."""
+    """Moving average ``taps[0] s_k + taps[1] s_(k-1) + ...``; the first sample is held before it."""
     out = np.empty_like(signal)
     _fir(signal, taps, out)
     return out

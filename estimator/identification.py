@@ -9,16 +9,17 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import ThreadpoolController
 
-from estimator._kernels import Array
-from estimator.conversion import process_description, process_model
+from estimator.arx_estimate import arx_estimate
+from estimator.estimate import Estimate
 from estimator.noise import effective_samples
-from estimator.outcomes import EstimatorError, Reason, Verdict
-from estimator.profile import Profile, likelihood_profile, quantile_interval
+from estimator.oe_estimate import oe_estimate
+from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
 from estimator.search import Candidate, healthy_search, stem_of, valve_search
-from estimator.verdict import judge
+from estimator.verdict import evidence_of, judge
 from estimator.window import Window, harmonise, screen
 from loop_model import LoopModel, ValveModel
 
@@ -28,6 +29,11 @@ CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
 
 _SURFACE_NODES = 25
+_MARGIN = 0.15
+_WORSE = 1.5
+_SLACK = 0.02
+_VAGUE = 0.5
+_BLAS = ThreadpoolController()
 
 
 def identify(
@@ -69,7 +75,9 @@ def identify(
     if reasons:
         result = _not_assessable(window, reasons, criterion, confidence)
     else:
-        result = _assess(window, confidence)
+        # the matrices are small: BLAS threads only wait for each other
+        with _BLAS.limit(limits=1, user_api="blas"):
+            result = _assess(window, criterion, confidence)
     return replace(result, seconds=time.perf_counter() - begun)
 
 
@@ -79,84 +87,89 @@ def warm_up() -> None:
     identify(np.sin(k / 9.0), np.sin(k / 9.0 - 0.3))
 
 
-def _assess(window: Window, confidence: float) -> Identification:
+def _assess(window: Window, criterion: str, confidence: float) -> Identification:
     regression = Regression(window.y, window.good)
     healthy = healthy_search(window.u, regression)
-    best = valve_search(window.u, regression)[0]
-    stem = _stem(window.u, best)
-    fit = regression.solve(stem, best.structure, best.dead_time)
-    healthy_fit = regression.solve(window.u, healthy.structure, healthy.dead_time)
-    samples = min(
-        effective_samples(fit.residual, regression.weight),
-        effective_samples(healthy_fit.residual, regression.weight),
-    )
-    profile = likelihood_profile(window.u, regression, best, samples)
-    best = profile.best
-    stem = _stem(window.u, best)
-    fit = regression.solve(stem, best.structure, best.dead_time)
-    ratio = 0.5 * samples * math.log(max(healthy.cost, best.cost) / best.cost)
+    found = valve_search(window.u, regression)
+    if not found:
+        quality = 1.0 - healthy.cost / regression.total
+        reason = Reason(
+            ReasonCode.TOO_FEW_MOVES,
+            f"OP's moves are too few to move a sticky valve twice (healthy fit {quality:.3f})",
+        )
+        return _not_assessable(window, (reason,), criterion, confidence)
+    best = found[0]
+    residuals = [
+        regression.solve(stem, c.structure, c.dead_time).residual
+        for stem, c in ((best.stem(window.u), best), (window.u, healthy))
+    ]
+    samples = min(effective_samples(residual, regression.weight) for residual in residuals)
+    score, evidence = evidence_of(best.stem(window.u), healthy.cost, best.cost, samples, best.band)
     quality = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
-    evidence = _evidence(stem, best, ratio, samples)
-    score = ratio
     verdict, reasons = judge(score, evidence, quality)
-    intervals = _intervals(window, profile, best, confidence)
-    model = process_model(window, best.structure, best.dead_time, fit)
-    gain = quantile_interval(fit.gain, profile.gain, profile.log_likelihood, confidence)
+    estimate = oe_estimate(window, regression, found, confidence)
+    if criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
+        rival = arx_estimate(window, found[:2], confidence)
+        if criterion == "arx" or _prefers(window, rival, estimate):
+            estimate = rival
+    span = window.op_span
+    band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     return Identification(
         verdict=verdict,
         reasons=reasons,
         score=score,
-        stick_band=intervals["S"],
-        slip_jump=intervals["J"],
-        static_friction=intervals["fS"],
-        dynamic_friction=intervals["fD"],
+        stick_band=band,
+        slip_jump=jump,
+        static_friction=estimate.static.scaled(span),
+        dynamic_friction=estimate.dynamic.scaled(span),
         confidence=confidence,
-        process=process_description(window, best.structure, model, gain),
+        process=estimate.process,
         fit=quality,
-        criterion="oe",
+        criterion=estimate.criterion,
         evidence=evidence,
         samples=window.size,
         period_s=window.period,
         seconds=0.0,
-        model=LoopModel(
-            ValveModel(intervals["S"].value, min(intervals["J"].value, intervals["S"].value)),
-            model,
-        ),
-        stem=window.op_centre + window.op_span * stem,
-        pv_model=window.pv_centre + window.pv_scale * fit.prediction,
+        model=LoopModel(ValveModel(band.value, jump.value), estimate.model),
+        stem=window.op_centre + span * estimate.stem,
+        pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
         surface=_surface(window, regression, best),
+        runners_up=estimate.runners_up,
+        identifiability=_identifiability(band, jump),
     )
 
 
-def _stem(u: Array, best: Candidate) -> Array:
-    one = np.ones(1)
-    found: Array = stem_of(u, best.band * one, best.ratio * one, best.start * one)[:, 0]
-    return found
+def _prefers(window: Window, arx: Estimate, oe: Estimate) -> bool:
+    """Whether the window supports the one-step-ahead criterion.
+
+    It is the efficient one where its noise model is right: its innovations must be more likely
+    than the whitened simulation errors, and its process must still simulate PV.
+    """
+    if not (np.isfinite(arx.simulated).all() and arx.bic < oe.bic - _MARGIN * window.size):
+        return False
+    left = [float(np.square(window.y - e.simulated)[window.good].mean()) for e in (arx, oe)]
+    return left[0] < _WORSE * left[1] + _SLACK
 
 
-def _intervals(
-    window: Window, profile: Profile, best: Candidate, confidence: float
-) -> dict[str, Interval]:
-    band, jump = profile.band, profile.jump
-    quantities = {
-        "S": (best.band, band),
-        "J": (best.jump, jump),
-        "fS": (0.5 * (best.band + best.jump), 0.5 * (band + jump)),
-        "fD": (0.5 * (best.band - best.jump), 0.5 * (band - jump)),
-    }
-    return {
-        name: quantile_interval(value, nodes, profile.log_likelihood, confidence).scaled(
-            window.op_span
+def _identifiability(band: Interval, jump: Interval) -> tuple[str, ...]:
+    """What the window cannot tell, in sentences (units of OP)."""
+    found = []
+    if band.high - band.low > _VAGUE * band.value:
+        found.append(
+            f"the stick band is vague in this window: anything from {band.low:.3g} to "
+            f"{band.high:.3g} fits about as well"
         )
-        for name, (value, nodes) in quantities.items()
-    }
-
-
-def _evidence(stem: Array, best: Candidate, ratio: float, samples: float) -> Evidence:
-    steps = np.diff(stem)
-    steps = steps[np.abs(steps) > 1e-9]
-    reversals = int((np.sign(steps[1:]) != np.sign(steps[:-1])).sum())
-    return Evidence(ratio, samples, int(steps.size), reversals, best.band)
+    if jump.low < 0.05 * band.value:
+        found.append(
+            f"the slip jump cannot be told from this window: any value below {jump.high:.3g} fits "
+            f"as well"
+        )
+    elif jump.high - jump.low > _VAGUE * jump.value:
+        found.append(
+            f"the slip jump is vague in this window: anything from {jump.low:.3g} to "
+            f"{jump.high:.3g} fits about as well"
+        )
+    return tuple(found)
 
 
 def _surface(window: Window, regression: Regression, best: Candidate) -> CostSurface:
@@ -168,8 +181,10 @@ def _surface(window: Window, regression: Regression, best: Candidate) -> CostSur
     ratio = np.minimum(jump[inside] / band[inside], 1.0)
     least = np.full(ratio.size, np.inf)
     for start in (-0.7, 0.0, 0.7, best.start):
-        stem = regression.whiten(stem_of(window.u, band[inside], ratio, np.full(ratio.size, start)))
-        found, _ = regression.cost_and_gain(stem, best.structure, best.dead_time)
+        stem = regression.whiten(
+            stem_of(window.u, band[inside], ratio, np.full(ratio.size, start))[0]
+        )
+        found = regression.costs(stem, best.structure, (best.dead_time,))[0]
         least = np.minimum(least, found)
     cost[inside] = least / regression.total
     return CostSurface(
@@ -196,7 +211,7 @@ def _not_assessable(
         process=Process("none", MappingProxyType({}), 0, unknown),
         fit=Fit(math.nan, math.nan),
         criterion="oe" if criterion == "auto" else criterion,
-        evidence=Evidence(0.0, 0.0, 0, 0, 0.0),
+        evidence=Evidence(0.0, 0.0, 0, 0, 0, 0.0),
         samples=window.size,
         period_s=window.period,
         seconds=0.0,

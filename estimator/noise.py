@@ -12,22 +12,23 @@ __all__ = ["autoregression", "effective_samples"]
 def effective_samples(residual: Array, weight: Array) -> float:
     """Independent samples that ``residual`` (shape ``(n,)``) is worth where ``weight`` is 1.
 
-    ``n / (1 + 2 sum rho_k)``, the autocorrelations summed up to the first that is insignificant
-    (the initial positive sequence).
+    ``n / (1 + 2 sum rho_k^2)``: the sample size at which the mean square of independent residuals
+    would be as uncertain as that of these (Bartlett's formula; Priestley, Spectral Analysis and
+    Time Series, 1981, section 5.3). Squares make an oscillating residual count as little as a
+    drifting one; ``1/n``, what chance adds to each square, is taken off.
     """
     count = float(weight.sum())
     x = residual[weight > 0.0]
     if count < 8 or not np.any(x):
-        return count
+        return max(1.0, count)
     x = x - x.mean()
     spectrum = np.abs(np.fft.rfft(x, 2 * x.size)) ** 2
     correlation = np.fft.irfft(spectrum)[: x.size]
     if correlation[0] <= 0.0:
         return count
-    correlation = correlation / correlation[0]
-    small = np.flatnonzero(correlation < 2.0 / np.sqrt(count))
-    last = int(small[0]) if small.size else x.size
-    return float(max(1.0, count / (1.0 + 2.0 * correlation[1:last].sum())))
+    squares = np.square(correlation[1 : max(2, x.size // 4)] / correlation[0])
+    excess = float((squares - 1.0 / count).sum())
+    return max(1.0, count / (1.0 + 2.0 * max(0.0, excess)))
 
 
 def autoregression(residual: Array, weight: Array, max_order: int = 10) -> tuple[Array, float]:

@@ -25,9 +25,14 @@ _FLAT = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class LinearFit:
-    """The linear part at its best: ``gain`` of the response, ``columns`` of the structure."""
+    """The linear part at its best: ``gain`` of the response, ``columns`` of the structure.
+
+    ``information`` is the response's energy that no column shares (the gain's variance is the
+    noise's divided by it).
+    """
 
     gain: float
+    information: float
     columns: Array
     prediction: Array
     residual: Array
@@ -46,11 +51,13 @@ class Regression:
         usable = good.copy()
         for i in range(1, self.taps.size):
             usable[i:] &= good[:-i]
+        self.min_lag = 0 if self.taps.size == 1 else 1
         self.max_lag = min(MAX_LAG, y.size // 8)
         usable[: max(self.max_lag, self.taps.size - 1)] = False
         self.weight = usable.astype(np.float64)
         self.count = float(self.weight.sum())
         self.y = y
+        self.good = good
         self._target = self.whiten(y[:, None])[:, 0] * self.weight
         self._rows: dict[Structure, tuple[Array, float]] = {}
         self._stacks: dict[tuple[Structure, tuple[int, ...]], Array] = {}
@@ -72,12 +79,11 @@ class Regression:
         response = structure.response(stem)
         return self._eliminated(response, structure, lags)[0]
 
-    def cost_and_gain(
-        self, stem: Array, structure: Structure, dead_time: int
+    def costs_and_gains(
+        self, stem: Array, structure: Structure, lags: tuple[int, ...]
     ) -> tuple[Array, Array]:
-        """Residual sum of squares and gain, shape ``(m,)`` each, for one dead time."""
-        cost, gain = self._eliminated(structure.response(stem), structure, (dead_time,))
-        return cost[0], gain[0]
+        """Residual sums of squares and gains, shape ``(len(lags), m)`` each."""
+        return self._eliminated(structure.response(stem), structure, lags)
 
     def solve(self, stem: Array, structure: Structure, dead_time: int) -> LinearFit:
         """The linear part for one stem, shape ``(n,)``, not whitened."""
@@ -90,7 +96,9 @@ class Regression:
         solution = solution / size
         prediction = raw @ solution
         residual = np.where(self.weight > 0.0, self._target - design @ solution, 0.0)
-        return LinearFit(float(solution[0]), solution[1:], prediction, residual)
+        others, _ = np.linalg.qr(design[:, 1:])
+        own = design[:, 0] - others @ (others.T @ design[:, 0])
+        return LinearFit(float(solution[0]), float(own @ own), solution[1:], prediction, residual)
 
     def rows(self, structure: Structure) -> tuple[Array, float]:
         """PV without its shared columns, above the orthonormal columns; and PV's energy left."""

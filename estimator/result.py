@@ -37,6 +37,10 @@ class Interval:
         a, b = self.low * factor, self.high * factor
         return Interval(self.value * factor, min(a, b), max(a, b))
 
+    def around(self, value: float) -> Interval:
+        """The same interval for another value, widened where it must be to hold it."""
+        return Interval(value, min(self.low, value), max(self.high, value))
+
     def __contains__(self, value: object) -> bool:
         return isinstance(value, (int, float)) and self.low <= value <= self.high
 
@@ -99,7 +103,8 @@ class Evidence:
     Attributes:
         log_likelihood_ratio: sticky over healthy valve, natural logarithm.
         effective_samples: independent samples that the residuals are worth.
-        moves: moves of the identified stem; reversals: changes of their direction.
+        moves: samples in which the identified stem moves; reversals: changes of direction;
+            strokes: runs of moves in one direction.
         band_over_span: stick band over the span of OP in the window.
     """
 
@@ -107,6 +112,7 @@ class Evidence:
     effective_samples: float
     moves: int
     reversals: int
+    strokes: int
     band_over_span: float
 
 

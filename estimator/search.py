@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
 from estimator._kernels import Array, stems
+from estimator.coarse import LAGS, coarse_costs, coarse_valves
 from estimator.regression import Regression
 from estimator.structures import COARSE, Structure
 
-__all__ = ["Candidate", "healthy_search", "stem_of", "valve_search"]
+__all__ = [
+    "MIN_MOVES",
+    "Candidate",
+    "Steps",
+    "healthy_search",
+    "shortened",
+    "stem_of",
+    "valve_grid",
+    "valve_search",
+]
 
-_LAGS = (0, 1, 2, 3, 5, 8, 12, 18)
-_BANDS = (
-    *(0.01, 0.02, 0.03, 0.045, 0.065, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3),
-    *(0.36, 0.42, 0.48, 0.54, 0.6, 0.66, 0.72, 0.78, 0.84, 0.9, 0.96),
-)
-_RATIOS = (0.0, 0.15, 0.35, 0.6, 1.0)
-_STARTS = (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9)
-_SEEDS = 4
-_FINEST = 0.0004
+MIN_MOVES = 2
+"""A stem that moves less often explains a step, not a valve."""
+
+_SEEDS = 6
+_FINALISTS = 3
+_EARLY_PASSES = 3
+_LATE_PASSES = 8
+_WALK_PASSES = 4
+_TOLERATED = 1.08
+_OFFSETS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+_LAG_GROUPS = ((0, 1), (2, 3), (5, 8), (12, 18))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,84 +51,188 @@ class Candidate:
         """Slip jump."""
         return self.band * self.ratio
 
+    def stem(self, u: Array) -> Array:
+        """Its stem for OP ``u``, shape ``(n,)``."""
+        one = np.ones(1)
+        stem: Array = stem_of(u, self.band * one, self.ratio * one, self.start * one)[0][:, 0]
+        return stem
 
-@cache
-def _coarse_valves() -> tuple[Array, Array, Array]:
-    grids = np.meshgrid(_BANDS, _RATIOS, _STARTS, indexing="ij")
-    band, ratio, start = (np.ascontiguousarray(g.ravel()) for g in grids)
-    return band, ratio, start
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Half-widths of one zoom."""
+
+    band: float = 0.035
+    ratio: float = 0.2
+    start: float = 0.25
+    factor: float = 1.5
+    lag: int = 2
+
+    def narrower(self) -> Steps:
+        """The steps of the next zoom."""
+        return Steps(
+            self.band * 0.6,
+            self.ratio * 0.65,
+            self.start * 0.7,
+            1.0 + (self.factor - 1.0) * 0.65,
+            1,
+        )
 
 
-def stem_of(u: Array, band: Array, ratio: Array, start: Array) -> Array:
-    """Stems ``(n, m)`` of candidates; the start is ``u_0`` plus a share of the static friction."""
+def stem_of(u: Array, band: Array, ratio: Array, start: Array) -> tuple[Array, Array]:
+    """Stems ``(n, m)`` of candidates and their moves ``(m,)``.
+
+    The start is ``u_0`` plus a share of the static friction.
+    """
     jump = band * ratio
     return stems(u, band, jump, u[0] + start * 0.5 * (band + jump))
 
 
 def valve_search(u: Array, regression: Regression) -> tuple[Candidate, ...]:
-    """Best candidates of the window, best first, one per refined seed.
+    """Best candidates of the window, best first; empty when no valve of the grid moves.
 
     ``u`` is the scaled OP, shape ``(n,)``.
     """
-    band, ratio, start = _coarse_valves()
-    lags = _lags(regression)
-    stem = regression.whiten(stem_of(u, band, ratio, start))
-    seeds = []
+    alive = [_zoomed(u, regression, seed, Steps(), _EARLY_PASSES) for seed in _seeds(u, regression)]
+    alive.sort(key=lambda pair: pair[0].cost)
+    ended = [
+        _zoomed(u, regression, seed, steps, _LATE_PASSES) for seed, steps in alive[:_FINALISTS]
+    ]
+    return tuple(sorted((c for c, _ in ended if np.isfinite(c.cost)), key=lambda c: c.cost))
+
+
+def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
+    """The candidate of the shortest dead time that explains PV about as well as ``best``.
+
+    Where OP ramps, a longer dead time and a narrower stick band give nearly the same PV, and the
+    small difference is decided by what the low-order process leaves out. The dead time then takes
+    no more than PV demands.
+    """
+    limit = best.cost * _TOLERATED
+    kept = current = best
+    steps = Steps()
+    while current.dead_time > regression.min_lag:
+        longest = current.dead_time - 1
+        seed = replace(current, cost=np.inf, dead_time=longest)
+        current, _ = _zoomed(u, regression, seed, steps, _WALK_PASSES, longest)
+        if not current.cost <= limit:
+            break
+        kept = current
+    return kept
+
+
+def _seeds(u: Array, regression: Regression) -> list[Candidate]:
+    band, ratio, start = coarse_valves()
+    stem, moves = stem_of(u, band, ratio, start)
+    moving = moves >= MIN_MOVES
+    band, ratio, start = band[moving], ratio[moving], start[moving]
+    if band.size == 0:
+        return []
+    stem = np.ascontiguousarray(stem[:, moving])
+    lags = tuple(d for d in LAGS if d <= regression.max_lag)
+    found: dict[tuple[str, int], Candidate] = {}
+    lagged: dict[float, Array] = {}
     for structure in COARSE:
+        if structure.slow not in lagged:
+            lagged[structure.slow] = Structure(structure.slow, 0.0).response(stem)
+        response = lagged[structure.slow]
+        if structure.fast > 0.0:
+            response = Structure(structure.fast, 0.0).response(response)
+        cost = coarse_costs(regression.y, regression.good, response, structure, lags)
+        for group, members in enumerate(_LAG_GROUPS):
+            rows = [i for i, d in enumerate(lags) if d in members]
+            if not rows:
+                continue
+            i, j = np.unravel_index(int(cost[rows].argmin()), (len(rows), band.size))
+            row = rows[int(i)]
+            seed = Candidate(float(cost[row, j]), band[j], ratio[j], start[j], structure, lags[row])
+            key = structure.name, group
+            if key not in found or seed.cost < found[key].cost:
+                found[key] = seed
+    ranked = sorted(found.values(), key=lambda seed: seed.cost)
+    return [replace(seed, cost=np.inf) for seed in ranked[:_SEEDS]]
+
+
+def _zoomed(
+    u: Array,
+    regression: Regression,
+    best: Candidate,
+    steps: Steps,
+    passes: int,
+    longest: int | None = None,
+) -> tuple[Candidate, Steps]:
+    limit = regression.max_lag if longest is None else longest
+    for _ in range(passes):
+        lags = _near(regression, best, steps, limit)
+        best = _best_of(u, regression, best, valve_grid(best, steps), [best.structure], lags)
+        lags = _near(regression, best, steps, limit)
+        near = best.structure.neighbours(steps.factor)
+        best = _best_of(u, regression, best, _band_grid(best, steps), near, lags)
+        steps = steps.narrower()
+    return best, steps
+
+
+def valve_grid(best: Candidate, steps: Steps) -> list[Array]:
+    """Stick bands, ratios and starts around a candidate, flat, shape ``(m,)`` each."""
+    grids = np.meshgrid(
+        np.unique(np.clip(best.band + steps.band * _OFFSETS, 1e-4, 1.2)),
+        np.unique(np.clip(best.ratio + steps.ratio * _OFFSETS, 0.0, 1.0)),
+        np.unique(np.clip(best.start + steps.start * _OFFSETS[::2], -1.0, 1.0)),
+        indexing="ij",
+    )
+    return [np.ascontiguousarray(grid.ravel()) for grid in grids]
+
+
+def _band_grid(best: Candidate, steps: Steps) -> list[Array]:
+    """Stick bands around a candidate: what the time constants and the dead time trade against."""
+    band = np.unique(np.clip(best.band + steps.band * _OFFSETS, 1e-4, 1.2))
+    return [band, np.full(band.size, best.ratio), np.full(band.size, best.start)]
+
+
+def _near(regression: Regression, best: Candidate, steps: Steps, longest: int) -> tuple[int, ...]:
+    around = range(best.dead_time - steps.lag, best.dead_time + steps.lag + 1)
+    return tuple(d for d in around if regression.min_lag <= d <= longest)
+
+
+def _best_of(
+    u: Array,
+    regression: Regression,
+    best: Candidate,
+    valves: list[Array],
+    structures: list[Structure],
+    lags: tuple[int, ...],
+) -> Candidate:
+    band, ratio, start = (np.ascontiguousarray(v) for v in valves)
+    stem, moves = stem_of(u, band, ratio, start)
+    stem = regression.whiten(stem)
+    for structure in structures:
         cost = regression.costs(stem, structure, lags)
+        cost[:, moves < MIN_MOVES] = np.inf
         d, i = np.unravel_index(int(cost.argmin()), cost.shape)
-        seeds.append(
-            Candidate(float(cost[d, i]), band[i], ratio[i], start[i], structure, lags[int(d)])
-        )
-    seeds.sort(key=lambda seed: seed.cost)
-    refined = [refine(u, regression, seed) for seed in seeds[:_SEEDS]]
-    return tuple(sorted(refined, key=lambda c: c.cost))
-
-
-def refine(u: Array, regression: Regression, seed: Candidate, step: float = 0.03) -> Candidate:
-    """Zoom in on ``seed``: a small grid in every non-linear parameter, narrower each time."""
-    best = seed
-    ratio_step, start_step, factor = 0.2, 0.25, 1.45
-    offsets = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-    while step > _FINEST:
-        grids = np.meshgrid(
-            np.unique(np.clip(best.band + step * offsets, 1e-4, 1.2)),
-            np.unique(np.clip(best.ratio + ratio_step * offsets, 0.0, 1.0)),
-            np.unique(np.clip(best.start + start_step * offsets[::2], -1.0, 1.0)),
-            indexing="ij",
-        )
-        band, ratio, start = (np.ascontiguousarray(g.ravel()) for g in grids)
-        stem = regression.whiten(stem_of(u, band, ratio, start))
-        lags = tuple(
-            d for d in range(best.dead_time - 1, best.dead_time + 2) if 0 <= d <= regression.max_lag
-        )
-        for structure in best.structure.neighbours(factor):
-            cost = regression.costs(stem, structure, lags)
-            d, i = np.unravel_index(int(cost.argmin()), cost.shape)
-            if cost[d, i] < best.cost:
-                best = Candidate(
-                    float(cost[d, i]), band[i], ratio[i], start[i], structure, lags[int(d)]
-                )
-        step *= 0.6
-        ratio_step *= 0.65
-        start_step *= 0.7
-        factor = 1.0 + (factor - 1.0) * 0.65
+        if cost[d, i] < best.cost:
+            best = Candidate(
+                float(cost[d, i]),
+                float(band[i]),
+                float(ratio[i]),
+                float(start[i]),
+                structure,
+                lags[int(d)],
+            )
     return best
 
 
 def healthy_search(u: Array, regression: Regression) -> Candidate:
     """The best process with a healthy valve (the stem is OP), searched with the same freedom."""
     stem = regression.whiten(np.ascontiguousarray(u[:, None]))
-    best = Candidate(np.inf, 0.0, 0.0, 0.0, COARSE[0], 0)
-    lags = _lags(regression)
+    best = Candidate(np.inf, 0.0, 0.0, 0.0, COARSE[0], regression.min_lag)
+    lags = tuple(d for d in LAGS if regression.min_lag <= d <= regression.max_lag)
     best = _better(best, regression, stem, COARSE, lags)
-    factor = 1.45
+    steps = Steps()
     for _ in range(8):
-        near = tuple(
-            d for d in range(best.dead_time - 1, best.dead_time + 2) if 0 <= d <= regression.max_lag
-        )
-        best = _better(best, regression, stem, best.structure.neighbours(factor), near)
-        factor = 1.0 + (factor - 1.0) * 0.65
+        near = best.structure.neighbours(steps.factor)
+        around = _near(regression, best, steps, regression.max_lag)
+        best = _better(best, regression, stem, near, around)
+        steps = steps.narrower()
     return best
 
 
@@ -134,7 +249,3 @@ def _better(
         if cost[d] < best.cost:
             best = replace(best, cost=float(cost[d]), structure=structure, dead_time=lags[d])
     return best
-
-
-def _lags(regression: Regression) -> tuple[int, ...]:
-    return tuple(d for d in _LAGS if d <= regression.max_lag)

@@ -64,23 +64,31 @@ class Structure:
     def columns(self, n: int) -> Array:
         """Signals of unknown size besides the response, shape ``(n, k)``.
 
-        The offset; what is left of the unknown state before the window (it decays with the slow
-        pole); for an integrating process the unknown equilibrium, which is a straight line in PV.
+        The offset; a slow drift, one half-wave of a cosine per ``_DRIFT_SAMPLES``; what is left of
+        the unknown state before the window (it decays with the slow pole); for an integrating
+        process the unknown equilibrium, which is a straight line in PV.
         """
         k = np.arange(n)
+        waves = range(1, (n - 1) // _DRIFT_SAMPLES + 1)
         columns: list[Array] = [np.ones(n)]
         if self.integrating:
             columns.append(k / n - 0.5)
+        columns += [np.cos(np.pi * wave * (k + 0.5) / n) for wave in waves]
         pole = self.fast if self.integrating else self.slow
         if pole > 0.3:
             columns.append(pole**k)
         return np.stack(columns, axis=1)
 
     def neighbours(self, factor: float) -> list[Structure]:
-        """This structure with each time constant divided by, kept, and multiplied by ``factor``."""
-        slow = _moved(self.slow, factor)
-        fast = _moved(self.fast, factor)
-        return sorted({Structure(max(a, b), min(a, b)) for a in slow for b in fast})
+        """This structure with each time constant divided by, kept, and multiplied by ``factor``.
+
+        A structure with one lag also grows a second one, a fifth as slow.
+        """
+        slow, fast = _moved(self.slow, factor), _moved(self.fast, factor)
+        near = {Structure(max(a, b), min(a, b)) for a in slow for b in fast}
+        if self.fast == 0.0 and 0.0 < self.slow < 1.0:
+            near.add(Structure(self.slow, _pole(-0.2 / math.log(self.slow))))
+        return sorted(near)
 
 
 def _pole(time_constant: float) -> float:
@@ -95,6 +103,8 @@ def _moved(pole: float, factor: float) -> Sequence[float]:
     time_constant = -1.0 / math.log(pole)
     return tuple(_pole(time_constant * f) for f in (1.0 / factor, 1.0, factor))
 
+
+_DRIFT_SAMPLES = 1000
 
 COARSE = (
     Structure(0.0, 0.0),

@@ -1,0 +1,86 @@
+"""The simulation-error criterion: the whole window simulated from OP alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from estimator._kernels import Array, stems
+from estimator.conversion import process_description, process_model
+from estimator.estimate import Estimate
+from estimator.noise import autoregression, effective_samples
+from estimator.posterior import Posterior, explore
+from estimator.regression import Regression
+from estimator.result import RunnerUp
+from estimator.search import MIN_MOVES, Candidate, shortened
+from estimator.window import Window
+
+__all__ = ["oe_estimate"]
+
+_LAG_REACH = 4
+_VALVE_PARAMETERS = 3
+
+
+def oe_estimate(
+    window: Window, regression: Regression, found: tuple[Candidate, ...], confidence: float
+) -> Estimate:
+    """Estimate valve and process from the candidates of the search, best first, at least one."""
+    best = shortened(window.u, regression, found[0])
+    fit = regression.solve(best.stem(window.u), best.structure, best.dead_time)
+    samples = effective_samples(fit.residual, regression.weight)
+    posterior = _posterior(window.u, regression, best, samples)
+    band, jump, static, dynamic = Estimate.intervals(posterior, confidence)
+    deviation = math.sqrt(best.cost / samples / max(fit.information, 1e-300))
+    gain = posterior.interval(posterior.gain, confidence, deviation).around(fit.gain)
+    model = process_model(window, best.structure, best.dead_time, fit)
+    return Estimate(
+        criterion="oe",
+        band=band,
+        jump=jump,
+        static=static,
+        dynamic=dynamic,
+        stem=best.stem(window.u),
+        simulated=fit.prediction,
+        process=process_description(window, best.structure, model, gain),
+        model=model,
+        bic=_one_step_bic(regression, best, fit.residual),
+        posterior=posterior,
+        runners_up=tuple(
+            RunnerUp(
+                other.structure.name,
+                other.dead_time,
+                samples * math.log(other.cost / best.cost)
+                + (other.structure.free - best.structure.free) * math.log(samples),
+            )
+            for other in found[1:]
+        ),
+    )
+
+
+def _posterior(u: Array, regression: Regression, best: Candidate, samples: float) -> Posterior:
+    """Likelihood with the linear part and the dead time at their best, the poles held."""
+    lags = tuple(
+        d
+        for d in range(best.dead_time - _LAG_REACH, best.dead_time + _LAG_REACH + 1)
+        if 0 <= d <= regression.max_lag
+    )
+
+    def evaluate(band: Array, jump: Array, start: Array) -> tuple[Array, Array]:
+        stem, moves = stems(u, band, jump, u[0] + start)
+        cost, gain = regression.costs_and_gains(stem, best.structure, lags)
+        pick = cost.argmin(axis=0)
+        index = np.arange(band.size)
+        log_likelihood = -0.5 * samples * np.log(cost[pick, index])
+        log_likelihood[moves < MIN_MOVES] = -np.inf
+        return log_likelihood, gain[pick, index]
+
+    static = 0.5 * (best.band + best.jump)
+    return explore(evaluate, (best.band, best.jump, best.start * static))
+
+
+def _one_step_bic(regression: Regression, best: Candidate, residual: Array) -> float:
+    """BIC of the innovations once the simulation error is whitened by an autoregression."""
+    taps, variance = autoregression(residual, regression.weight)
+    free = taps.size - 1 + best.structure.free + _VALVE_PARAMETERS
+    return regression.count * math.log(variance) + free * math.log(regression.count)
