@@ -11,7 +11,7 @@ import sys
 
 import typer
 
-from fieldlink.cli import identify, site
+from fieldlink.cli import demo, fleet, identify, site
 
 __all__ = ["app", "main"]
 
@@ -23,13 +23,11 @@ app = typer.Typer(
     help="Find sticky control valves from OP and PV, and take their oscillation away.",
 )
 app.command("identify")(identify.identify)
-
-
-
-
-
+app.command("demo")(demo.demo)
 app.command("check")(site.check)
 app.command("schema")(site.schema)
+app.command("plant")(fleet.plant)
+app.command("run")(fleet.run)
 app.command("warm-up")(identify.warm_up)
 
 

@@ -69,9 +69,9 @@ def identify(
         confidence=confidence,
     )
     if plot is not None:
-        from fieldlink.cli.plots import save_identification
+        from fieldlink.pictures import identification_figure, save
 
-        save_identification(plot, cut, result, title=file.name)
+        save(identification_figure(cut.op, cut.pv, cut.sp, result, title=file.name), plot)
     if as_json:
         typer.echo(json.dumps(result.to_dict(), allow_nan=False))
         return

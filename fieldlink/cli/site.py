@@ -52,17 +52,27 @@ def _print(console: Console, report: CheckReport) -> None:
         _print_loop(console, loop)
     for warning in report.warnings:
         console.print(f"[yellow]warning[/yellow] {warning}")
-    devices, loops = len(report.devices), len(report.loops)
-    console.print(
-        f"[green]ok[/green] {devices} device{'s' * (devices != 1)}, {loops} loop{'s' * (loops != 1)}, "
-        f"{report.requests_per_scan} requests per scan, {len(report.warnings)} warnings"
+    counts = (
+        (len(report.devices), "device"),
+        (len(report.loops), "loop"),
+        (report.requests_per_scan, "request"),
+        (len(report.warnings), "warning"),
     )
+    devices, loops, requests, warnings = (_count(*pair) for pair in counts)
+    console.print(f"\n[green]ok[/green] {devices}, {loops}, {requests} per scan, {warnings}")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def _print_device(console: Console, device: DeviceReport) -> None:
     where = f" {device.address}" if device.address else ""
     console.print(f"\n[bold]device {device.name}[/bold]  {device.link}{where}")
-    console.print(f"  {device.tags} tags, byte order {device.order}, {len(device.requests)} requests per scan")
+    console.print(
+        f"  {_count(device.tags, 'tag')}, byte order {device.order}, "
+        f"{_count(len(device.requests), 'request')} per scan"
+    )
     for request in device.requests:
         console.print(
             f"  FC{request.function} {request.table} {request.first}-{request.last}: "
@@ -87,7 +97,8 @@ def _print_loop(console: Console, loop: LoopReport) -> None:
         console.print("  write-back: none")
     else:
         areas = ", ".join(
-            f"{name} {first}" + (f"-{last}" if last != first else "") for name, first, last in back.areas
+            f"{name} {first}" + (f"-{last}" if last != first else "")
+            for name, first, last in back.areas
         )
         state = "enabled" if back.enabled else "disabled"
         console.print(f"  write-back: {state}, loop id {back.loop_id}; {areas}")

@@ -137,7 +137,9 @@ class DemoOutcome:
         before, after = phases(truth)
 
         def change(name: str) -> Change:
-            return Change(getattr(before, name), math.nan if after is None else getattr(after, name))
+            return Change(
+                getattr(before, name), math.nan if after is None else getattr(after, name)
+            )
 
         return cls(
             Estimated(math.nan if valve is None else valve.stick_band, *stick_band),

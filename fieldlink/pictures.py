@@ -13,11 +13,23 @@ from fieldlink.errors import FieldlinkError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from estimator import Identification
-    from fieldlink.site.recording import Recording
 
-__all__ = ["PictureError", "identification_figure", "save_identification", "svg"]
+    Array = NDArray[np.float64]
+
+__all__ = [
+    "MARK",
+    "MODEL",
+    "OP",
+    "PV",
+    "STEM",
+    "PictureError",
+    "identification_figure",
+    "save",
+    "svg",
+]
 
 OP, STEM, PV, MODEL, MARK = "#7f8c8d", "#c0392b", "#1f4e79", "#e08e0b", "#2e7d32"
 
@@ -26,15 +38,12 @@ class PictureError(FieldlinkError):
     """A picture could not be written."""
 
 
-def save_identification(
-    path: Path, recording: Recording, result: Identification, *, title: str
-) -> None:
-    """Write the picture of one identification; the ending of ``path`` names the format.
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure; the ending of ``path`` names the format.
 
     Raises:
         PictureError: the ending is unknown, or the file cannot be written.
     """
-    figure = identification_figure(recording, result, title=title)
     try:
         figure.savefig(path, dpi=110)
     except (OSError, ValueError) as error:
@@ -53,18 +62,18 @@ def svg(figure: Figure) -> str:
 
 
 def identification_figure(
-    recording: Recording, result: Identification, *, title: str
+    op: Array, pv: Array, sp: Array | None, result: Identification, *, title: str
 ) -> Figure:
     """Draw OP with the estimated stem, PV with its model, PV over OP, and the cost surface."""
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     grid = figure.add_gridspec(3, 2, height_ratios=(1.0, 1.0, 1.5))
-    t = np.arange(len(recording.op)) * recording.period
+    t = np.arange(op.size) * result.period_s
     upper = figure.add_subplot(grid[0, :])
     lower = figure.add_subplot(grid[1, :], sharex=upper)
-    upper.plot(t, recording.op, color=OP, lw=1.0, label="OP (recorded)")
-    lower.plot(t, recording.pv, color=PV, lw=1.0, label="PV (recorded)")
-    if recording.sp is not None:
-        lower.plot(t, recording.sp, color=MARK, lw=0.9, ls="--", label="SP")
+    upper.plot(t, op, color=OP, lw=1.0, label="OP (recorded)")
+    lower.plot(t, pv, color=PV, lw=1.0, label="PV (recorded)")
+    if sp is not None:
+        lower.plot(t, sp, color=MARK, lw=0.9, ls="--", label="SP")
     upper.plot(t, result.stem, color=STEM, lw=1.2, label="stem (estimated)")
     lower.plot(t, result.pv_model, color=MODEL, lw=1.0, label="PV (model)")
     upper.set_ylabel("OP")
@@ -73,15 +82,14 @@ def identification_figure(
         axes.legend(loc="upper right", ncols=3, fontsize="small")
         axes.margins(x=0.0)
     figure.suptitle(f"{title}: {result.verdict.value.replace('_', ' ')}, score {result.score:.2f}")
-    _phase(figure.add_subplot(grid[2, 0]), recording, result)
+    _phase(figure.add_subplot(grid[2, 0]), op, pv, result)
     _surface(figure.add_subplot(grid[2, 1]), result)
     return figure
 
 
-def _phase(axes: Axes, recording: Recording, result: Identification) -> None:
-    axes.plot(recording.op, recording.pv, color=OP, lw=0.6, label="over OP")
-    dots = {"lw": 0.0, "marker": ".", "ms": 2.0}
-    axes.plot(result.stem, recording.pv, color=STEM, label="over the stem", **dots)
+def _phase(axes: Axes, op: Array, pv: Array, result: Identification) -> None:
+    axes.plot(op, pv, color=OP, lw=0.6, label="over OP")
+    axes.plot(result.stem, pv, color=STEM, lw=0.0, marker=".", ms=2.0, label="over the stem")
     axes.set(xlabel="OP, stem", ylabel="PV", title="PV over OP and over the estimated stem")
     axes.legend(fontsize="small")
 

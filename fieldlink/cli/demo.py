@@ -1,0 +1,181 @@
+"""``fieldlink demo``: the whole chain over real Modbus TCP, watched live."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Self
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.panel import Panel
+
+    from fieldlink.demo.outcome import DemoOutcome
+    from fieldlink.demo.stage import Course
+    from fieldlink.site import Site
+
+__all__ = ["demo"]
+
+BARS = "▁▂▃▄▅▆▇█"
+WIDTH = 64
+
+
+def demo(
+    recording: Annotated[
+        Path | None, typer.Option(help="Replay this recorded loop through the PLC instead.")
+    ] = None,
+    output: Annotated[
+        Path, typer.Option(help="Folder for the site, its data and the report.")
+    ] = Path("fieldlink-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Of the plant's noise.")] = 1,
+    hold: Annotated[
+        float, typer.Option(min=0.0, help="Seconds for which the PLC answers afterwards.")
+    ] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
+) -> None:
+    """Find a sticky valve in a simulated PLC over Modbus TCP and take its oscillation away."""
+    import logging
+
+    from rich.console import Console
+
+    from fieldlink.daemon import configure_logging
+    from fieldlink.demo.outcome import DemoOutcome
+    from fieldlink.demo.report import write_report
+    from fieldlink.demo.scene import recorded_scene, simulated_scene
+    from fieldlink.demo.stage import perform
+
+    configure_logging(logging.WARNING)
+    if recording is None:
+        scene = simulated_scene(output, seed=seed)
+    else:
+        scene = recorded_scene(output, recording)
+    console = Console(stderr=as_json, highlight=False)
+    with _View(console, scene.loop) as view:
+        performance = perform(
+            scene,
+            view.show,
+            hold=hold,
+            holding=lambda site: _say_address(console, site, scene.loop),
+        )
+    found = performance.findings
+    outcome = DemoOutcome.of(
+        valve=scene.valve,
+        stick_band=(found.stick_band.value, found.stick_band.low, found.stick_band.high),
+        slip_jump=(found.slip_jump.value, found.slip_jump.low, found.slip_jump.high),
+        truth=performance.end.truth,
+        requests=performance.status.requests,
+        late_slots=performance.status.late_slots,
+        report=output / "report.html",
+    )
+    write_report(scene, performance, outcome)
+    if as_json:
+        typer.echo(json.dumps(outcome.to_dict(), allow_nan=False))
+    else:
+        _print(console, scene.loop, outcome)
+
+
+def _print(console: Console, loop: str, outcome: DemoOutcome) -> None:
+    from rich.table import Table
+
+    from fieldlink.demo.report import outcome_table
+
+    text = outcome_table(outcome)
+    table = Table(title=f"loop {loop}", title_justify="left", show_header=False)
+    for _ in text.head:
+        table.add_column()
+    for row in text.rows:
+        table.add_row(*row)
+    console.print(table)
+    console.print(f"report: {outcome.report}")
+
+
+def _say_address(console: Console, site: Site, loop: str) -> None:
+    layout = site.loops[loop].writeback.exchange
+    device = site.devices[site.loops[loop].device]
+    assert layout is not None
+    console.print(
+        f"the PLC goes on answering at {device.host}:{device.port} unit {device.unit}: "
+        f"tags from register 0, exchange area from {layout.enable}, "
+        f"banks at {layout.bank_a} and {layout.bank_b}"
+    )
+
+
+class _View:
+    """Live progress: on a terminal a panel that moves, elsewhere a line for every step."""
+
+    def __init__(self, console: Console, loop: str) -> None:
+        from rich.live import Live
+
+        self._console = console
+        self._loop = loop
+        self._live = Live(console=console, refresh_per_second=8) if console.is_terminal else None
+        self._step: object = None
+        self._pv: deque[float] = deque(maxlen=WIDTH)
+        self._slot = -1
+
+    def __enter__(self) -> Self:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def show(self, course: Course) -> None:
+        """Take in the newest moment."""
+        latest = course.status.latest
+        if latest is not None and latest.slot != self._slot:
+            self._slot = latest.slot
+            self._pv.append(latest.pv)
+        if self._live is not None:
+            self._live.update(self._panel(course))
+        if course.step is not self._step:
+            self._step = course.step
+            if self._live is None:
+                self._console.print(f"{course.step.value}{self._found(course)}")
+
+    def _panel(self, course: Course) -> Panel:
+        from rich.panel import Panel
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        grid = Table.grid(padding=(0, 2))
+        grid.add_row("now", Text(course.step.value, style="bold"))
+        grid.add_row("", ProgressBar(total=1.0, completed=course.progress, width=WIDTH))
+        grid.add_row("PV", Text(_spark(list(self._pv)), style="cyan"))
+        grid.add_row("samples", str(course.status.counts.read))
+        grid.add_row("requests", f"{course.requests}, late slots {course.late_slots}")
+        grid.add_row("identified", Text(self._found(course).removeprefix(": ") or "-"))
+        return Panel(grid, title=f"loop {self._loop}", title_align="left", width=WIDTH + 20)
+
+    @staticmethod
+    def _found(course: Course) -> str:
+        estimate = course.status.last_estimate
+        if estimate is None or estimate.findings is None:
+            return ""
+        S, J = estimate.findings.stick_band, estimate.findings.slip_jump
+        return f": {estimate.findings.verdict}, S {S.value:.4g}, J {J.value:.4g}"
+
+
+def _spark(values: list[float]) -> str:
+    """Return a line of bars for values; a gap where one is NaN."""
+    finite = [value for value in values if math.isfinite(value)]
+    if not finite:
+        return ""
+    low, span = min(finite), (max(finite) - min(finite)) or 1.0
+    top = len(BARS) - 1
+    return "".join(
+        BARS[round((value - low) / span * top)] if math.isfinite(value) else " " for value in values
+    )

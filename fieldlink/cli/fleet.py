@@ -1,0 +1,145 @@
+"""``fieldlink plant`` and ``fieldlink run``: the simulated PLC, and the daemon."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fieldlink.cli.site import SiteFile
+
+if TYPE_CHECKING:
+    from fieldlink.daemon import DaemonStatus
+    from fieldlink.plc import PlcServer
+    from fieldlink.site import Site
+
+__all__ = ["plant", "run"]
+
+Duration = Annotated[
+    float | None, typer.Option(min=0.0, help="Seconds to run; without it until SIGTERM or SIGINT.")
+]
+
+
+def plant(
+    site: SiteFile,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Instead of the site's; 0 picks one.")
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Plant seconds per second, instead of the site's.")
+    ] = None,
+    duration: Duration = None,
+) -> None:
+    """Serve the site's simulated loops as a Modbus TCP PLC."""
+    from fieldlink.daemon import configure_logging, stop_on_signals
+    from fieldlink.plc import serve
+    from fieldlink.site import load_site
+
+    configure_logging()
+    loaded = load_site(site)
+    if speed is not None and not speed > 0.0:
+        raise typer.BadParameter("must be positive", param_hint="--speed")
+
+    def ready(servers: Sequence[PlcServer]) -> None:
+        for server in servers:
+            for served in server.units:
+                loops = ", ".join(served.plc.loops)
+                typer.echo(
+                    f"serving {served.plc.device} on {server.host}:{server.port} "
+                    f"unit {served.unit}: {loops}; stop with Ctrl-C",
+                )
+
+    async def work() -> None:
+        with stop_on_signals() as stop:
+            if duration is not None:
+                asyncio.get_running_loop().call_later(duration, stop.set)
+            servers = await serve(loaded, port=port, speed=speed, ready=ready, stop=stop)
+        for server in servers:
+            for served in server.units:
+                typer.echo(
+                    f"{served.plc.device}: {served.plc.scans} scans, {served.late} late; stopped"
+                )
+
+    asyncio.run(work())
+
+
+def run(
+    site: SiteFile,
+    duration: Duration = None,
+    read_only: Annotated[
+        bool, typer.Option("--read-only", help="Never write to any device.")
+    ] = False,
+) -> None:
+    """Run the daemon: poll, identify, store, and write back where the site file allows it.
+
+    A site whose devices are simulations (link = "fmu") or recordings runs in lockstep, as fast as
+    the machine can; --duration is then in plant seconds and needed for simulations.
+    """
+    from fieldlink.daemon import configure_logging
+    from fieldlink.site import load_site
+
+    configure_logging()
+    loaded = load_site(site)
+    stepped = {
+        name: loaded.devices[name].link != "modbus-tcp"
+        for name in {loop.device for loop in loaded.loops.values()}
+    }
+    if all(stepped.values()):
+        status = _lockstep(loaded, duration, read_only)
+    elif any(stepped.values()):
+        names = ", ".join(sorted(name for name, virtual in stepped.items() if virtual))
+        raise typer.BadParameter(
+            f"{site}: {names} run in virtual time and the other devices by the clock; "
+            "give each kind a site file of its own",
+            param_hint="SITE",
+        )
+    else:
+        status = asyncio.run(_live(loaded, duration, read_only))
+    _print(status)
+
+
+async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
+    from fieldlink.daemon import Daemon, stop_on_signals
+
+    with stop_on_signals() as stop:
+        return await Daemon(site, read_only=read_only).run(duration, stop)
+
+
+def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
+    import fieldlink.plc  # noqa: F401  (makes link = "fmu" known)
+    from fieldlink.daemon import LockstepRun
+
+    endless = any(site.devices[loop.device].link == "fmu" for loop in site.loops.values())
+    if duration is None and endless:
+        raise typer.BadParameter(
+            "a simulated plant has no end of its own; give the plant seconds to run",
+            param_hint="--duration",
+        )
+    seconds = float("inf") if duration is None else duration
+    return asyncio.run(LockstepRun(site, store=True, read_only=read_only).run(seconds))
+
+
+def _print(status: DaemonStatus) -> None:
+    for name, device in status.devices.items():
+        typer.echo(
+            f"device {name}: {device.state.name.lower()}, {device.polls} polls, "
+            f"{device.late} late, {device.requests} requests, {device.failures} failures"
+        )
+    for name, loop in status.loops.items():
+        counts = loop.counts
+        typer.echo(
+            f"loop {name}: {counts.read} samples read, {counts.bad} bad, {counts.missed} missed; "
+            f"{loop.estimates} estimates, {loop.attempts} write-back decisions"
+        )
+        if loop.last_estimate is not None and (found := loop.last_estimate.findings) is not None:
+            S, J = found.stick_band, found.slip_jump
+            typer.echo(
+                f"  {found.verdict}, score {found.score:.2f}: S {S.value:.4g} "
+                f"[{S.low:.4g}, {S.high:.4g}], J {J.value:.4g} [{J.low:.4g}, {J.high:.4g}]"
+            )
+        if loop.last_attempt is not None:
+            attempt = loop.last_attempt
+            typer.echo(f"  write-back: {attempt.outcome.code}, {attempt.outcome.advice}")
+    typer.echo(f"stored {status.store.written} records, lost {status.store.dropped}")
