@@ -28,6 +28,8 @@ class Phase:
         pv_std: standard deviation of PV.
         valve_travel: sum of the stem's movements per 100 cycles, units of OP.
         reversals: changes of the stem's direction per 100 cycles.
+
+    The last two are NaN where nobody saw the stem.
     """
 
     start: int
@@ -40,12 +42,15 @@ class Phase:
     def of(cls, truth: Truth, start: int, stop: int) -> Phase:
         """Measure cycles ``start`` to ``stop``."""
         moves = np.diff(truth.stem[start:stop])
+        pv_std = float(np.nanstd(truth.pv[start:stop]))
+        if not np.isfinite(moves).all():
+            return cls(start, stop, pv_std, math.nan, math.nan)
         directions = np.sign(moves[moves != 0.0])
         per_hundred = 100.0 / (stop - start)
         return cls(
             start,
             stop,
-            float(np.nanstd(truth.pv[start:stop])),
+            pv_std,
             float(np.abs(moves).sum()) * per_hundred,
             float(np.count_nonzero(np.diff(directions))) * per_hundred,
         )

@@ -13,6 +13,7 @@ from fieldlink.demo.outcome import SETTLE
 from fieldlink.demo.plc_process import PlcEnd, PlcProcess
 from fieldlink.demo.registers import RegisterRow, read_block
 from fieldlink.demo.scene import DEVICE, DemoError, Scene
+from fieldlink.registers import Status
 from fieldlink.site import Site
 
 __all__ = ["Course", "Performance", "Step", "perform"]
@@ -109,7 +110,7 @@ def perform(
 
 @dataclass(frozen=True, slots=True)
 class _Accepted:
-    """The first block that the PLC took: its findings, their window, and the slot of that moment."""
+    """The first block that the PLC took: its findings, their window, the slot of that moment."""
 
     findings: Findings
     slots: tuple[int, int]
@@ -146,20 +147,25 @@ class _Director:
     def _course(self) -> Course:
         status = self._daemon.status()
         loop = status.loops[self._scene.loop]
+        if self.accepted is None:
+            self.accepted = self._first_accepted(loop)
         step, progress = self._step(loop)
         return Course(step, progress, loop, status.requests, status.late_slots)
+
+    def _first_accepted(self, loop: LoopStatus) -> _Accepted | None:
+        """What the PLC took; a simulated loop's compensator waits for a sticky valve's model."""
+        attempt, estimate, latest = loop.last_accepted, loop.last_estimate, loop.latest
+        if attempt is None or estimate is None or latest is None:
+            return None
+        if self._scene.recording is None and attempt.candidate.status is not Status.VALID:
+            return None
+        slots = (estimate.first_slot, estimate.last_slot)
+        return _Accepted(attempt.candidate.findings, slots, latest.slot)
 
     def _step(self, loop: LoopStatus) -> tuple[Step, float]:
         if loop.latest is None:
             return Step.CONNECTING, 0.0
-        if loop.last_accepted is not None:
-            if self.accepted is None:
-                assert loop.last_estimate is not None
-                self.accepted = _Accepted(
-                    loop.last_accepted.candidate.findings,
-                    (loop.last_estimate.first_slot, loop.last_estimate.last_slot),
-                    loop.latest.slot,
-                )
+        if self.accepted is not None:
             if self._scene.recording is not None:
                 return Step.DONE, 1.0
             share = (loop.latest.slot - self.accepted.at) / (SETTLE + AFTER)
