@@ -84,7 +84,7 @@ def _controlled(
             )
     supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits))
     supervisor = None if controller is None else Supervisor(controller, supervision)
-    return ControlledLoop(name, plant, supervisor, op)
+    return ControlledLoop(name, plant, supervisor, op, limits)
 
 
 def _parameters(settings: PlantSettings, known: CatalogueModel | None) -> dict[str, float]:

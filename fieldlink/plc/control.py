@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from compensator import Supervisor, WithdrawReason
+from compensator import OpLimits, Supervisor, WithdrawReason
 from fieldlink.plc.program import Commands, LoopFailedError
 from fieldlink.plc.truth import CycleRecord
 from fieldlink.registers import Fallback, ReaderState
@@ -30,13 +30,22 @@ class ControlledLoop:
         plant: started; with input ``op`` and output ``pv``, and ``stem`` where it knows it.
         supervisor: holds the controller; None leaves the loop to whoever writes OP.
         op: OP at which the plant was started.
+        limits: range of OP, for the operator too.
     """
 
-    def __init__(self, name: str, plant: Plant, supervisor: Supervisor | None, op: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        plant: Plant,
+        supervisor: Supervisor | None,
+        op: float,
+        limits: OpLimits,
+    ) -> None:
         self._name = name
         self._plant = plant
         self.supervisor = supervisor
         self._op = op
+        self._limits = limits
         self._pv = plant.outputs()["pv"]
         self._model: LoopModel | None = None
 
@@ -59,7 +68,7 @@ class ControlledLoop:
             action = supervisor.step(pv, commands.sp, op, automatic=automatic)
             op = action.op if math.isfinite(action.op) else op
         if not automatic and math.isfinite(commands.op):
-            op = commands.op
+            op = min(max(commands.op, self._limits.low), self._limits.high)
         try:
             outputs = self._plant.step({"op": op})
         except PlantError as error:

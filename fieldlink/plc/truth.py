@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from array import array
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,29 +52,34 @@ class Truth:
 
 
 class TruthLog:
-    """Keeps the last ``capacity`` cycles of a loop."""
+    """Keeps the last ``capacity`` cycles of a loop, in 34 bytes each."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
-        self._records: deque[CycleRecord] = deque(maxlen=capacity)
+        self._capacity = capacity
         self._cycles = 0
+        self._signals = tuple(array("d") for _ in range(4))
+        self._flags = tuple(array("b") for _ in range(2))
 
     def add(self, record: CycleRecord) -> None:
         """Take in the next cycle."""
-        self._records.append(record)
+        signals = (record.op, record.pv, record.sp, record.stem)
+        for signal, value in zip(self._signals, signals, strict=True):
+            signal.append(value)
+        for flags, flag in zip(self._flags, (record.automatic, record.compensated), strict=True):
+            flags.append(flag)
         self._cycles += 1
+        # Now and then, because what is deleted at the front moves all the rest.
+        if len(self._signals[0]) > self._capacity + self._capacity // 4:
+            for signal in self._signals:
+                del signal[: -self._capacity]
+            for flags in self._flags:
+                del flags[: -self._capacity]
 
     def arrays(self) -> Truth:
-        """Return what is kept."""
-        records = list(self._records)
-        columns: Iterable[tuple[float, ...]] = zip(*map(astuple, records), strict=True)
-        op, pv, sp, stem, automatic, compensated = columns if records else ((),) * 6
-        first = self._cycles - len(records)
-        return Truth(
-            np.arange(first, self._cycles),
-            np.array(op, float),
-            np.array(pv, float),
-            np.array(sp, float),
-            np.array(stem, float),
-            np.array(automatic, bool),
-            np.array(compensated, bool),
-        )
+        """Return what is kept, as copies."""
+        kept = min(self._cycles, self._capacity)
+        last = slice(-kept, None) if kept else slice(0)
+        op, pv, sp, stem = (np.array(column[last]) for column in self._signals)
+        automatic, compensated = (np.array(column[last], bool) for column in self._flags)
+        first = self._cycles - kept
+        return Truth(np.arange(first, self._cycles), op, pv, sp, stem, automatic, compensated)

@@ -145,6 +145,20 @@ FC101.SCAN,holding,7,uint32,,,
         assert abs(plc.truth("FC101").op[-1] - 42.0) < 1.0
 
 
+def test_an_operator_s_op_stays_inside_the_range(make_site: MakeSite) -> None:
+    registers = (
+        "tag,address,type,writable\nFC101.OP,0,float32,true\nFC101.PV,2,float32,\n"
+        "FC101.SP,4,float32,\nFC101.MODE,6,uint16,\nFC101.SCAN,7,uint32,\n"
+    )
+    plant = 'fmu = "example1"\ncontroller = "none"'
+    with VirtualPlc(make_site(plant=plant, registers=registers), "plc") as plc:
+        assert real(plc, 0) == 40.0
+        plc.image.write(Table.HOLDING, 0, encode(1e30, DataType.FLOAT32))
+        plc.scan()
+        assert real(plc, 0) == 100.0
+        assert plc.image.read(Table.HOLDING, 6, 1) == [0]
+
+
 @pytest.mark.parametrize(
     ("address", "value", "code"),
     [(4, 120.0, 3), (4, math.nan, 3), (0, 10.0, 2), (900, 1.0, 2)],
@@ -232,10 +246,11 @@ def test_a_crashed_plant_stops_its_loop_and_no_other(make_site: MakeSite, tmp_pa
     with VirtualPlc(make_site(registers=registers, more=more), "plc") as plc:
         for _ in range(3):
             plc.scan()
-        op = real(plc, 0)
-
         plant = plc._loops["FC101"].program._plant
         plant._home.kill(plant._key)  # what a segfault does to the process of an FMU
+        while not plc.failures:
+            plc.scan()
+        op, cycle = real(plc, 0), plc.scans
         for _ in range(5):
             plc.scan()
         assert list(plc.failures) == ["FC101"]
@@ -245,8 +260,8 @@ def test_a_crashed_plant_stops_its_loop_and_no_other(make_site: MakeSite, tmp_pa
         )
         assert math.isnan(real(plc, 2))
         assert real(plc, 0) == op
-        assert plc.image.read(Table.HOLDING, 6, 2) == [0, 8]  # manual; the PLC itself goes on
-        assert real(plc, 20) == 7.0
+        assert plc.image.read(Table.HOLDING, 6, 2) == [0, cycle + 5]  # manual; the PLC goes on
+        assert real(plc, 20) == cycle + 4  # the row that the other loop plays
 
 
 def test_a_plant_without_a_linear_model_needs_another_controller(make_site: MakeSite) -> None:
