@@ -51,7 +51,9 @@ class Daemon:
     ) -> None:
         self._site = site
         self._clock = clock or SystemClock()
-        self._historian = Historian(site.historian_url, store)
+        self._historian = Historian(
+            site.historian_url, store, retention_days=site.historian.retention_days
+        )
         self._assembly = Assembly(
             site, self._clock, self._historian.put, read_only=read_only, live=True
         )

@@ -15,7 +15,12 @@ from dataclasses import dataclass
 
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
-from fieldlink.links.errors import ExceptionCode, ExceptionReplyError, LinkError
+from fieldlink.links.errors import (
+    ExceptionCode,
+    ExceptionReplyError,
+    LinkError,
+    LinkUnreachableError,
+)
 from fieldlink.registers import Quality as TagQuality
 from fieldlink.registers import ReadRequest, Table, Tag
 
@@ -179,8 +184,16 @@ class PlanReader:
         self._plan = [*self._plan[at + 1 :], *self._plan[: at + 1]]
 
     async def _ask(self, request: ReadRequest) -> list[int]:
+        try:
+            words = await self._read(request.table, request.address, request.count)
+        except LinkUnreachableError:
+            # Nothing went out, or nothing came back: no request that a device has seen.
+            raise
+        except LinkError:
+            self._requests += 1
+            raise
         self._requests += 1
-        return await self._read(request.table, request.address, request.count)
+        return words
 
     def _keep(self, pieces: Sequence[_Piece], readings: dict[str, Reading]) -> None:
         now, utc = self._clock.monotonic(), self._clock.utc()

@@ -8,6 +8,7 @@ own at the end of the queue, because they are few and the record of what was don
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -16,11 +17,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import structlog
-from sqlalchemy import Engine, insert
+from sqlalchemy import Engine, delete, insert
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
 from fieldlink.store.database import open_for_writing
 from fieldlink.store.records import EventRecord, Record, SampleRecord
+from fieldlink.store.schema import SAMPLES
 
 __all__ = ["Historian", "HistorianSettings", "StoreReport"]
 
@@ -38,6 +40,7 @@ class HistorianSettings:
         retry: seconds between attempts while the database cannot be written.
         busy_timeout: seconds one attempt waits for another program's lock.
         flush: seconds that stopping may take.
+        prune: seconds between two removals of samples that are older than the retention.
     """
 
     queue: int = 200_000
@@ -46,6 +49,7 @@ class HistorianSettings:
     retry: float = 1.0
     busy_timeout: float = 5.0
     flush: float = 20.0
+    prune: float = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +78,20 @@ class Historian:
     Args:
         url: SQLAlchemy address.
         settings: sizes and patience.
+        retention_days: days by the wall clock that samples are kept; for ever when None. Estimates,
+            write-backs and events are always kept.
     """
 
-    def __init__(self, url: str, settings: HistorianSettings | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        settings: HistorianSettings | None = None,
+        *,
+        retention_days: float | None = None,
+    ) -> None:
         self._url = url
+        self._retention_days = retention_days
+        self._pruned_at = -math.inf
         self._settings = settings or HistorianSettings()
         self._queue: queue.Queue[Record] = queue.Queue(self._settings.queue)
         self._samples_stop_at = int(0.9 * self._settings.queue)
@@ -159,6 +173,7 @@ class Historian:
         try:
             while batch := self._next_batch():
                 self._write(engine, batch)
+                self._prune(engine)
         finally:
             engine.dispose()
 
@@ -216,6 +231,22 @@ class Historian:
             break
         with self._lock:
             self._in_hand = 0
+
+    def _prune(self, engine: Engine) -> None:
+        """Remove samples that are older than the retention, now and then."""
+        now = time.monotonic()
+        if self._retention_days is None or now - self._pruned_at < self._settings.prune:
+            return
+        self._pruned_at = now
+        oldest = round(1000.0 * (time.time() - 86400.0 * self._retention_days))
+        try:
+            with engine.begin() as connection:
+                removed = connection.execute(delete(SAMPLES).where(SAMPLES.c.utc_ms < oldest))
+        except OperationalError as error:
+            # The next round removes them, too.
+            self._note_failure(error, first=True)
+        else:
+            _log.info("store.pruned", samples=removed.rowcount, days=self._retention_days)
 
     def _note_failure(self, error: SQLAlchemyError, *, first: bool) -> None:
         cause = str(getattr(error, "orig", None) or error)

@@ -21,6 +21,7 @@ import pytest
 from fieldlink.daemon import Daemon, PoolSettings, WritebackOutcome
 from fieldlink.daemon.device import poll_period
 from fieldlink.links import LinkState
+from fieldlink.registers import decode_block
 from fieldlink.site import Loop, Site, load_site
 from fieldlink.store import (
     HistorianSettings,
@@ -129,7 +130,7 @@ async def until(condition: Callable[[], bool], what: str, tries: int = 2000) -> 
 
 
 async def test_samples_estimates_and_their_ends_are_stored(device: Any, tmp_path: Path) -> None:
-    site = site_for(tmp_path, {"plc": device.port}, window=300, estimate_every=100.0)
+    site = site_for(tmp_path, {"plc": device.port}, window=160, estimate_every=40.0)
     async with plant_on(device), running(site) as daemon:
         await until(lambda: daemon.status().loops["PLC"].estimates >= 2, "two estimates")
     status = daemon.status()
@@ -145,7 +146,7 @@ async def test_samples_estimates_and_their_ends_are_stored(device: Any, tmp_path
     assert last.findings is not None
     assert estimates["stick_band"].iloc[-1] == last.findings.stick_band.value
     assert estimates["document"].iloc[-1] == last.findings.document
-    assert (estimates["last_slot"] - estimates["first_slot"] == 299).all()
+    assert (estimates["last_slot"] - estimates["first_slot"] == 159).all()
     events = read_events(site.historian_url)["kind"].tolist()
     assert events[0] == "daemon.start"
     assert events[-1] == "daemon.stop"
@@ -207,7 +208,7 @@ async def test_a_silent_device_does_not_slow_another(
     assert status.devices["silent"].state is LinkState.DEMOTED
     counts = status.loops["GOOD"].counts
     assert counts.missed <= 0.1 * counts.expected
-    assert status.devices["good"].polls > 2 * status.devices["silent"].requests
+    assert 5 * status.devices["silent"].requests < status.devices["good"].requests
 
 
 WRITEBACK = """
@@ -220,7 +221,7 @@ min_windows = 1
 
 
 async def test_findings_reach_the_plcs_block(device: Any, plc: Any, tmp_path: Path) -> None:
-    site = site_for(tmp_path, {"plc": device.port}, WRITEBACK, window=300, estimate_every=100.0)
+    site = site_for(tmp_path, {"plc": device.port}, WRITEBACK, window=160, estimate_every=40.0)
     async with plant_on(device, plc), running(site) as daemon:
         await until(lambda: daemon.status().loops["PLC"].last_accepted is not None, "accepted")
         status = daemon.status()
@@ -228,10 +229,11 @@ async def test_findings_reach_the_plcs_block(device: Any, plc: Any, tmp_path: Pa
     assert block is not None
     last = status.loops["PLC"].last_accepted
     assert last is not None
-    assert last.block == block
+    assert last.words is not None
+    assert decode_block(last.words) == block
     stored = read_writebacks(site.historian_url, "PLC")
     assert stored["outcome"].tolist()[:2] == ["committed", "accepted"]
-    assert stored["words"][0] == list(last.words or ())
+    assert stored["words"][0] == list(last.words)
 
 
 async def test_read_only_overrides_the_site_file(device: Any, plc: Any, tmp_path: Path) -> None:

@@ -100,7 +100,8 @@ async def test_a_real_device_cannot_run_in_lockstep(tmp_path: Path) -> None:
     (tmp_path / "map.csv").write_text(
         "tag,table,address,type\nFC101.OP,holding,0,int16\nFC101.PV,holding,1,int16\n"
     )
-    real = SITE.replace('"recording"', '"modbus-tcp"\nhost = "127.0.0.1"\nregister_map = "map.csv"')
+    loop = SITE.split("[loops.FC101.plant]")[0]
+    real = loop.replace('"recording"', '"modbus-tcp"\nhost = "127.0.0.1"\nregister_map = "map.csv"')
     (tmp_path / "real.toml").write_text(real)
     with pytest.raises(FieldlinkError, match="cannot run in lockstep"):
         await LockstepRun(load_site(tmp_path / "real.toml")).run(10.0)

@@ -71,7 +71,8 @@ class FakeDevice:
                     return
                 writer.write(frame)
                 await writer.drain()
-        except (asyncio.IncompleteReadError, ConnectionError):
+        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
+            # The stream's own callback would report a cancellation as an error.
             return
         finally:
             self._clients.discard(task)

@@ -166,6 +166,19 @@ def test_a_row_that_is_refused_does_not_take_others_along(url: str) -> None:
     assert len(read_samples(url)) == 2
 
 
+def test_samples_older_than_the_retention_are_removed_and_all_else_is_kept(url: str) -> None:
+    now_ms = round(1000.0 * time.time())
+    day_ms = 86_400_000
+    historian = Historian(url, QUICK, retention_days=2.0)
+    historian.start(OPENED)
+    for slot, age in enumerate((5, 3, 1, 0)):
+        historian.put(SampleRecord("FC101", now_ms - age * day_ms, slot, 1.0, 2.0, None, None, 0))
+    historian.put(WritebackRecord("FC101", now_ms - 5 * day_ms, "committed", ""))
+    historian.stop()
+    assert read_samples(url)["slot"].tolist() == [2, 3]
+    assert len(read_writebacks(url)) == 1
+
+
 def test_a_data_directory_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match=r"file.* cannot be made.*data_dir"):
