@@ -12,7 +12,6 @@ as ``v`` of (7), and a window begins somewhere in a cycle after the oscillation 
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,8 +67,9 @@ class ExampleWindow:
 
 def sampled(*time_constants: float, gain: float = 1.0, period: float = 1.0) -> ProcessModel:
     """``gain / prod(T s + 1)`` sampled with a zero-order hold, as ARX without delay."""
-    denominator = functools.reduce(np.polymul, [[t, 1.0] for t in time_constants])
-    num, den, _ = signal.cont2discrete(([gain], list(denominator)), period, method="zoh")
+    denominator = np.poly([-1.0 / t for t in time_constants]) * np.prod(time_constants)
+    continuous = (np.array([gain]), np.asarray(denominator, dtype=np.float64))
+    num, den = signal.cont2discrete(continuous, period, method="zoh")[:2]
     b = np.asarray(num, dtype=np.float64).ravel()
     # A strictly proper process has no feed-through; its first numerator coefficient is 0.
     return ProcessModel(

@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from loop_model import LoopModel, ProcessModel, ValveModel
 
 __all__ = ["Estimate", "Summary", "main", "summarise"]
 
-_ORDERS = {"na": 3, "nb": 3, "dead_time": 1}
+_ORDERS: dict[str, Any] = {"na": 3, "nb": 3, "dead_time": 1}
 _CONFIDENCE = 0.9
 
 Band = tuple[float, float]
@@ -154,11 +155,8 @@ def estimates(
         )
         found.append(_of_fit("nlp, polish", polish.best, cost(polish.best), seconds))
     for intercept in (False, True):
-        grid, seconds = _timed(
-            lambda with_it=intercept: grid_search(
-                window.op, window.pv, **_ORDERS, step=grid_step, intercept=with_it
-            )
-        )
+        search = partial(grid_search, **_ORDERS, step=grid_step, intercept=intercept)
+        grid, seconds = _timed(partial(search, window.op, window.pv))
         name = f"grid {grid_step:g}, " + ("intercept" if intercept else "as published")
         found.append(_of_fit(name, grid, cost(grid), seconds))
     return found
