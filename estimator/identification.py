@@ -19,7 +19,8 @@ from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
 from estimator.search import Candidate, healthy_search, stem_of, valve_search
-from estimator.verdict import evidence_of, judge
+from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
+from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
 from loop_model import LoopModel, ValveModel
 
@@ -104,10 +105,16 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         for stem, c in ((best.stem(window.u), best), (window.u, healthy))
     ]
     samples = min(effective_samples(residual, regression.weight) for residual in residuals)
-    score, evidence = evidence_of(best.stem(window.u), healthy.cost, best.cost, samples, best.band)
-    quality = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
-    verdict, reasons = judge(score, evidence, quality)
-    estimate = oe_estimate(window, regression, found, confidence)
+    simulated = simulated_evidence(healthy.cost, best.cost, samples)
+    bic, whitened = math.inf, 0.0
+    if simulated > 0.0 or criterion == "arx":
+        bic = whitened_bic(window.u, regression, best, healthy=False)
+        whitened = 0.5 * (whitened_bic(window.u, regression, healthy, healthy=True) - bic)
+    evidence = evidence_of(best.stem(window.u), simulated, whitened, samples, best.band)
+    score = score_of(evidence)
+    fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
+    verdict, reasons = judge(score, evidence, fit)
+    estimate = oe_estimate(window, regression, found, confidence, bic)
     if criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
         rival = arx_estimate(window, found[:2], confidence)
         if criterion == "arx" or _prefers(window, rival, estimate):
@@ -124,7 +131,7 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         dynamic_friction=estimate.dynamic.scaled(span),
         confidence=confidence,
         process=estimate.process,
-        fit=quality,
+        fit=fit,
         criterion=estimate.criterion,
         evidence=evidence,
         samples=window.size,
@@ -211,7 +218,7 @@ def _not_assessable(
         process=Process("none", MappingProxyType({}), 0, unknown),
         fit=Fit(math.nan, math.nan),
         criterion="oe" if criterion == "auto" else criterion,
-        evidence=Evidence(0.0, 0.0, 0, 0, 0, 0.0),
+        evidence=Evidence(0.0, 0.0, 0.0, 0, 0, 0, 0.0),
         samples=window.size,
         period_s=window.period,
         seconds=0.0,

@@ -9,7 +9,7 @@ import numpy as np
 from estimator._kernels import Array, stems
 from estimator.conversion import process_description, process_model
 from estimator.estimate import Estimate
-from estimator.noise import autoregression, effective_samples
+from estimator.noise import effective_samples
 from estimator.posterior import Posterior, explore
 from estimator.regression import Regression
 from estimator.result import RunnerUp
@@ -19,13 +19,19 @@ from estimator.window import Window
 __all__ = ["oe_estimate"]
 
 _LAG_REACH = 4
-_VALVE_PARAMETERS = 3
 
 
 def oe_estimate(
-    window: Window, regression: Regression, found: tuple[Candidate, ...], confidence: float
+    window: Window,
+    regression: Regression,
+    found: tuple[Candidate, ...],
+    confidence: float,
+    bic: float,
 ) -> Estimate:
-    """Estimate valve and process from the candidates of the search, best first, at least one."""
+    """Estimate valve and process from the candidates of the search, best first, at least one.
+
+    ``bic`` is that of the whitened errors, to compare with another criterion.
+    """
     best = shortened(window.u, regression, found[0])
     fit = regression.solve(best.stem(window.u), best.structure, best.dead_time)
     samples = effective_samples(fit.residual, regression.weight)
@@ -44,7 +50,7 @@ def oe_estimate(
         simulated=fit.prediction,
         process=process_description(window, best.structure, model, gain),
         model=model,
-        bic=_one_step_bic(regression, best, fit.residual),
+        bic=bic,
         posterior=posterior,
         runners_up=tuple(
             RunnerUp(
@@ -78,9 +84,3 @@ def _posterior(u: Array, regression: Regression, best: Candidate, samples: float
     static = 0.5 * (best.band + best.jump)
     return explore(evaluate, (best.band, best.jump, best.start * static))
 
-
-def _one_step_bic(regression: Regression, best: Candidate, residual: Array) -> float:
-    """BIC of the innovations once the simulation error is whitened by an autoregression."""
-    taps, variance = autoregression(residual, regression.weight)
-    free = taps.size - 1 + best.structure.free + _VALVE_PARAMETERS
-    return regression.count * math.log(variance) + free * math.log(regression.count)

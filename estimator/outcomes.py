@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 __all__ = ["EstimatorError", "Reason", "ReasonCode", "Verdict"]
 
@@ -12,7 +12,7 @@ class EstimatorError(ValueError):
     """The input is not a window of a loop: wrong shapes, wrong types, no usable number."""
 
 
-class Verdict(str, Enum):
+class Verdict(StrEnum):
     """What the window says about the valve."""
 
     STICTION = "stiction"
@@ -20,13 +20,12 @@ class Verdict(str, Enum):
     NOT_ASSESSABLE = "not_assessable"
 
 
-class ReasonCode(str, Enum):
+class ReasonCode(StrEnum):
     """Why a verdict is what it is; :attr:`advice` says what to do next."""
 
     STICKY_VALVE_EXPLAINS = "sticky_valve_explains"
     HEALTHY_VALVE_SUFFICES = "healthy_valve_suffices"
-    STICTION_NEGLIGIBLE = "stiction_negligible"
-    EXTERNAL_OSCILLATION = "external_oscillation"
+    DISTURBANCE_EXPLAINS = "disturbance_explains"
     TOO_FEW_SAMPLES = "too_few_samples"
     TOO_MANY_BAD_SAMPLES = "too_many_bad_samples"
     NOT_IN_AUTOMATIC = "not_in_automatic"
@@ -37,9 +36,6 @@ class ReasonCode(str, Enum):
     PV_AT_LIMIT = "pv_at_limit"
     NO_MODEL_EXPLAINS_PV = "no_model_explains_pv"
     TOO_FEW_MOVES = "too_few_moves"
-    UNDECIDED = "undecided"
-    SLIP_JUMP_UNCERTAIN = "slip_jump_uncertain"
-    STICK_BAND_UNCERTAIN = "stick_band_uncertain"
 
     @property
     def advice(self) -> str:
@@ -50,9 +46,9 @@ class ReasonCode(str, Enum):
 _ADVICE = {
     ReasonCode.STICKY_VALVE_EXPLAINS: "Check the packing, the positioner and the air supply.",
     ReasonCode.HEALTHY_VALVE_SUFFICES: "Nothing to do at the valve.",
-    ReasonCode.STICTION_NEGLIGIBLE: "Watch how it develops; no maintenance is needed for it now.",
-    ReasonCode.EXTERNAL_OSCILLATION: (
-        "Look at the controller's tuning and for an oscillation that comes from outside the loop."
+    ReasonCode.DISTURBANCE_EXPLAINS: (
+        "Look at the controller's tuning and for a disturbance that comes from outside the loop; "
+        "judge the valve by further windows."
     ),
     ReasonCode.TOO_FEW_SAMPLES: "Record a longer window, 500 samples or more.",
     ReasonCode.TOO_MANY_BAD_SAMPLES: "Repair the signal or its recording, then record again.",
@@ -66,9 +62,6 @@ _ADVICE = {
         "PV does not follow OP in this window: look for disturbances, or record with small steps."
     ),
     ReasonCode.TOO_FEW_MOVES: "Record a longer window or one with a set-point change.",
-    ReasonCode.UNDECIDED: "Record a longer window; judge by several windows of this loop.",
-    ReasonCode.SLIP_JUMP_UNCERTAIN: "Judge the slip jump by several windows of this loop.",
-    ReasonCode.STICK_BAND_UNCERTAIN: "Judge the stick band by several windows of this loop.",
 }
 
 

@@ -42,16 +42,17 @@ class Regression:
     """Least squares of PV on responses of candidates, over the good samples of a window.
 
     ``taps`` is the whitening filter of the noise, ``(1,)`` for plain simulation errors; it is
-    applied to PV and to every column alike (generalised least squares).
+    applied to PV and to every column alike (generalised least squares). ``min_lag`` and ``max_lag``
+    bound the dead time of a search.
     """
 
-    def __init__(self, y: Array, good: Mask, taps: Array | None = None) -> None:
+    def __init__(self, y: Array, good: Mask, taps: Array | None = None, min_lag: int = 0) -> None:
         self.taps = np.ones(1) if taps is None else np.ascontiguousarray(taps)
         self.size = y.size
         usable = good.copy()
         for i in range(1, self.taps.size):
             usable[i:] &= good[:-i]
-        self.min_lag = 0 if self.taps.size == 1 else 1
+        self.min_lag = min_lag
         self.max_lag = min(MAX_LAG, y.size // 8)
         usable[: max(self.max_lag, self.taps.size - 1)] = False
         self.weight = usable.astype(np.float64)

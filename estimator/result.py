@@ -101,14 +101,17 @@ class Evidence:
     """What the verdict rests on.
 
     Attributes:
-        log_likelihood_ratio: sticky over healthy valve, natural logarithm.
+        simulated: log Bayes factor of a sticky over a healthy valve from simulation errors.
+        whitened: the same from one-step errors, both valves with noise models of their own; 0 where
+            the simulation already favours the healthy valve.
         effective_samples: independent samples that the residuals are worth.
         moves: samples in which the identified stem moves; reversals: changes of direction;
             strokes: runs of moves in one direction.
         band_over_span: stick band over the span of OP in the window.
     """
 
-    log_likelihood_ratio: float
+    simulated: float
+    whitened: float
     effective_samples: float
     moves: int
     reversals: int

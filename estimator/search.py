@@ -16,6 +16,7 @@ __all__ = [
     "Candidate",
     "Steps",
     "healthy_search",
+    "polished",
     "shortened",
     "stem_of",
     "valve_grid",
@@ -99,6 +100,12 @@ def valve_search(u: Array, regression: Regression) -> tuple[Candidate, ...]:
         _zoomed(u, regression, seed, steps, _LATE_PASSES) for seed, steps in alive[:_FINALISTS]
     ]
     return tuple(sorted((c for c, _ in ended if np.isfinite(c.cost)), key=lambda c: c.cost))
+
+
+def polished(u: Array, regression: Regression, candidate: Candidate) -> Candidate:
+    """The candidate refined under another regression's cost."""
+    seed = replace(candidate, cost=np.inf)
+    return _zoomed(u, regression, seed, Steps(), _LATE_PASSES)[0]
 
 
 def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
