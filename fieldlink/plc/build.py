@@ -75,13 +75,12 @@ def _controlled(
         )
     except (PlantError, CompensatorError) as error:
         raise PlcError(f"loop {name}: {error}") from error
-    for variable, there in ((INPUT, plant.info.inputs), (OUTPUT, plant.info.outputs)):
-        if variable not in there:
-            plant.close()
-            raise PlcError(
-                f"loop {name}: {settings.fmu} has no {variable!r} among {', '.join(there) or '-'}; "
-                "a plant needs the input op and the output pv"
-            )
+    if OUTPUT not in plant.info.outputs:
+        plant.close()
+        raise PlcError(
+            f"loop {name}: {settings.fmu} has no output {OUTPUT!r}, it has "
+            f"{', '.join(plant.info.outputs) or 'none'}; a plant needs the input op and output pv"
+        )
     supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits))
     supervisor = None if controller is None else Supervisor(controller, supervision)
     return ControlledLoop(name, plant, supervisor, op, limits)
