@@ -206,7 +206,7 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         (
             "op,pv,set\n" + "1,2,3\n" * 60,
             {"sp": "sets"},
-            "sets: no column of that name; did you mean",
+            "no column of that name; did you mean",
         ),
         ("op,PV,Pv\n" + "1,2,3\n" * 60, {}, "several columns match: PV, Pv"),
         ("op,pv\n" + "1,2\n" * 60, {"period": 0.0}, "a period of 0.0 s is impossible"),

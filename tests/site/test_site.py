@@ -75,7 +75,7 @@ def test_the_demo_in_the_names_of_the_program() -> None:
 def test_a_site_is_frozen() -> None:
     site = load_site(DEMO)
     with pytest.raises(pydantic.ValidationError):
-        site.loops["FC101"].period = 2.0  # type: ignore[misc]
+        site.loops["FC101"].period = 2.0
     with pytest.raises(AttributeError):
         site.path = DEMO  # type: ignore[misc]
 
