@@ -88,7 +88,11 @@ def read_csv(path: Path, error: Callable[[Iterable[Problem]], FieldlinkError]) -
             remedy = "complete the row, and quote cells that hold the separator"
             problems.append(Problem(str(path), "", message, remedy, row.line))
     if problems:
-        raise error(problems[:_MAX_PROBLEMS])
+        more = len(problems) - _MAX_PROBLEMS
+        if more > 0:
+            message, remedy = f"{more} more rows are wrong", "is the separator the right one?"
+            problems[_MAX_PROBLEMS:] = [Problem(str(path), "", message, remedy, problems[-1].line)]
+        raise error(problems)
     return CsvFile(path, separator, tuple(columns), header.line, tuple(fitted))
 
 

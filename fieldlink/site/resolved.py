@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from fieldlink.registers import ReadRequest, Tag, plan_reads
+from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Device, HistorianSettings, Loop, SiteFile
 
 __all__ = ["Site"]
+
+M = TypeVar("M", bound=BaseModel)
 
 _SQLITE = "sqlite:///"
 
@@ -104,20 +109,37 @@ class Site:
     def with_device(self, name: str, **changes: Any) -> Site:
         """Return the site with keys of one device changed, for instance its port.
 
-        The changed device is validated; the rules between keys are not checked again.
+        The changed device is validated; the rules between tables are not checked again.
+
+        Raises:
+            SiteError: the device cannot be like that.
         """
-        device = Device.model_validate(dict(self.devices[name]) | changes)
+        device = self._changed(self.devices[name], changes, f"devices.{name}")
         return self._with(devices={**self.devices, name: device})
 
     def with_loop(self, name: str, **changes: Any) -> Site:
         """Return the site with keys of one loop changed; see `with_device`."""
-        loop = Loop.model_validate(dict(self.loops[name]) | changes)
+        loop = self._changed(self.loops[name], changes, f"loops.{name}")
         return self._with(loops={**self.loops, name: loop})
 
     def with_data_dir(self, folder: Path) -> Site:
         """Return the site with another folder for what Fieldlink writes."""
         settings = self.file.site.model_copy(update={"data_dir": folder.absolute()})
         return self._with(site=settings)
+
+    def _changed(self, model: M, changes: Mapping[str, object], key: str) -> M:
+        try:
+            return type(model).model_validate(dict(model) | dict(changes))
+        except ValidationError as error:
+            raise SiteError(
+                Problem(
+                    str(self.path),
+                    ".".join([key, *map(str, detail["loc"])]),
+                    f"cannot be {detail['input']!r}: {detail['msg']}",
+                    "ask for another value",
+                )
+                for detail in error.errors()
+            ) from error
 
     def _with(self, **parts: Any) -> Site:
         return replace(self, file=self.file.model_copy(update=parts))

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fieldlink.registers import DataType, ExchangeLayout, PlanError, Table, plan_reads
+from fieldlink.registers import (
+    BLOCK_REGISTERS,
+    DataType,
+    ExchangeLayout,
+    PlanError,
+    Table,
+    plan_reads,
+)
 from fieldlink.site.errors import Problem, RecordingError, nearest
 from fieldlink.site.models import Device, Loop
 from fieldlink.site.recording import read_recording
@@ -125,6 +132,14 @@ def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> I
             ("loops", name, "writeback", "enabled"),
             f"device {loop.device!r} replays recordings, nothing can be written to it",
             'remove the key, or serve the recording as a PLC with link = "modbus-tcp"',
+        )
+    area = loop.writeback.exchange is not None
+    if device is not None and area and device.max_registers < BLOCK_REGISTERS:
+        yield source.problem(
+            ("loops", name, "writeback"),
+            f"a block is read back as {BLOCK_REGISTERS} registers in one request, "
+            f"max_registers of device {loop.device!r} is {device.max_registers}",
+            f"raise it to {BLOCK_REGISTERS} or remove the exchange area",
         )
 
 

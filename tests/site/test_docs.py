@@ -65,16 +65,8 @@ def expected_tables() -> Iterator[tuple[str, str, list[list[str]]]]:
 
 def test_every_table_and_key_is_documented_as_it_is() -> None:
     for heading, sentence, rows in expected_tables():
-        lines = [
-            f"### {heading}",
-            "",
-            sentence,
-            "",
-            "| key | default | meaning |",
-            "| --- | --- | --- |",
-        ]
-        lines += [f"| {' | '.join(row)} |" for row in rows]
-        assert "\n".join(lines) + "\n" in PAGE
+        head = f"### {heading}\n\n{sentence}\n\n| key | default | meaning |\n| --- | --- | --- |\n"
+        assert head + "".join(f"| {' | '.join(row)} |\n" for row in rows) in PAGE
 
 
 def test_every_column_and_type_of_a_register_map_is_documented() -> None:

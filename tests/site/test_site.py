@@ -85,7 +85,7 @@ def test_changes_make_another_site_and_are_validated() -> None:
     other = site.with_device("plc", port=15020).with_loop("FC101", window=400)
     assert (other.devices["plc"].port, other.loops["FC101"].window) == (15020, 400)
     assert (site.devices["plc"].port, site.loops["FC101"].window) == (5020, 800)
-    with pytest.raises(pydantic.ValidationError):
+    with pytest.raises(SiteError, match=r"devices\.plc\.port: cannot be 0: .*greater"):
         site.with_device("plc", port=0)
 
 
