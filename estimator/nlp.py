@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,7 +62,7 @@ class NlpAttempt:
 
 @dataclass(frozen=True, slots=True)
 class NlpFit:
-    """The best fit and everything that was tried for it."""
+    """The best fit, whose ``evaluations`` are IPOPT's iterations, and all that was tried for it."""
 
     best: PaperFit
     attempts: tuple[NlpAttempt, ...]
@@ -129,7 +129,8 @@ def nlp_paper(
             attempts.append(_attempt(window, pair, stem0, tau, end, fit))
     shortfall = [max(0.0, alpha * (1 - 1e-6) - a.variance_ratio) for a in attempts]
     best = min(range(len(fits)), key=lambda i: (shortfall[i], attempts[i].cost))
-    return NlpFit(_counted(fits[best], sum(a.iterations for a in attempts)), tuple(attempts))
+    iterations = sum(attempt.iterations for attempt in attempts)
+    return NlpFit(replace(fits[best], evaluations=iterations), tuple(attempts))
 
 
 def nlp_polish(
@@ -143,10 +144,10 @@ def nlp_polish(
     dead_time: int = 1,
     stem0: float | None = None,
     tau: float = 1e4,
-    stages: int = 8,
+    stages: int = 4,
     alpha: float = 0.1,
     intercept: bool = True,
-    max_iterations: int = 100,
+    max_iterations: int = 50,
     period: float = 1.0,
 ) -> NlpFit:
     """Improve a valve by the scaled programme; never worse than the start.
@@ -213,7 +214,8 @@ def nlp_polish(
         attempts.append(_attempt(window, pair, begun.stem0, sharpness / op_unit, end, here))
         if here.cost < best.cost and attempts[-1].variance_ratio >= alpha:
             best = here
-    return NlpFit(_counted(best, sum(a.iterations for a in attempts)), tuple(attempts))
+    iterations = sum(attempt.iterations for attempt in attempts)
+    return NlpFit(replace(best, evaluations=iterations), tuple(attempts))
 
 
 def _triangle(solution: Solution) -> tuple[float, float]:
@@ -248,11 +250,4 @@ def _attempt(
         variance_ratio=float(fit.stem.var()) / float(window.op.var()),
         outcome=end.outcome,
         iterations=end.iterations,
-    )
-
-
-def _counted(fit: PaperFit, evaluations: int) -> PaperFit:
-    """The fit with the number of IPOPT iterations that led to it."""
-    return PaperFit(
-        fit.valve, fit.process, fit.cost, fit.stem0, fit.stem, fit.pv_model, evaluations
     )

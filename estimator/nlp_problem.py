@@ -172,7 +172,8 @@ class Programme:
         span = float(np.ptp(self.op))
         unknown_theta = np.full(theta.size, np.inf)
         away = np.inf if free_stem0 else 0.0
-        start = np.array([static, dynamic])
+        # A start outside the triangle of (11b) begins on its edge.
+        start = np.clip([static, dynamic], 0.0, span)
         tied = 0.0 if free_stem0 else -np.inf
         answer = solver(
             x0=np.concatenate([start, [stem0], theta]),

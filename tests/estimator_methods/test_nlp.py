@@ -79,7 +79,9 @@ def test_paper_mode_is_repeatable(sticky_loop):
     assert once.attempts == again.attempts
 
 
-@pytest.mark.parametrize("start", [(4.5, 1.5), (4.4, 1.2), (2.0, 0.0), (4.0, 4.0), (0.0, 0.0)])
+@pytest.mark.parametrize(
+    "start", [(4.5, 1.5), (4.4, 1.2), (2.0, 0.0), (4.0, 4.0), (0.0, 0.0), (50.0, 40.0)]
+)
 def test_polish_is_never_worse_than_its_start(sticky_loop, start):
     window = ArxWindow.of(sticky_loop.op, sticky_loop.pv, ArxStructure(2, 2))
     begun = window.fit(HeValve(*start), float(sticky_loop.op[0])).cost
