@@ -161,6 +161,7 @@ class BlockReader:
         if enabled:
             self._judge(words)
         elif words.commit != self._ack_commit:
+            self._judged = None
             self._reject(words.commit, BlockError(BlockFault.NOT_ENABLED))
         if self._accepted is not None and not any(words.bank(self._active_bank)):
             self._drop(Fallback.CLEARED)

@@ -128,12 +128,9 @@ def read_recording(
         columns.report(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
         )
-    if columns.problems:
-        raise RecordingError(columns.problems)
     op_values, pv_values = numbers["op"], numbers["pv"]
-    # Both columns must be there, or a problem had been raised.
-    if op_values is None or pv_values is None:
-        raise AssertionError("a missing column was not reported")
+    if columns.problems or op_values is None or pv_values is None:
+        raise RecordingError(columns.problems)
     nan_runs = _nan_runs(numbers)
     return Recording(
         path=Path(path),
