@@ -13,8 +13,7 @@ __all__ = ["configure_logging"]
 def configure_logging(level: int = logging.INFO) -> None:
     """Send the project's events to stderr as ``key=value`` lines, coloured on a terminal.
 
-    pymodbus and APScheduler report faults that the daemon counts and says itself; of theirs only
-    what is worse than that is shown.
+    What pymodbus and APScheduler log, the daemon counts and says itself.
     """
     renderer: structlog.typing.Processor = (
         structlog.dev.ConsoleRenderer()
@@ -37,4 +36,4 @@ def configure_logging(level: int = logging.INFO) -> None:
         level=logging.WARNING, stream=sys.stderr, format="level=%(levelname)s event=%(message)r"
     )
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
-    logging.getLogger("apscheduler").setLevel(logging.ERROR)
+    logging.getLogger("apscheduler").setLevel(logging.CRITICAL)

@@ -46,9 +46,9 @@ class Schedule:
 
     def stop(self) -> None:
         """End; jobs that run are cancelled."""
+        self.failed.cancel()
         if self._scheduler.running:
             self._scheduler.shutdown(wait=False)
-        self.failed.cancel()
 
     def pause(self) -> None:
         """Begin no more jobs; those that run go on."""

@@ -116,7 +116,7 @@ class Daemon:
             for pipeline in runner.pipelines.values():
                 seconds = pipeline.loop.estimate_period / runner.speed
                 schedule.every(
-                    seconds, pipeline.name, partial(self._judge, schedule, runner, pipeline)
+                    seconds, pipeline.name, partial(self._judge, schedule, runner, pipeline, ending)
                 )
         schedule.start()
         try:
@@ -124,8 +124,7 @@ class Daemon:
         finally:
             ending.set()
             schedule.pause()
-            running = [*tasks, *forever, *self._judging]
-            _, unfinished = await asyncio.wait(running, timeout=STOP_GRACE)
+            unfinished = await self._finish([*tasks, *forever])
             for task in unfinished:
                 self._assembly.journal.event(
                     "daemon.unfinished", "daemon", f"{task.get_name()} was given up", bad=True
@@ -133,6 +132,18 @@ class Daemon:
                 task.cancel()
             await asyncio.gather(*unfinished, return_exceptions=True)
             schedule.stop()
+
+    async def _finish(self, tasks: list[asyncio.Task[None]]) -> set[asyncio.Task[None]]:
+        """Wait for tasks and for windows being judged; return those that were not done in time."""
+        deadline = self._clock.monotonic() + STOP_GRACE
+        while True:
+            # A turn for jobs that have been started and have not run yet.
+            await asyncio.sleep(0)
+            left = {task for task in (*tasks, *self._judging) if not task.done()}
+            seconds = deadline - self._clock.monotonic()
+            if not left or seconds <= 0.0:
+                return left
+            await asyncio.wait(left, timeout=seconds)
 
     async def _poll(
         self, runner: DeviceRunner, polled: asyncio.Event, ending: asyncio.Event
@@ -161,8 +172,14 @@ class Daemon:
             await runner.service((self._clock.monotonic() - begin) * runner.speed)
 
     async def _judge(
-        self, schedule: Schedule, runner: DeviceRunner, pipeline: LoopPipeline
+        self,
+        schedule: Schedule,
+        runner: DeviceRunner,
+        pipeline: LoopPipeline,
+        ending: asyncio.Event,
     ) -> None:
+        if ending.is_set():
+            return
         missing = pipeline.samples_until_estimate
         if missing:
             schedule.postpone(pipeline.name, missing * pipeline.loop.period / runner.speed)

@@ -134,12 +134,13 @@ class Historian:
                 room = False
         if not room:
             self._drop(1)
-        if room == self._overflowing:
-            self._overflowing = not room
-            if self._overflowing:
-                _log.error("store.overflow", waiting=self._queue.qsize(), error=self._last_error)
-            else:
-                _log.info("store.overflow_over", dropped=self._dropped)
+        waiting = self._queue.qsize()
+        if not room and not self._overflowing:
+            self._overflowing = True
+            _log.error("store.overflow", waiting=waiting, error=self._last_error)
+        elif self._overflowing and waiting < 0.5 * self._samples_stop_at:
+            self._overflowing = False
+            _log.info("store.overflow_over", dropped=self._dropped)
         return room
 
     def report(self) -> StoreReport:

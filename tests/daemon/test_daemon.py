@@ -225,7 +225,7 @@ async def test_findings_reach_the_plcs_block(device: Any, plc: Any, tmp_path: Pa
     async with plant_on(device, plc), running(site) as daemon:
         await until(lambda: daemon.status().loops["PLC"].last_accepted is not None, "accepted")
         status = daemon.status()
-    block = plc.state.in_force
+    block = plc.state.accepted
     assert block is not None
     last = status.loops["PLC"].last_accepted
     assert last is not None

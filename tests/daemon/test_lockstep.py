@@ -10,8 +10,16 @@ import pytest
 from fieldlink.daemon import LockstepRun
 from fieldlink.daemon.estimating import EstimateOutcome
 from fieldlink.errors import FieldlinkError
+from fieldlink.registers import decode_block
 from fieldlink.site import Site, load_site
-from fieldlink.store import EstimateRecord, Record, SampleRecord, read_events, read_samples
+from fieldlink.store import (
+    EstimateRecord,
+    Record,
+    SampleRecord,
+    WritebackRecord,
+    read_events,
+    read_samples,
+)
 from loop_model import ProcessModel, ValveModel
 
 SITE = """
@@ -105,3 +113,31 @@ async def test_a_real_device_cannot_run_in_lockstep(tmp_path: Path) -> None:
     (tmp_path / "real.toml").write_text(real)
     with pytest.raises(FieldlinkError, match="cannot run in lockstep"):
         await LockstepRun(load_site(tmp_path / "real.toml")).run(10.0)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.slow
+async def test_a_simulated_plc_gets_its_block_the_same_way_every_time() -> None:
+    # Importing the simulated PLC makes link = "fmu" known.
+    from fieldlink.plc import LockstepLink
+
+    site = load_site(ROOT / "site_configs" / "demo.toml").with_device("plc", link="fmu")
+    runs = []
+    for _ in range(2):
+        records: list[Record] = []
+        run = LockstepRun(site, on_record=records.append)
+        status = await run.run(1000.0)
+        assert isinstance(run.link("plc"), LockstepLink)
+        accepted = status.loops["FC101"].last_accepted
+        assert accepted is not None
+        assert accepted.words is not None
+        block = decode_block(accepted.words)
+        assert block.seq == sum(
+            isinstance(r, WritebackRecord) and r.outcome == "accepted" for r in records
+        )
+        samples = [record for record in records if isinstance(record, SampleRecord)]
+        assert len(samples) == 1000
+        runs.append((samples, block))
+    assert runs[0] == runs[1]
