@@ -24,8 +24,10 @@ from benchmarks.examples import EXAMPLES, Example, ExampleWindow, example_window
 from benchmarks.report import keep, machine, table
 from estimator import identify, warm_up
 from estimator.grid import grid_search
+from estimator.moves import best_with_same_moves
 from estimator.nlp import nlp_paper, nlp_polish
 from estimator.paper_fit import ArxStructure, ArxWindow, PaperFit
+from estimator.valves import HeValve
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 __all__ = ["Estimate", "Summary", "main", "summarise"]
@@ -58,8 +60,8 @@ class Estimate:
 class Summary:
     """One method over all windows of one example; errors are medians of absolute relative errors.
 
-    ``coverage_*`` is the share of intervals that hold the truth, ``worse_than_search`` the share
-    of windows in which the method's cost is above that of the search, ``time_ratio`` its median
+    ``coverage_*`` is the share of intervals that hold the truth, ``search_no_worse`` the share
+    of windows in which the search's cost is at most the method's, ``time_ratio`` its median
     seconds over the search's.
     """
 
@@ -76,7 +78,7 @@ class Summary:
     coverage_stick_band: float
     coverage_slip_jump: float
     coverage_gain: float
-    worse_than_search: float
+    search_no_worse: float
     time_ratio: float
 
 
@@ -127,7 +129,12 @@ def _of_search(window: ExampleWindow, currency: ArxWindow, criterion: str) -> Es
 
 
 def estimates(
-    window: ExampleWindow, *, grid_step: float, criteria: Sequence[str], starts: int = 7
+    example: Example,
+    window: ExampleWindow,
+    *,
+    grid_step: float,
+    criteria: Sequence[str],
+    starts: int = 7,
 ) -> list[Estimate]:
     """All methods on one window; the first is the search with the first of ``criteria``."""
     currency = ArxWindow.of(window.op, window.pv, ArxStructure(**_ORDERS))
@@ -135,6 +142,11 @@ def estimates(
 
     def cost(fit: PaperFit) -> float:
         return currency.solve(fit.stem)[1]
+
+    # What anyone could reach who knew when the valve moves: the floor of every error.
+    truth = HeValve(example.valve.stick_band, example.valve.slip_jump)
+    known = best_with_same_moves(currency, currency.fit(truth, float(window.stem[0])))
+    found.append(_of_fit("oracle: the true moves", known, known.cost, math.nan))
 
     # The paper has no intercept, and its examples, whose OP and PV share one zero, need none.
     paper, seconds = _timed(
@@ -213,8 +225,8 @@ def summarise(
                     [one.slip_jump_interval for one in found], truth.valve.slip_jump
                 ),
                 coverage_gain=_coverage([one.gain_interval for one in found], truth.process.gain),
-                worse_than_search=float(
-                    np.mean([one.cost > base.cost * (1 + 1e-9) for one, base in chosen])
+                search_no_worse=float(
+                    np.mean([base.cost <= one.cost * (1 + 1e-6) for one, base in chosen])
                 ),
                 time_ratio=float(np.median([one.seconds for one in found])) / seconds,
             )
@@ -246,14 +258,14 @@ def _published(example: Example) -> Summary:
         coverage_stick_band=math.nan,
         coverage_slip_jump=math.nan,
         coverage_gain=math.nan,
-        worse_than_search=math.nan,
+        search_no_worse=math.nan,
         time_ratio=math.nan,
     )
 
 
 _HEADER = (
     "example", "method", "windows", "fS", "fD", "S", "S p90", "J", "gain", "slowest pole",
-    "cover S", "cover J", "cover gain", "cost above search", "time over search",
+    "cover S", "cover J", "cover gain", "search no worse", "time over search",
 )  # fmt: skip
 
 
@@ -276,6 +288,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for seed in range(options.seed, options.seed + options.runs):
             window = example_window(example, seed, samples=options.samples)
             found = estimates(
+                example,
                 window,
                 grid_step=options.grid_step,
                 criteria=options.criteria,

@@ -38,7 +38,7 @@ def test_summary_of_two_windows():
     assert grid.slip_jump == pytest.approx(0.5)
     assert grid.static_friction == pytest.approx(1.0 / 6.0)
     assert grid.gain == pytest.approx(0.1)
-    assert grid.worse_than_search == 0.5
+    assert grid.search_no_worse == 0.5
     assert grid.time_ratio == pytest.approx(50.0)
 
 
