@@ -107,8 +107,11 @@ class ProcessModel:
 
     @property
     def is_integrating(self) -> bool:
-        """Whether a pole lies at 1, to within rounding of a single-precision register."""
-        return abs(1.0 + sum(self.a)) < 1e-6 * (1.0 + sum(map(abs, self.a)))
+        """Whether a pole lies at 1, to within rounding of double precision.
+
+        A third-order process sampled a hundred times faster than its lags has ``A(1)`` near 1e-6.
+        """
+        return abs(1.0 + sum(self.a)) < 1e-10 * (1.0 + sum(map(abs, self.a)))
 
     @property
     def gain(self) -> float:

@@ -1,0 +1,149 @@
+"""``fieldlink check``, ``schema``, ``plant`` and ``run``."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import socket
+import sqlite3
+import subprocess
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from tests.cli.conftest import SCRIPT, Run
+
+SITES = Path(__file__).resolve().parents[2] / "site_configs"
+
+
+@pytest.fixture
+def demo_site(tmp_path: Path) -> Path:
+    for name in ("demo.toml", "demo.csv"):
+        shutil.copy(SITES / name, tmp_path)
+    return tmp_path / "demo.toml"
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in SITES.glob("*.toml")))
+def test_shipped_sites_pass_the_check(fieldlink: Run, name: str) -> None:
+    result = fieldlink("check", SITES / name)
+    assert result.returncode == 0, result.stderr
+    assert "\nok " in result.stdout
+
+
+def test_check_prints_the_read_plan(fieldlink: Run, demo_site: Path) -> None:
+    result = fieldlink("check", demo_site)
+    assert "FC3 holding 0-7: FC101.OP, FC101.PV, FC101.SP, FC101.MODE, FC101.SCAN" in result.stdout
+    assert "OP and PV come from one request" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ('op = "FC101.OP"', 'op = "FC101.XX"', ("loops.FC101.op", "FC101.XX")),
+        ("window = 800", "windou = 800", ("loops.FC101.windou",)),
+        ("window = 800", 'window = "many"', ("loops.FC101.window", "many")),
+        ("base = 100", "base = 2", ("FC101",)),
+    ],
+)
+def test_check_names_key_and_value(
+    fieldlink: Run, demo_site: Path, before: str, after: str, said: tuple[str, ...]
+) -> None:
+    text = demo_site.read_text()
+    assert before in text
+    demo_site.write_text(text.replace(before, after))
+    result = fieldlink("check", demo_site)
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    for part in ("demo.toml", *said):
+        assert part in result.stderr
+
+
+def test_schema_is_a_json_schema(fieldlink: Run) -> None:
+    result = fieldlink("schema")
+    schema = json.loads(result.stdout)
+    Draft202012Validator.check_schema(schema)
+    assert {"site", "devices", "loops"} <= set(schema["properties"])
+
+
+def test_plant_refuses_a_port_in_use(fieldlink: Run, demo_site: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = fieldlink("plant", demo_site, "--port", str(port))
+    assert result.returncode == 2
+    assert f"127.0.0.1:{port}" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_run_refuses_a_data_directory_that_is_a_file(fieldlink: Run, demo_site: Path) -> None:
+    (demo_site.parent / "data").write_text("in the way")
+    result = fieldlink("run", demo_site, "--duration", "5")
+    assert result.returncode == 2
+    assert "data" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_lockstep_finds_the_valve_and_repeats_itself(fieldlink: Run, tmp_path: Path) -> None:
+    outputs = []
+    for name in ("one", "two"):
+        folder = tmp_path / name
+        shutil.copytree(SITES, folder, ignore=shutil.ignore_patterns("data*"))
+        result = fieldlink("run", folder / "lockstep.toml", "--duration", "1500")
+        assert result.returncode == 0, result.stderr
+        outputs.append(result.stdout)
+    assert outputs[0] == outputs[1]
+    assert "stiction" in outputs[0]
+
+
+def test_sigterm_loses_nothing(demo_site: Path) -> None:
+    text = demo_site.read_text().replace("speed = 1.0", "speed = 20.0")
+    plant = _start("plant", demo_site, "--port", "0")
+    daemon = None
+    try:
+        assert plant.stdout is not None
+        served = plant.stdout.readline()
+        port = served.split("127.0.0.1:")[1].split()[0]
+        demo_site.write_text(text.replace("port = 5020", f"port = {port}"))
+        daemon = _start("run", demo_site)
+        database = demo_site.parent / "data" / "history.sqlite"
+        _wait_for_rows(database, 20)
+        daemon.send_signal(signal.SIGTERM)
+        said, complaints = daemon.communicate(timeout=30)
+        assert daemon.returncode == 0, complaints
+    finally:
+        for process in (daemon, plant):
+            if process is not None and process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                process.communicate(timeout=30)
+    read = int(said.split("loop FC101: ")[1].split(" samples read")[0])
+    with sqlite3.connect(database) as connection:
+        (stored,) = connection.execute("select count(*) from samples").fetchone()
+    connection.close()
+    assert stored == read >= 20
+    assert "lost 0" in said
+
+
+def _start(*arguments: str | Path) -> subprocess.Popen[str]:
+    command = [str(SCRIPT), *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def _wait_for_rows(database: Path, rows: int) -> None:
+    import time
+
+    for _ in range(600):
+        if database.exists():
+            connection = sqlite3.connect(database)
+            try:
+                (count,) = connection.execute("select count(*) from samples").fetchone()
+            except sqlite3.OperationalError:
+                count = 0
+            finally:
+                connection.close()
+            if count >= rows:
+                return
+        time.sleep(0.1)
+    raise AssertionError(f"{database} did not get {rows} samples in a minute")
