@@ -26,6 +26,7 @@ from fieldlink.links import (
     RecordingEndedError,
     RegisterAccess,
     Scan,
+    SteppedLink,
 )
 from fieldlink.site import Loop, Site
 
@@ -58,7 +59,6 @@ class DeviceRunner:
         self.link = link
         self.speed = site.devices[name].speed if live else 1.0
         self.pipelines = {loop: LoopPipeline.of_site(site, loop) for loop in site.loops_of(name)}
-        self.poll_period = poll_period([p.loop for p in self.pipelines.values()])
         self.ended = False
         self.late = 0
         self._journal = journal
@@ -77,6 +77,16 @@ class DeviceRunner:
             for loop, pipeline in self.pipelines.items()
             if pipeline.loop.writeback.enabled
         }
+
+    @property
+    def scan_period(self) -> float:
+        """Plant seconds from one scan to the next; the link has to be open.
+
+        A link whose plant moves only when it is scanned decides that itself.
+        """
+        if isinstance(self.link, SteppedLink):
+            return self.link.scan_period
+        return poll_period([pipeline.loop for pipeline in self.pipelines.values()])
 
     async def poll(self, now: float) -> None:
         """Scan once; ``now`` is the plant second at which that was due."""
@@ -176,6 +186,7 @@ class DeviceRunner:
     def _writeback(self, site: Site, loop: str, *, read_only: bool, live: bool) -> WriteBack:
         settings = site.loops[loop].writeback
         layout = settings.exchange
+        device = site.devices[self.name]
         if layout is None or not isinstance(self.link, RegisterAccess):
             raise FieldlinkError(
                 f"loops.{loop}.writeback: device {self.name!r} has no registers to write to; "
@@ -187,7 +198,13 @@ class DeviceRunner:
         )
         return WriteBack(
             settings,
-            Exchange(self.link, layout, site.devices[self.name].word_order),
+            Exchange(
+                self.link,
+                layout,
+                device.word_order,
+                max_gap=device.max_gap,
+                readable=device.ranges,
+            ),
             period=period,
             read_only=read_only,
             pause=pause,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fieldlink.links import RegisterAccess
@@ -10,16 +10,23 @@ from fieldlink.registers import (
     BLOCK_REGISTERS,
     Bank,
     BlockError,
+    DataType,
     ExchangeLayout,
     Order,
     ParameterBlock,
+    ReadRequest,
+    Table,
+    Tag,
     commit_word,
     decode_block,
     encode_block,
+    plan_reads,
     split_commit,
 )
 
 __all__ = ["ControlWords", "Exchange"]
+
+Range = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,24 +67,35 @@ class Exchange:
     Args:
         access: the device's registers.
         layout: the area.
-        word_order: of the 32-bit fields of a block.
+        word_order: of the fields of a block that are longer than a register.
+        max_gap: unused registers read along between two words, where they are readable.
+        readable: declared readable ranges (first, last), both included.
     """
 
-    def __init__(self, access: RegisterAccess, layout: ExchangeLayout, word_order: Order) -> None:
+    def __init__(
+        self,
+        access: RegisterAccess,
+        layout: ExchangeLayout,
+        word_order: Order,
+        *,
+        max_gap: int = 0,
+        readable: Sequence[Range] = (),
+    ) -> None:
         self._access = access
         self._layout = layout
         self._word_order: Order = word_order
-        self._names = {getattr(layout, name): name for name in ControlWords.__dataclass_fields__}
-        self._runs = _runs(sorted(self._names))
+        addresses = {name: getattr(layout, name) for name in ControlWords.__dataclass_fields__}
+        self._plan = _plan(addresses, max_gap, readable)
         self.requests = 0
 
     async def control(self) -> ControlWords:
-        """Read the single words; only registers of the area, nothing between them."""
-        words: dict[str, int] = {}
-        for first, count in self._runs:
-            for offset, word in enumerate(await self._read(first, count)):
-                words[self._names[first + offset]] = word
-        return ControlWords(**words)
+        """Read the single words."""
+        found: dict[str, int] = {}
+        for request in self._plan:
+            words = await self._read(request.address, request.count)
+            for tag in request.tags:
+                found[tag.name] = request.words_of(tag, words)[0]
+        return ControlWords(**found)
 
     async def bank(self, bank: Bank) -> tuple[int, ...]:
         """Read a whole bank in one request."""
@@ -114,12 +132,16 @@ class Exchange:
         return await self._access.read_registers(address, count)
 
 
-def _runs(addresses: Sequence[int]) -> list[tuple[int, int]]:
-    """Return (first, count) of every run of neighbours in sorted addresses."""
-    runs: list[tuple[int, int]] = []
-    for address in addresses:
-        if runs and sum(runs[-1]) == address:
-            runs[-1] = (runs[-1][0], runs[-1][1] + 1)
-        else:
-            runs.append((address, 1))
-    return runs
+def _plan(
+    addresses: Mapping[str, int], max_gap: int, readable: Sequence[Range]
+) -> list[ReadRequest]:
+    """Plan the reads of the single words.
+
+    Registers between them are read along only where the site file declares them readable.
+    """
+    first, last = min(addresses.values()), max(addresses.values())
+    declared = any(low <= first and last <= high for low, high in readable)
+    tags = [
+        Tag(name, Table.HOLDING, address, DataType.UINT16) for name, address in addresses.items()
+    ]
+    return list(plan_reads(tags, max_gap if declared else 0))

@@ -63,13 +63,17 @@ class LockstepRun:
         return self._assembly.status(report)
 
     async def run(
-        self, duration: float, on_scan: Callable[[float], None] | None = None
+        self,
+        duration: float,
+        on_scan: Callable[[float], None] | None = None,
+        stop: asyncio.Event | None = None,
     ) -> DaemonStatus:
-        """Run for ``duration`` plant seconds, or until every recording has ended.
+        """Run for ``duration`` plant seconds, or until all recordings have ended or ``stop`` is set.
 
         Args:
             duration: plant seconds.
             on_scan: called with the plant second after every scan.
+            stop: ends the run early.
 
         Raises:
             FieldlinkError: a device is not a simulation, or cannot be opened.
@@ -81,7 +85,7 @@ class LockstepRun:
         try:
             await self._assembly.open()
             try:
-                await self._steps(duration, on_scan)
+                await self._steps(duration, on_scan, stop)
             finally:
                 await self._assembly.close()
         finally:
@@ -89,11 +93,16 @@ class LockstepRun:
                 await asyncio.to_thread(self._historian.stop)
         return self.status()
 
-    async def _steps(self, duration: float, on_scan: Callable[[float], None] | None) -> None:
+    async def _steps(
+        self,
+        duration: float,
+        on_scan: Callable[[float], None] | None,
+        stop: asyncio.Event | None,
+    ) -> None:
         periods = {name: _period(runner) for name, runner in self._assembly.runners.items()}
         scans = dict.fromkeys(periods, 0)
         total = 0
-        while periods:
+        while periods and not (stop is not None and stop.is_set()):
             name = min(periods, key=lambda name: scans[name] * periods[name])
             now = scans[name] * periods[name]
             if now >= duration:

@@ -104,7 +104,7 @@ class Daemon:
         assert self._pool is not None
         ending = asyncio.Event()
         schedule = Schedule()
-        tasks = [_spawn(self._pool.warm_up(), "warm-up")]
+        warming = _spawn(self._pool.warm_up(), "warm-up")
         forever: list[asyncio.Task[None]] = []
         for runner in self._assembly.runners.values():
             polled = asyncio.Event()
@@ -124,13 +124,14 @@ class Daemon:
         finally:
             ending.set()
             schedule.pause()
-            unfinished = await self._finish([*tasks, *forever])
+            warming.cancel()
+            unfinished = await self._finish(forever)
             for task in unfinished:
                 self._assembly.journal.event(
                     "daemon.unfinished", "daemon", f"{task.get_name()} was given up", bad=True
                 )
                 task.cancel()
-            await asyncio.gather(*unfinished, return_exceptions=True)
+            await asyncio.gather(warming, *unfinished, return_exceptions=True)
             schedule.stop()
 
     async def _finish(self, tasks: list[asyncio.Task[None]]) -> set[asyncio.Task[None]]:
@@ -149,11 +150,12 @@ class Daemon:
         self, runner: DeviceRunner, polled: asyncio.Event, ending: asyncio.Event
     ) -> None:
         """Scan at every deadline; a deadline that passed during the scan before is skipped."""
-        beat = runner.poll_period / runner.speed
+        period = runner.scan_period
+        beat = period / runner.speed
         begin = self._clock.monotonic()
         slot = 0
         while not await _wait(ending, begin + slot * beat - self._clock.monotonic()):
-            await runner.poll(slot * runner.poll_period)
+            await runner.poll(slot * period)
             polled.set()
             reached = math.floor((self._clock.monotonic() - begin) / beat)
             following = max(slot + 1, reached)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fieldlink.daemon import LockstepRun
+from fieldlink.daemon import Daemon, LockstepRun, PoolSettings
 from fieldlink.daemon.estimating import EstimateOutcome
 from fieldlink.errors import FieldlinkError
 from fieldlink.registers import decode_block
@@ -98,6 +99,17 @@ async def test_the_duration_is_plant_time(site: Site) -> None:
     assert [sample.utc_ms for sample in samples] == [1_000_000 + 2000 * k for k in range(5)]
 
 
+async def test_a_run_ends_early_when_asked(site: Site) -> None:
+    stop = asyncio.Event()
+
+    def look(now: float) -> None:
+        if now >= 20.0:
+            stop.set()
+
+    status = await LockstepRun(site).run(1e9, look, stop)
+    assert status.loops["FC101"].counts.read == 11
+
+
 async def test_the_historian_keeps_a_lockstep_run_too(site: Site) -> None:
     await LockstepRun(site, store=True).run(100.0)
     assert len(read_samples(site.historian_url, "FC101")) == 50
@@ -141,3 +153,11 @@ async def test_a_simulated_plc_gets_its_block_the_same_way_every_time() -> None:
         assert len(samples) == 1000
         runs.append((samples, block))
     assert runs[0] == runs[1]
+
+
+async def test_a_live_daemon_plays_a_recording_a_row_a_period(site: Site) -> None:
+    live = site.with_device("archive", speed=100.0)
+    status = await Daemon(live, pool=PoolSettings(workers=1)).run(duration=0.5)
+    counts = status.loops["FC101"].counts
+    assert counts.read == status.devices["archive"].polls
+    assert counts.duplicates == 0

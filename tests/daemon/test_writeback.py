@@ -456,3 +456,23 @@ async def test_the_devices_word_order_is_used(
     b.submit(findings(7.0))
     await b.seconds(5)
     assert plc.state.in_force.stick_band.value == 7.0
+
+
+@pytest.mark.parametrize(
+    ("readable", "requests"),
+    [((), [(100, 5), (106, 2)]), (((0, 399),), [(100, 8)]), (((0, 105),), [(100, 5), (106, 2)])],
+)
+async def test_registers_between_are_read_along_only_where_the_site_allows(
+    layout: ExchangeLayout, readable: tuple[tuple[int, int], ...], requests: list[tuple[int, int]]
+) -> None:
+    asked = []
+
+    class Registers:
+        async def read_registers(self, address: int, count: int) -> list[int]:
+            asked.append((address, count))
+            return [address + i for i in range(count)]
+
+    exchange = Exchange(Registers(), layout, "big", max_gap=8, readable=readable)  # type: ignore[arg-type]
+    words = await exchange.control()
+    assert asked == requests
+    assert (words.enable, words.ack_commit, words.heartbeat, words.commit) == (100, 104, 106, 107)
