@@ -28,12 +28,13 @@ _MAX_DEAD_TIME = 12
 
 @dataclass(frozen=True, slots=True)
 class ArxOrders:
-    """Orders and dead time of an ARX model, with the BIC that they reached."""
+    """Orders and dead time of an ARX model, with the BIC that they reached over ``rows`` samples."""
 
     na: int
     nb: int
     dead_time: int
     bic: float = math.nan
+    rows: int = 0
 
     @property
     def name(self) -> str:
@@ -183,7 +184,7 @@ def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
                 rss = max(rss, 1e-12 * float(gram[-1, -1]) + 1e-300)
                 # parameters: coefficients, intercept, dead time
                 bic = count * math.log(rss / count) + (len(index) + 1) * math.log(count)
-                found.append(ArxOrders(na, nb, d, bic))
+                found.append(ArxOrders(na, nb, d, bic, count))
     return sorted(found, key=lambda orders: orders.bic)
 
 

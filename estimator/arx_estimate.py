@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from types import MappingProxyType
 
 import numpy as np
 
 from estimator._kernels import Array, stems
 from estimator.arx import ArxFit, ArxOrders
-from estimator.arx_search import arx_search
+from estimator.arx_search import ArxFound
 from estimator.estimate import Estimate
 from estimator.posterior import explore
 from estimator.result import Interval, Process, RunnerUp
-from estimator.search import MIN_MOVES, Candidate
+from estimator.search import MIN_MOVES
 from estimator.window import Window
 from loop_model import ProcessModel
 
 __all__ = ["arx_estimate"]
 
-_VALVE_PARAMETERS = 3
 _RUNNERS_UP = 4
 
 
-def arx_estimate(window: Window, seeds: tuple[Candidate, ...], confidence: float) -> Estimate:
-    """Estimate valve and ARX process, the search started from ``seeds`` and from its own grid."""
+def arx_estimate(window: Window, found: ArxFound, confidence: float) -> Estimate:
+    """Valve and ARX process of what the search found, with intervals."""
     u = window.u
-    best, regression, ranked = arx_search(u, window.y, window.good, seeds)
+    best, regression, ranked = found.best, found.regression, found.ranked
 
     def evaluate(band: Array, jump: Array, start: Array) -> tuple[Array, Array]:
         stem, moves = stems(u, band, jump, u[0] + start)
@@ -47,8 +45,6 @@ def arx_estimate(window: Window, seeds: tuple[Candidate, ...], confidence: float
     )
     model = fit.process(window, regression.orders.dead_time)
     chosen = ranked[0]
-    variance = float(np.square(fit.residual).sum()) / regression.count
-    free = regression.orders.na + regression.orders.nb + 2 + _VALVE_PARAMETERS
     return Estimate(
         criterion="arx",
         band=intervals[0],
@@ -59,7 +55,7 @@ def arx_estimate(window: Window, seeds: tuple[Candidate, ...], confidence: float
         simulated=_simulated(window, fit, stem, regression.orders),
         process=_description(window, model, regression.orders, gain),
         model=model,
-        bic=regression.count * math.log(variance) + free * math.log(regression.count),
+        bic=found.bic,
         posterior=posterior,
         runners_up=tuple(
             RunnerUp(orders.name, orders.dead_time, orders.bic - chosen.bic)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.coarse import coarse_valves
 from estimator.search import MIN_MOVES, Candidate, Steps, stem_of, valve_grid
 
-__all__ = ["arx_search"]
+__all__ = ["ArxFound", "arx_promises", "arx_search"]
 
+VALVE_PARAMETERS = 3
+_PROMISE = 4.0
 _SEEDS = 5
 _FINALISTS = 2
 _EARLY_PASSES = 4
@@ -23,13 +26,40 @@ _SCAN_PASSES = 6
 _APART = 0.04
 
 
-def arx_search(
-    u: Array, y: Array, good: Mask, seeds: tuple[Candidate, ...]
-) -> tuple[Candidate, ArxRegression, list[ArxOrders]]:
+@dataclass(frozen=True, slots=True)
+class ArxFound:
+    """What the search found: the valve, the regression of its orders, all orders, best first."""
+
+    best: Candidate
+    regression: ArxRegression
+    ranked: tuple[ArxOrders, ...]
+
+    @property
+    def bic(self) -> float:
+        """BIC of its one-step errors, the valve's three parameters counted."""
+        count = self.regression.count
+        free = self.regression.orders.na + self.regression.orders.nb + 2 + VALVE_PARAMETERS
+        return count * math.log(self.best.cost / count) + free * math.log(count)
+
+
+def arx_promises(u: Array, y: Array, good: Mask, healthy: ArxOrders) -> bool:
+    """Whether any valve of the coarse grid predicts PV better than a healthy valve does."""
+    regression = ArxRegression(y, good, healthy)
+    stem, moves = stem_of(u, *coarse_valves())
+    moving = moves >= MIN_MOVES
+    if not moving.any():
+        return False
+    cost, _ = regression.costs(np.ascontiguousarray(stem[:, moving]))
+    straight, _ = regression.costs(np.ascontiguousarray(u[:, None]))
+    ratio = 0.5 * regression.count * math.log(float(straight[0]) / float(cost.min()))
+    return ratio > _PROMISE
+
+
+def arx_search(u: Array, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
     """Valve and orders that predict PV best; ``seeds`` are valves to start from, at least one.
 
     Orders are chosen for the best valve so far and the valve for these orders, in turn, until both
-    agree. Returns the valve, the regression it was found with, and all orders, best first.
+    agree.
     """
     coarse = coarse_valves()
     stem, moves = stem_of(u, *coarse)
@@ -53,7 +83,7 @@ def arx_search(
         chosen = ranked[0]
         if (chosen.na, chosen.nb, chosen.dead_time) == (orders.na, orders.nb, orders.dead_time):
             break
-    return best, regression, ranked
+    return ArxFound(best, regression, tuple(ranked))
 
 
 def _diverse(cost: Array, band: Array, apart: float) -> list[int]:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
+from estimator.arx import select_orders
 from estimator.arx_estimate import arx_estimate
+from estimator.arx_search import ArxFound, arx_promises, arx_search
 from estimator.estimate import Estimate
 from estimator.noise import effective_samples
 from estimator.oe_estimate import oe_estimate
@@ -93,10 +95,10 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
     healthy = healthy_search(window.u, regression)
     found = valve_search(window.u, regression)
     if not found:
-        quality = 1.0 - healthy.cost / regression.total
+        share = 1.0 - healthy.cost / regression.total
         reason = Reason(
             ReasonCode.TOO_FEW_MOVES,
-            f"OP's moves are too few to move a sticky valve twice (healthy fit {quality:.3f})",
+            f"OP's moves are too few to move a sticky valve twice (healthy fit {share:.3f})",
         )
         return _not_assessable(window, (reason,), criterion, confidence)
     best = found[0]
@@ -106,18 +108,20 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
     ]
     samples = min(effective_samples(residual, regression.weight) for residual in residuals)
     simulated = simulated_evidence(healthy.cost, best.cost, samples)
-    bic, whitened = math.inf, 0.0
-    if simulated > 0.0 or criterion == "arx":
-        bic = whitened_bic(window.u, regression, best, healthy=False)
-        whitened = 0.5 * (whitened_bic(window.u, regression, healthy, healthy=True) - bic)
-    evidence = evidence_of(best.stem(window.u), simulated, whitened, samples, best.band)
+    test = _one_step_test(window, regression, best, healthy, simulated, criterion)
+    stem = best.stem(window.u)
+    if simulated <= 0.0 and test.arx is not None:
+        stem = test.arx.best.stem(window.u)
+    evidence = evidence_of(stem, simulated, test.evidence, samples, best.band)
     score = score_of(evidence)
     fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
     verdict, reasons = judge(score, evidence, fit)
-    estimate = oe_estimate(window, regression, found, confidence, bic)
-    if criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
-        rival = arx_estimate(window, found[:2], confidence)
-        if criterion == "arx" or _prefers(window, rival, estimate):
+    estimate = oe_estimate(window, regression, found, confidence, test.oe_bic)
+    if test.arx is not None and (
+        criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION)
+    ):
+        rival = arx_estimate(window, test.arx, confidence)
+        if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, estimate):
             estimate = rival
     span = window.op_span
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
@@ -144,6 +148,42 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         runners_up=estimate.runners_up,
         identifiability=_identifiability(band, jump),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _OneStepTest:
+    """Sticky against healthy valve by one-step errors: the best noise model of each."""
+
+    evidence: float
+    oe_bic: float
+    arx: ArxFound | None
+
+
+def _one_step_test(
+    window: Window,
+    regression: Regression,
+    best: Candidate,
+    healthy: Candidate,
+    simulated: float,
+    criterion: str,
+) -> _OneStepTest:
+    u, y, good = window.u, window.y, window.good
+    healthy_orders = select_orders(y, good, u)[0]
+    sought = simulated > 0.0 or criterion == "arx"
+    if not sought and not arx_promises(u, y, good, healthy_orders):
+        return _OneStepTest(0.0, math.inf, None)
+    arx = arx_search(u, y, good, (best,))
+    sticky_bic, oe_bic = arx.bic / arx.regression.count, math.inf
+    if sought:
+        oe_bic = whitened_bic(u, regression, best, healthy=False)
+        sticky_bic = min(sticky_bic, oe_bic / regression.count)
+    healthy_bic = min(
+        healthy_orders.bic / healthy_orders.rows,
+        whitened_bic(u, regression, healthy, healthy=True) / regression.count,
+    )
+    # criteria lose a few samples each at the start of the window: compared per sample
+    evidence = 0.5 * regression.count * (healthy_bic - sticky_bic)
+    return _OneStepTest(evidence, oe_bic, arx)
 
 
 def _prefers(window: Window, arx: Estimate, oe: Estimate) -> bool:

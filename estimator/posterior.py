@@ -29,6 +29,11 @@ _FINAL_NODES = (25, 21, 7)
 _PASSES = 9
 _DROP = 7.0
 _SETTLED = 0.75
+_TEMPER = 0.6
+"""Share of the log-likelihood that counts: orders and poles were chosen on the same samples, and
+the box may miss a narrow peak. Chosen so that intervals cover the truth as often as they say on the
+closed-loop examples of the paper."""
+
 _MAX_BAND = 1.15
 _REACH = 0.5 * _MAX_BAND
 
@@ -57,7 +62,7 @@ class Posterior:
 
     @property
     def _weight(self) -> Array:
-        return np.exp(self.log_likelihood - self.log_likelihood.max())
+        return np.exp(_TEMPER * (self.log_likelihood - self.log_likelihood.max()))
 
     def interval(self, values: Array, confidence: float, deviation: float = 0.0) -> Interval:
         """Median and equal-tailed interval of a quantity with these ``values`` at the nodes.

@@ -18,6 +18,9 @@ _STICTION = 12.0
 _EACH = (1.0, 3.0)
 """What the simulated and the whitened test must say at least, each for itself."""
 
+_OVERWHELMING = 20.0
+"""The whitened test alone: loops whose noise hides the valve from simulation (closed loop)."""
+
 _AGAINST = 0.75
 _MIN_R2 = 0.3
 _GOOD_R2 = 0.9
@@ -51,12 +54,14 @@ def evidence_of(
 def score_of(evidence: Evidence) -> float:
     """Evidence for stiction: the two log Bayes factors added.
 
-    Zero where simulation does not favour a sticky valve or the stem makes a single stroke; a
-    whitened test that speaks against it takes away three quarters at most, because a clean, slow PV
-    gives it little to see.
+    Zero where the stem makes a single stroke, and where simulation does not favour a sticky valve
+    unless the whitened test is overwhelming. A whitened test that speaks against takes away three
+    quarters at most, because a clean, slow PV gives it little to see.
     """
-    if evidence.simulated <= 0.0 or evidence.strokes < _MIN_STROKES:
+    if evidence.strokes < _MIN_STROKES:
         return 0.0
+    if evidence.simulated <= 0.0:
+        return evidence.whitened if evidence.whitened >= _OVERWHELMING else 0.0
     return evidence.simulated + max(evidence.whitened, -_AGAINST * evidence.simulated)
 
 
@@ -82,7 +87,8 @@ def judge(score: float, evidence: Evidence, fit: Fit) -> tuple[Verdict, tuple[Re
         f"{fit.r2_healthy_valve:.3f} with a healthy valve; "
         f"{evidence.strokes} strokes, {evidence.reversals} reversals"
     )
-    if max(fit.r2, fit.r2_healthy_valve) < _MIN_R2:
+    alone = evidence.whitened >= _OVERWHELMING
+    if max(fit.r2, fit.r2_healthy_valve) < _MIN_R2 and not alone:
         return Verdict.NOT_ASSESSABLE, (
             Reason(
                 ReasonCode.NO_MODEL_EXPLAINS_PV,
@@ -90,7 +96,7 @@ def judge(score: float, evidence: Evidence, fit: Fit) -> tuple[Verdict, tuple[Re
             ),
         )
     both = evidence.simulated >= _EACH[0] and evidence.whitened >= _EACH[1]
-    if both and score >= _STICTION:
+    if (both or alone) and score >= _STICTION:
         return Verdict.STICTION, (
             Reason(
                 ReasonCode.STICKY_VALVE_EXPLAINS,
