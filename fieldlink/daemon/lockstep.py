@@ -68,7 +68,7 @@ class LockstepRun:
         on_scan: Callable[[float], None] | None = None,
         stop: asyncio.Event | None = None,
     ) -> DaemonStatus:
-        """Run for ``duration`` plant seconds, or until all recordings have ended or ``stop`` is set.
+        """Run for ``duration`` plant seconds, or until every recording has ended or ``stop``.
 
         Args:
             duration: plant seconds.
