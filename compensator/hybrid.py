@@ -28,8 +28,9 @@ from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]
 
-QUIET_NOISE = NoiseModel(equation=1.0, measurement=0.3, disturbance=0.05)
-"""Equation noise first, an offset that hardly drifts: PV's wandering is not taken for an offset."""
+QUIET_NOISE = NoiseModel(equation=0.1, measurement=1.0, disturbance=1.0)
+"""Mostly noise on PV itself: the model's output is simulated rather than corrected from sample to
+sample, which forgives a process model of too low an order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +46,24 @@ class HybridSettings:
         noise_band: PV deviation that is of no interest (units of PV), added to the noise seen.
         slip_margin: moves are planned at least ``J + slip_margin * fS`` in size, so that they slip
             even if the static friction is somewhat above its estimate.
+        overshoot: how far beyond its final position the stem may go for speed, as a share of the way
+            there. The farther, the more the plan relies on the fast part of the process model.
         spread: relative uncertainty of fS and fD; gain_spread: of the process gain.
-        timing: uncertainty of the process's dynamics, in samples; see `TrackerSettings`.
-        noise: ratios that set the filter.
+        offset_memory: settling times over which the load (what makes the controller free of offset)
+            is averaged in quiet times.
+        noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``).
     """
 
     limits: OpLimits = field(default_factory=OpLimits)
     horizon: int = 0
-    move_penalty: float = 0.4
+    move_penalty: float = 0.8
     travel_penalty: float = 0.2
     noise_band: float = 0.0
-    slip_margin: float = 0.1
+    slip_margin: float = 0.2
+    overshoot: float = 0.5
     spread: float = 0.1
     gain_spread: float = 0.1
-    timing: float = 1.0
+    offset_memory: float = 1.0
     noise: NoiseModel = QUIET_NOISE
 
     def __post_init__(self) -> None:
@@ -69,9 +74,9 @@ class HybridSettings:
             travel_penalty=self.travel_penalty,
             noise_band=self.noise_band,
             slip_margin=self.slip_margin,
+            overshoot=self.overshoot,
             spread=self.spread,
             gain_spread=self.gain_spread,
-            timing=self.timing,
         )
 
 
@@ -96,7 +101,7 @@ class HybridMpc:
             self.settings.noise,
             self.settings.spread,
             self.settings.gain_spread,
-            self.settings.timing,
+            self.settings.offset_memory,
         )
         self.tracker = StemTracker(self.prediction, model.valve, self._tracker_settings)
         self._reach = self.require_reachable(model.valve)
@@ -167,24 +172,15 @@ class HybridMpc:
             op = self._hold(belief)
         return Action(op, status, target, plan.final_pv + sp, position, self._words(plan))
 
-    def _learnt(self, belief: Belief) -> tuple[float, float]:
-        """Return the learnt error of fD and of the gain, no further than can be believed."""
-        fd = 0.5 * self.model.valve.dynamic_friction
-        friction = min(max(float(belief.errors[FRICTION]), -fd), fd)
-        gain = min(max(float(belief.errors[GAIN]), -0.5), 0.5)
-        return friction, gain
-
     def _stem_for(self, belief: Belief, change: float, direction: float) -> float:
         """Return the stem position that changes the process's drive by ``change``."""
-        friction, gain = self._learnt(belief)
-        turned = friction * (direction - belief.direction)
-        return belief.stem + (change - turned) / (1.0 + gain)
+        turned = belief.errors[FRICTION] * (direction - belief.direction)
+        return belief.stem + float((change - turned) / (1.0 + belief.errors[GAIN]))
 
     def _change_for(self, belief: Belief, position: float, direction: float) -> float:
         """Return the change of the process's drive that a stem position makes."""
-        friction, gain = self._learnt(belief)
-        turned = friction * (direction - belief.direction)
-        return (position - belief.stem) * (1.0 + gain) + turned
+        turned = belief.errors[FRICTION] * (direction - belief.direction)
+        return float((position - belief.stem) * (1.0 + belief.errors[GAIN]) + turned)
 
     def plan(self, sp: float) -> MovePlan:
         """Return the best plan from the present belief for the set-point ``sp``."""
@@ -198,9 +194,12 @@ class HybridMpc:
         floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
         move_cost = s.move_penalty * max(variance, floor) * float(self.planner.weights.sum())
         travel_cost = s.travel_penalty * move_cost / max(smallest, valve.static_friction, 1e-9)
+        _, wanted = self.prediction.equilibrium(sp, 0.0)
+        way = wanted - tracker.drive(belief)
+        beyond = smallest + s.overshoot * abs(way)
         reach = (
-            self._change_for(belief, self._reach[0], -1.0),
-            self._change_for(belief, self._reach[1], 1.0),
+            max(self._change_for(belief, self._reach[0], -1.0), min(0.0, way) - beyond),
+            min(self._change_for(belief, self._reach[1], 1.0), max(0.0, way) + beyond),
         )
         return self.planner.plan(error, reach, smallest, move_cost, travel_cost)
 

@@ -23,7 +23,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.prediction import Prediction
+from compensator.prediction import Prediction, settling_samples
 
 __all__ = ["MovePlan", "MovePlanner"]
 
@@ -55,15 +55,6 @@ def _spread(first: int, dense: int, last: int, ratio: float) -> NDArray[np.int64
         gap = 1 if points[-1] < dense else max(1, int(points[-1] * ratio))
         points.append(min(points[-1] + gap, last))
     return np.asarray(points, dtype=np.int64)
-
-
-def settling_samples(prediction: Prediction, most: int = 2000) -> int:
-    """Return samples after which a step's effect (its slope, when integrating) stays within 2 %."""
-    response = prediction.step_response(most)
-    if prediction.process.is_integrating:
-        response = np.diff(response, prepend=0.0)
-    outside = np.flatnonzero(np.abs(response - response[-1]) > 0.02 * abs(response[-1]))
-    return int(outside[-1]) + 2 if outside.size else 1
 
 
 class MovePlanner:

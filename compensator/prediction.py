@@ -194,6 +194,15 @@ class Prediction:
         return gain[:n, 0], np.array([gain[n, 0]]), innovation
 
 
+def settling_samples(prediction: Prediction, most: int = 2000) -> int:
+    """Return samples after which a step's effect (its slope, when integrating) stays within 2 %."""
+    response = prediction.step_response(most)
+    if prediction.process.is_integrating:
+        response = np.diff(response, prepend=0.0)
+    outside = np.flatnonzero(np.abs(response - response[-1]) > 0.02 * abs(response[-1]))
+    return int(outside[-1]) + 2 if outside.size else 1
+
+
 class StateFilter:
     """Kalman filter of a `Prediction` in predictor form: state and disturbance *at the next PV*.
 

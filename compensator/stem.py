@@ -20,12 +20,13 @@ does not chase noise. The covariance is that of the best hypothesis, the others 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.prediction import NoiseModel, Prediction
+from compensator.prediction import NoiseModel, Prediction, settling_samples
 from loop_model import ValveModel
 
 __all__ = ["Belief", "StemTracker", "TrackerSettings"]
@@ -40,12 +41,10 @@ class TrackerSettings:
     """Settings of `StemTracker`.
 
     Attributes:
-        noise: ratios of the filter; its ``disturbance`` is the slow drift in quiet times.
+        noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
         spread: relative uncertainty of the static and dynamic friction.
         gain_spread: relative uncertainty of the process gain.
-        timing: uncertainty of the process's dynamics, as the time (in samples) by which PV may
-            come earlier or later than modelled: while PV is on its way after a move, that much of
-            an innovation is the model's fault and teaches nothing.
+        offset_memory: settling times over which the load is averaged in quiet times.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
     """
@@ -53,7 +52,7 @@ class TrackerSettings:
     noise: NoiseModel
     spread: float = 0.1
     gain_spread: float = 0.1
-    timing: float = 1.0
+    offset_memory: float = 3.0
     hypotheses: int = 6
     memory: float = 60.0
 
@@ -103,34 +102,45 @@ class StemTracker:
         enters = np.append(prediction.equation_gain, np.zeros(3))
         self._cross = noise.equation**2 * enters
         self._q = noise.equation**2 * np.outer(enters, enters)
-        self._q[n, n] = (noise.disturbance / prediction.scale) ** 2
+        # The load's drift per scan that makes the filter average over ``offset_memory``.
+        density = (
+            noise.equation**2 / float(prediction.B.sum()) ** 2
+            + (noise.measurement / prediction.scale) ** 2
+        )
+        settle = settling_samples(prediction)
+        self._load_drift = density / (settings.offset_memory * settle) ** 2
+        self._error_memory = 1.0 - 1.0 / (20.0 * settle)
         self._r = noise.equation**2 + noise.measurement**2
-        self._noise_power = self._held_noise_power()
+        self._correlations = self._noise_correlations()
         self.beliefs: list[Belief] = []
         self.variance = 0.0
         self._count = 0
         self._trend = 0.0
+        self.colour = 0.0  # correlation of successive innovations: 0 if the model is right
+        self._last_normal = 0.0
+        self._rests: deque[tuple[float, float]] = deque(maxlen=4)
+        self._op = math.nan
         self._reference = 0.0
-        self._innovation = self._noise_now = self._r
-        self._moved = np.zeros(n)  # the part of the process state that the stem's moves made
-        self._doubt = 0.0
+        self._innovation = 1.0
+        self._noise_now = self._scale_now = 0.0
         self._gain = np.zeros(n + 3)
         self._covariance = np.zeros((n + 3, n + 3))
-        # Until the noise is known the first PV values alone decide what the load is.
-        self._covariance[n, n] = 100.0 * self._noise_power / prediction.scale**2
+        self._forget_errors()
 
-    def _held_noise_power(self) -> float:
-        """Return PV's variance over that of the noise with the stem held; of an integrating
-        process (it has no limit there) what comes up within 20 samples and the dead time.
+    def _noise_correlations(self) -> Array:
+        """Return the autocovariance (lag 0, 1, ...) of what unit equation noise makes of PV with
+        the stem held; of an integrating process (it has no limit there) of what comes up within 20
+        samples and the dead time.
         """
         p = self.prediction
-        most = p.dead_time + 20 if p.process.is_integrating else 500
-        state = self.prediction.equation_gain.copy()
-        power = self._r
-        for _ in range(most):
-            power += self.settings.noise.equation**2 * float(state[0]) ** 2
-            state = self.prediction.A @ state
-        return power
+        most = p.dead_time + 20 if p.process.is_integrating else 400
+        response = np.empty(most + 1)
+        response[0] = 1.0
+        state = p.equation_gain
+        for k in range(1, most + 1):
+            response[k] = state[0]
+            state = p.A @ state
+        return np.correlate(response, response, "full")[most:]
 
     @property
     def ready(self) -> bool:
@@ -145,7 +155,10 @@ class StemTracker:
     @property
     def held_variance(self) -> float:
         """Variance of PV that the noise seen so far makes with the stem held (PV squared)."""
-        return self.variance * self._noise_power
+        noise, lags = self.settings.noise, self._correlations
+        doubled = lags[1:] @ self.colour ** np.arange(1, lags.size)
+        power = noise.equation**2 * float(lags[0] + 2.0 * doubled) + noise.measurement**2
+        return self.variance * power
 
     @property
     def offset_variance(self) -> float:
@@ -153,7 +166,7 @@ class StemTracker:
         n = self.prediction.order
         weights = self._regressor(self.best)
         unknown = float(weights @ self._covariance[n:, n:] @ weights)
-        return unknown * self.variance * self.prediction.scale**2
+        return unknown * self.prediction.scale**2
 
     def drive(self, belief: Belief) -> float:
         """Return what drives the process while the stem rests where ``belief`` has it."""
@@ -220,9 +233,10 @@ class StemTracker:
                 moved.append(after)
         self._spread_out()
         self.beliefs = self._likely(moved)
-        p, before = self.prediction, float(self._moved[0])
-        self._moved = p.A @ self._moved + p.B * (self.best.stem - self._reference)
-        self._doubt = (self.settings.timing * (float(self._moved[0]) - before)) ** 2
+        self._op = op
+        here = (self.best.stem, self.best.direction)
+        if not self._rests or self._rests[-1][0] != here[0]:
+            self._rests.append(here)
 
     def _spread_out(self) -> None:
         """Carry the covariance over to the next scan, by Joseph's form (right for any gain)."""
@@ -230,38 +244,70 @@ class StemTracker:
         A = np.eye(n + 3)
         A[:n, :n] = self.prediction.A
         A[:n, n:] = np.outer(self.prediction.B, self._regressor(self.best))
+        keep, errors = self._error_memory, self._prior_errors()
+        A[n + FRICTION, n + FRICTION] = A[n + GAIN, n + GAIN] = keep
+        drift = (1.0 - keep**2) * errors
+        drift[LOAD] = self._scale_now * self._load_drift * (1.0 + self.colour) / (1.0 - self.colour)
         gain = A @ self._gain
+        cross = self._scale_now * self._cross
         if self._gain.any():
-            gain = gain + self._cross / self._innovation
+            gain = gain + cross / self._innovation
         F = A.copy()
         F[:, 0] -= gain
-        mixed = np.outer(self._cross, gain)
+        mixed = np.outer(cross, gain)
+        errors_at = np.arange(n, n + 3)
         self._covariance = (
-            F @ self._covariance @ F.T + self._q + self._noise_now * np.outer(gain, gain) - mixed - mixed.T
+            F @ self._covariance @ F.T
+            + self._scale_now * self._q
+            + self._noise_now * np.outer(gain, gain)
+            - mixed
+            - mixed.T
         )
+        self._covariance[errors_at, errors_at] += drift
 
     def _likely(self, beliefs: list[Belief]) -> list[Belief]:
-        """Return the best few, best first: none hopeless, no more than two of one position."""
+        """Return the best few, best first: none hopeless, one of a position."""
         ranked = sorted(beliefs, key=lambda h: -h.score)
         kept: list[Belief] = []
         for h in ranked:
             if h.score < ranked[0].score - 15.0 or len(kept) == self.settings.hypotheses:
                 break
-            if sum(other.stem == h.stem for other in kept) < 2:
+            if all(other.stem != h.stem for other in kept):
                 kept.append(h)
         return kept
+
+    def _recall(self) -> None:
+        """Believe again in the last positions, if OP would not have moved the stem away."""
+        best = self.best
+        reach = (1.0 + 2.0 * self.settings.spread) * self.valve.static_friction
+        for stem, direction in self._rests:
+            if abs(stem - best.stem) > 1e-9 and abs(self._op - stem) <= reach:
+                self.beliefs.append(
+                    Belief(
+                        stem,
+                        direction,
+                        best.state.copy(),
+                        best.errors.copy(),
+                        best.noise,
+                        best.score - 2.0,
+                    )
+                )
+        self.beliefs = self._likely(self.beliefs)
 
     def _correct(self, pv: float) -> None:
         if not math.isfinite(pv):
             self._gain = np.zeros_like(self._gain)
             return
         n = self.prediction.order
-        variance = max(self.variance, self._floor)
-        self._noise_now = self._r + self._doubt / variance
+        self._scale_now = variance = max(self.variance, self._floor)
+        self._noise_now = variance * self._r
         self._innovation = float(self._covariance[0, 0]) + self._noise_now
         self._gain = self._covariance[:, 0] / self._innovation
+        # Innovations that a model of too low an order leaves correlated count for fewer in what is
+        # learnt of lasting errors; Joseph's form allows any gain.
+        self._gain[n:] *= (1.0 - self.colour) / (1.0 + self.colour)
         keep = 1.0 - 1.0 / self.settings.memory
-        carried = self.settings.noise.equation**2 / self._innovation
+        carried = variance * self.settings.noise.equation**2 / self._innovation
         surprises = {}
         for h in self.beliefs:
             surprise = pv - float(h.state[0])
@@ -269,8 +315,9 @@ class StemTracker:
             h.state = h.state + self._gain[:n] * surprise
             h.errors = h.errors + self._gain[n:] * surprise
             h.noise = carried * surprise
+            self._keep_believable(h)
             # Heavy tails: one wild sample must not decide between two positions.
-            h.score = keep * h.score - 0.5 * min(surprise**2 / (self._innovation * variance), 25.0)
+            h.score = keep * h.score - 0.5 * min(surprise**2 / self._innovation, 9.0)
         self.beliefs = self._likely(self.beliefs)
         self._watch(surprises[id(self.best)])
 
@@ -283,24 +330,52 @@ class StemTracker:
         """Follow the noise's variance; learn afresh when innovations keep one sign too long."""
         n = self.prediction.order
         self._count += 1
-        # Samples in which the model's own error may dominate say little about the noise.
-        plain = self._innovation - self._noise_now + self._r
-        square = surprise**2 / plain
-        if self._count > 20:
-            square = min(square, 16.0 * self.variance)
-        share = plain / self._innovation
-        self.variance += share * (square - self.variance) / min(self._count, 150)
         variance = max(self.variance, self._floor)
+        square = surprise**2 / (self._innovation / variance)
+        if self._count > 20:
+            square = min(square, 4.0 * variance)
+        self.variance += (square - self.variance) / min(self._count, 80)
+        normal = surprise / math.sqrt(self._innovation)
+        if self._count > 20 and abs(normal) < 3.0:
+            product = (normal - self._trend) * (self._last_normal - self._trend)
+            self.colour += (product - self.colour) / min(self._count, 80)
+            self.colour = min(max(self.colour, 0.0), 0.9)
+        self._last_normal = normal = min(max(normal, -3.0), 3.0)
         rate = 0.05
-        self._trend += rate * (surprise / math.sqrt(self._innovation * variance) - self._trend)
-        if self._count == 20:  # the noise is known: what the uncertain parameters mean in it
-            s, valve = self.settings, self.valve
-            for index, deviation in (
-                (LOAD, 0.5 * valve.static_friction),
-                (FRICTION, s.spread * valve.dynamic_friction),
-                (GAIN, s.gain_spread),
-            ):
-                self._covariance[n + index, n + index] += deviation**2 / variance
-        elif abs(self._trend) > 4.0 * math.sqrt(rate / (2.0 - rate)):
-            self._covariance[n, n] += 4.0 * self._noise_power / self.prediction.scale**2
+        self._trend += rate * (normal - self._trend)
+        if self._count in (20, 60):  # what was learnt before the noise was known is not worth much
+            self._forget_errors()
+            for h in self.beliefs:
+                h.errors[LOAD] += float(self._regressor(h)[1:] @ h.errors[1:])
+                h.errors[1:] = 0.0
             self._trend = 0.0
+        spread = rate / (2.0 - rate) * (1.0 + self.colour) / (1.0 - self.colour)
+        if abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0):
+            self.colour *= 0.5
+            self._recall()
+            self._covariance[n, n] += 4.0 * self.held_variance / self.prediction.scale**2
+            self._trend = 0.0
+
+    def _prior_errors(self) -> Array:
+        """Return the variances that the settings give the errors ``(m, w, g)``."""
+        s, valve = self.settings, self.valve
+        deviations = [
+            0.5 * valve.static_friction + 1e-3,
+            s.spread * valve.dynamic_friction,
+            s.gain_spread,
+        ]
+        return np.asarray(np.square(deviations), dtype=np.float64)
+
+    def _forget_errors(self) -> None:
+        """Go back to what the settings say of the errors' size."""
+        n = self.prediction.order
+        self._covariance[n:, :] = self._covariance[:, n:] = 0.0
+        self._covariance[n:, n:] = np.diag(self._prior_errors())
+
+    def _keep_believable(self, h: Belief) -> None:
+        """Hold the errors of fD and gain inside what can be, without changing the drive."""
+        before = self.drive(h)
+        fd = 0.5 * self.valve.dynamic_friction
+        h.errors[FRICTION] = min(max(float(h.errors[FRICTION]), -fd), fd)
+        h.errors[GAIN] = min(max(float(h.errors[GAIN]), -0.5), 0.5)
+        h.errors[LOAD] += before - self.drive(h)
