@@ -32,6 +32,9 @@ from fieldlink.site import Loop, Site
 
 __all__ = ["DeviceRunner", "poll_period"]
 
+SILENT_AFTER = 20
+"""Periods without a new sample after which a loop is said to be silent."""
+
 
 class DeviceRunner:
     """Runs one device.
@@ -67,6 +70,8 @@ class DeviceRunner:
         self._state = LinkState.CLOSED
         self._now = 0.0
         self._service_fails = False
+        self._sampled_at: dict[str, float] = {}
+        self._silent: set[str] = set()
         self._estimates: dict[str, Estimate] = {}
         self._estimate_counts = dict.fromkeys(self.pipelines, 0)
         self._attempts: dict[str, Attempt] = {}
@@ -99,6 +104,7 @@ class DeviceRunner:
             record = pipeline.take(scan, now)
             if record is not None:
                 self._journal.sample(record)
+            self._watch_loop(pipeline, now, sampled=record is not None)
 
     def accept(self, estimate: Estimate) -> None:
         """Take over an estimate of one of the loops: say it, and hand it to the write-back."""
@@ -166,6 +172,29 @@ class DeviceRunner:
             kind = f"device.{self._state.name.lower()}"
             self._journal.event(
                 kind, self.name, message, bad=self._state is not LinkState.GOOD and not self.ended
+            )
+
+    def _watch_loop(self, pipeline: LoopPipeline, now: float, *, sampled: bool) -> None:
+        """Say when a loop has no new samples although its device answers, and when it has again."""
+        loop = pipeline.name
+        since = self._sampled_at.setdefault(loop, now)
+        if sampled:
+            self._sampled_at[loop] = now
+            if loop in self._silent:
+                self._silent.discard(loop)
+                self._journal.event("loop.sampled", loop, f"new samples after {now - since:.0f} s")
+        elif (
+            now - since > SILENT_AFTER * pipeline.loop.period
+            and loop not in self._silent
+            and self._state in (LinkState.GOOD, LinkState.DEGRADED)
+        ):
+            self._silent.add(loop)
+            self._journal.event(
+                "loop.silent",
+                loop,
+                f"no new sample for {now - since:.0f} s: OP or PV cannot be read, or the cycle "
+                "counter stands still; look at the tags and whether the controller runs",
+                bad=True,
             )
 
     def _note_service(self, loop: str, error: str) -> None:

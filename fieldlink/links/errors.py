@@ -73,18 +73,6 @@ class LinkError(FieldlinkError):
         self.what = what
         self.remedy = remedy
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild, (type(self), self.args, self.__dict__))
-
-
-def _rebuild(
-    kind: type[LinkError], args: tuple[object, ...], state: dict[str, object]
-) -> LinkError:
-    error = kind.__new__(kind, *args)
-    error.args = args
-    error.__dict__.update(state)
-    return error
-
 
 class LinkUnreachableError(LinkError):
     """No connection: refused, lost, or waiting before the next attempt."""

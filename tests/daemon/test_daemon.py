@@ -211,6 +211,20 @@ async def test_a_silent_device_does_not_slow_another(
     assert 5 * status.devices["silent"].requests < status.devices["good"].requests
 
 
+async def test_a_controller_that_stands_still_is_said_once(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    plant = Plant(device)
+    plant.step()
+    async with running(site) as daemon:
+        await until(lambda: daemon.status().devices["plc"].plant_time > 60.0, "a plant minute")
+        assert daemon.status().loops["PLC"].counts.read == 1
+        plant.step()
+        await until(lambda: daemon.status().loops["PLC"].counts.read == 2, "a new sample")
+    events = read_events(site.historian_url)
+    of_loop = events[events["source"] == "PLC"]["kind"].tolist()
+    assert of_loop[:2] == ["loop.silent", "loop.sampled"]
+
+
 WRITEBACK = """
 [loops.LOOP.writeback]
 enabled = true
