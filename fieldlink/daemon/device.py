@@ -69,7 +69,7 @@ class DeviceRunner:
         self._last_failure = ""
         self._state = LinkState.CLOSED
         self._now = 0.0
-        self._service_fails = False
+        self._unserved: set[str] = set()
         self._sampled_at: dict[str, float] = {}
         self._silent: set[str] = set()
         self._estimates: dict[str, Estimate] = {}
@@ -198,12 +198,13 @@ class DeviceRunner:
             )
 
     def _note_service(self, loop: str, error: str) -> None:
-        if bool(error) is not self._service_fails:
-            self._service_fails = bool(error)
-            kind = "writeback.unreachable" if error else "writeback.reachable"
-            self._journal.event(
-                kind, loop, error or "the exchange area answers again", bad=bool(error)
-            )
+        """Say when a loop's exchange area stops answering, and when it answers again."""
+        if error and loop not in self._unserved:
+            self._unserved.add(loop)
+            self._journal.event("writeback.unreachable", loop, error, bad=True)
+        elif not error and loop in self._unserved:
+            self._unserved.discard(loop)
+            self._journal.event("writeback.reachable", loop, "the exchange area answers again")
 
     def _note_attempt(self, loop: str, attempt: Attempt) -> None:
         self._attempts[loop] = attempt
