@@ -25,6 +25,7 @@ from estimator.indices import apparent_stiction
 from estimator.moves import best_with_same_moves
 from estimator.nlp_problem import Programme, Solution, SolverOutcome, require_casadi
 from estimator.nlp_starts import starting_frictions
+from estimator.outcomes import EstimatorError
 from estimator.paper_fit import ArxStructure, ArxWindow, InitialStem, PaperFit
 from estimator.valves import HeValve, SmoothedValve
 
@@ -110,6 +111,9 @@ def nlp_paper(
         EstimatorError: unusable window or options, or CasADi is not installed.
     """
     require_casadi()
+    choices = [InitialStem(choice) for choice in initial]
+    if not choices:
+        raise EstimatorError("initial is empty: give 'first', 'mean' or both")
     structure = ArxStructure(na, nb, dead_time, intercept=intercept)
     window = ArxWindow.of(op, pv, structure, period=period)
     programme = Programme(window.op, window.pv, structure, alpha, max_iterations)
@@ -118,8 +122,8 @@ def nlp_paper(
     pairs = starting_frictions(window.span, width, count=starts, step=step)
     attempts: list[NlpAttempt] = []
     fits: list[PaperFit] = []
-    for choice in initial:
-        stem0 = InitialStem(choice).position(window.op)
+    for choice in choices:
+        stem0 = choice.position(window.op)
         for pair in pairs:
             end = programme.solve(*pair, stem0, theta0, tau=tau, free_stem0=False)
             if not end.is_finite:

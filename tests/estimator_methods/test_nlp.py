@@ -115,6 +115,11 @@ def test_without_casadi_the_message_says_what_to_install(sticky_loop, monkeypatc
             call()
 
 
+def test_no_initial_position_is_refused(sticky_loop):
+    with pytest.raises(EstimatorError, match="initial"):
+        nlp_paper(sticky_loop.op, sticky_loop.pv, na=2, nb=2, initial=())
+
+
 def test_bad_starts_are_refused():
     with pytest.raises(EstimatorError, match="count"):
         starting_frictions(10.0, 1.0, count=0)
