@@ -4,8 +4,8 @@
 
 Half as many healthy loops as sticky ones are judged. A sticky valve that the window does not show
 (the estimator says so, with a reason) counts as not assessable, never as a miss. Choudhury's valve
-counts its band anew at every turn of OP, so under a noisy OP it really sticks for much more than its
-S: its rows show how far apart the published models are, not an error of the estimate.
+counts its band anew at every turn of OP, so under a noisy OP it really sticks for much more than
+its S: its rows show how far apart the published models are, not an error of the estimate.
 """
 
 from __future__ import annotations
