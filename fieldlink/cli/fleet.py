@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
@@ -109,7 +110,7 @@ async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonSt
 
 def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
     import fieldlink.plc  # noqa: F401  (makes link = "fmu" known)
-    from fieldlink.daemon import LockstepRun
+    from fieldlink.daemon import LockstepRun, stop_on_signals
 
     endless = any(site.devices[loop.device].link == "fmu" for loop in site.loops.values())
     if duration is None and endless:
@@ -118,7 +119,14 @@ def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStat
             param_hint="--duration",
         )
     seconds = float("inf") if duration is None else duration
-    return asyncio.run(LockstepRun(site, store=True, read_only=read_only).run(seconds))
+
+
+    async def work() -> DaemonStatus:
+        run = LockstepRun(site, store=True, read_only=read_only, start_utc=time.time())
+        with stop_on_signals() as stop:
+            return await run.run(seconds, stop=stop)
+
+    return asyncio.run(work())
 
 
 def _print(status: DaemonStatus) -> None:

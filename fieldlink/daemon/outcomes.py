@@ -23,6 +23,10 @@ class WritebackOutcome(Enum):
     TOO_FEW_WINDOWS = ("too_few_windows", "more windows have to agree: min_windows")
     OUT_OF_LIMITS = ("out_of_limits", "check the valve, or the limits in the site file")
     NOT_EXPRESSIBLE = ("not_expressible", "the findings do not fit a block")
+    KEPT_VALID = (
+        "kept_valid",
+        "a loop under compensation cannot show a healthy valve; the block expires by itself",
+    )
     UNCHANGED = ("unchanged", "the PLC has a block that differs by less than the deadband")
     TOO_SOON = ("too_soon", "it is written when min_interval has passed")
     NOT_ENABLED = ("not_enabled", "it is written when the operator sets the PLC's enable bit")

@@ -69,7 +69,7 @@ class BeatPlacer:
 
 
 class CounterPlacer:
-    """Slots by a counter that counts controller cycles.
+    """Slots by a counter that counts controller cycles: the first slot is the first count.
 
     Args:
         period: plant seconds between two counts.
@@ -90,6 +90,7 @@ class CounterPlacer:
         """
         if self._last is None:
             self._last = (now, counter)
+            self._slot = round(counter)
             return Placed(self._slot, Place.NEXT)
         then, before = self._last
         step = counter - before

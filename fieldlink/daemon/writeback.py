@@ -5,6 +5,7 @@ Every two plant seconds `WriteBack.service` reads the exchange area, beats the h
 the PLC's acknowledgement, and makes at most one attempt:
 
     enable bit set? - minimum interval over? - more than the deadband away from the active block?
+    nothing but another valve model while a sticky valve's model is in force?
     write the inactive bank (one FC16) - read it back, once more if it differs - commit (one FC6)
 
 A step that fails ends the attempt and leaves the active bank as it was. Only the newest candidate
@@ -178,6 +179,16 @@ class WriteBack:
                 )
             )
             return
+        if candidate.status is not Status.VALID and self._in_force(banks.active, now):
+            self._settle(
+                Attempt(
+                    WritebackOutcome.KEPT_VALID,
+                    "the active block names a sticky valve",
+                    candidate,
+                    active_before=banks.active_words,
+                )
+            )
+            return
         attempt = await self._write(candidate, control, banks)
         interval = self._settings.min_interval
         if attempt.outcome in (WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED):
@@ -216,6 +227,15 @@ class WriteBack:
             abs(found.stick_band.value - active.stick_band.value) <= deadband
             and abs(found.slip_jump.value - active.slip_jump.value) <= deadband
         )
+
+    def _in_force(self, active: ParameterBlock | None, now: float) -> bool:
+        """Whether the PLC has a sticky valve's model that has not expired.
+
+        A block of a time before this process counts from its start: at worst it is kept too long.
+        """
+        if active is None or active.status is not Status.VALID:
+            return False
+        return now - (self._written_at or 0.0) <= active.valid_for
 
     async def _write(self, candidate: Candidate, control: ControlWords, banks: _Banks) -> Attempt:
         seq = next_seq(self._last_seq)

@@ -15,7 +15,7 @@ from estimator import identify
 from fieldlink.demo.outcome import DemoOutcome, phases
 from fieldlink.demo.scene import DEVICE, DemoError, Scene
 from fieldlink.demo.stage import Performance
-from fieldlink.pictures import MARK, MODEL, OP, PV, STEM, identification_figure, svg
+from fieldlink.pictures import MARK, MODEL, OP, PV, STEM, identification_figure, save, svg
 from fieldlink.store import read_samples, read_writebacks
 
 if TYPE_CHECKING:
@@ -55,10 +55,10 @@ def outcome_table(outcome: DemoOutcome) -> TableText:
 
 
 def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -> None:
-    """Write the report to ``outcome.report``.
+    """Write the report to ``outcome.report``, and beside it the course of the run as a picture.
 
     Raises:
-        DemoError: the file cannot be written.
+        DemoError, PictureError: a file cannot be written.
         StoreError: the historian of the run cannot be read.
     """
     site = performance.site
@@ -73,6 +73,8 @@ def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -
         criterion=settings.criterion,
         confidence=settings.confidence,
     )
+    course = _course(performance.end.truth, performance.slots)
+    save(course, outcome.report.with_name("run.png"))
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fieldlink.demo"),
         autoescape=True,
@@ -84,7 +86,7 @@ def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -
         subtitle=f"fieldlink demo, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         summary=_summary(scene, outcome),
         table=outcome_table(outcome),
-        run_figure=svg(_course(performance.end.truth, performance.slots)),
+        run_figure=svg(course),
         run_caption=_caption(scene),
         identification_figure=svg(
             identification_figure(

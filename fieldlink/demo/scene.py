@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -134,4 +135,6 @@ def _values(
         "limit": f"{limit:.6g}",
         "deadband": f"{0.005 * limit:.6g}",
         "plant": plant,
+        # A folder of its own for every run: a history holds one course of the loop's slots.
+        "data_dir": f"data-{datetime.now(UTC):%Y%m%dT%H%M%S%f}",
     }

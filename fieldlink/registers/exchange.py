@@ -11,8 +11,9 @@
 | commit | Fieldlink | bank in the high byte, low byte of the block's seq in the low byte |
 | bank_a, bank_b | Fieldlink | a block each |
 
-A writer puts the next block into the bank that ``commit`` does not name. All zero is therefore a
-sound beginning: bank A is committed and empty, the first block goes to bank B.
+A writer puts the next block into the bank that is not active, or, before any block was accepted,
+into the one that ``commit`` does not name. All zero is therefore a sound beginning: bank A is
+committed and empty, the first block goes to bank B.
 """
 
 from __future__ import annotations

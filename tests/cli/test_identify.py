@@ -76,7 +76,9 @@ def test_summary_names_verdict_and_numbers(fieldlink: Run, recording: Path) -> N
     assert "a row is taken for a second" in result.stdout
 
 
-def test_columns_window_and_period_can_be_named(fieldlink: Run, tmp_path: Path, recording: Path) -> None:
+def test_columns_window_and_period_can_be_named(
+    fieldlink: Run, tmp_path: Path, recording: Path
+) -> None:
     renamed = tmp_path / "renamed.csv"
     renamed.write_text(recording.read_text().replace("op,pv", "CO;Flow", 1).replace(",", ";"))
     arguments = ("--op", "CO", "--pv", "Flow", "--period", "5", "--window", "100:500")

@@ -35,7 +35,7 @@ def test_a_sample_has_all_signals_of_the_loop() -> None:
     record = pipeline().take(scan(0.0, OP=40.0, PV=7.0, SP=8.0, MODE=3.0, SCAN=12.0), 0.0)
     assert record is not None
     assert (record.op, record.pv, record.sp, record.auto) == (40.0, 7.0, 8.0, True)
-    assert (record.utc_ms, record.slot, record.quality) == (1_000_000, 0, 0)
+    assert (record.utc_ms, record.slot, record.quality) == (1_000_000, 12, 0)
 
 
 @pytest.mark.parametrize(

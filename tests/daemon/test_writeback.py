@@ -404,6 +404,22 @@ async def test_other_verdicts_have_their_status(
     assert b.plc.state.model is None
 
 
+@pytest.mark.parametrize("verdict", ["no_stiction", "not_assessable"])
+async def test_a_calm_loop_does_not_end_its_own_compensation(
+    bench: Callable[..., Bench], findings: Make, verdict: str
+) -> None:
+    b = bench(valid_for=600, min_interval=10.0)
+    await b.write(findings(7.0, 4.0))
+    b.submit(findings(verdict=verdict))
+    await b.seconds(5)
+    assert b.outcomes[-1] is WritebackOutcome.KEPT_VALID
+    assert b.plc.state.in_force.valve.stick_band == 7.0
+    await b.seconds(600)
+    b.submit(findings(verdict=verdict))
+    await b.seconds(5)
+    assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+
+
 async def test_findings_that_no_block_can_hold_are_refused(
     bench: Callable[..., Bench], findings: Make
 ) -> None:
