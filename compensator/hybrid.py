@@ -23,14 +23,14 @@ from compensator.action import (
 )
 from compensator.moves import MovePlan, MovePlanner
 from compensator.prediction import NoiseModel, Prediction
-from compensator.stem import FRICTION, GAIN, Belief, StemTracker, TrackerSettings
+from compensator.stem import FRICTION, Belief, StemTracker, TrackerSettings
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]
 
-QUIET_NOISE = NoiseModel(equation=0.1, measurement=1.0, disturbance=1.0)
-"""Mostly noise on PV itself: the model's output is simulated rather than corrected from sample to
-sample, which forgives a process model of too low an order."""
+QUIET_NOISE = NoiseModel(equation=1.0, measurement=0.3, disturbance=1.0)
+"""Equation noise first: PV's wandering is carried on with the process and not taken for an offset.
+With a process model of too low an order less of it (0.1 and 1.0) is the more robust choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,9 @@ class HybridSettings:
         noise_band: PV deviation that is of no interest (units of PV), added to the noise seen.
         slip_margin: moves are planned at least ``J + slip_margin * fS`` in size, so that they slip
             even if the static friction is somewhat above its estimate.
-        overshoot: how far beyond its final position the stem may go for speed, as a share of the way
-            there. The farther, the more the plan relies on the fast part of the process model.
-        spread: relative uncertainty of fS and fD; gain_spread: of the process gain.
+        overshoot: how far beyond its final position the stem may go for speed, as a share of the
+            way there. The farther, the more the plan relies on the fast part of the process model.
+        spread: relative uncertainty of fS (that of fD is taken as half of it).
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
         noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``).
@@ -56,14 +56,13 @@ class HybridSettings:
 
     limits: OpLimits = field(default_factory=OpLimits)
     horizon: int = 0
-    move_penalty: float = 0.8
+    move_penalty: float = 0.5
     travel_penalty: float = 0.2
     noise_band: float = 0.0
     slip_margin: float = 0.2
     overshoot: float = 0.5
     spread: float = 0.1
-    gain_spread: float = 0.1
-    offset_memory: float = 1.0
+    offset_memory: float = 2.0
     noise: NoiseModel = QUIET_NOISE
 
     def __post_init__(self) -> None:
@@ -76,7 +75,6 @@ class HybridSettings:
             slip_margin=self.slip_margin,
             overshoot=self.overshoot,
             spread=self.spread,
-            gain_spread=self.gain_spread,
         )
 
 
@@ -100,7 +98,6 @@ class HybridMpc:
         self._tracker_settings = TrackerSettings(
             self.settings.noise,
             self.settings.spread,
-            self.settings.gain_spread,
             self.settings.offset_memory,
         )
         self.tracker = StemTracker(self.prediction, model.valve, self._tracker_settings)
@@ -175,12 +172,12 @@ class HybridMpc:
     def _stem_for(self, belief: Belief, change: float, direction: float) -> float:
         """Return the stem position that changes the process's drive by ``change``."""
         turned = belief.errors[FRICTION] * (direction - belief.direction)
-        return belief.stem + float((change - turned) / (1.0 + belief.errors[GAIN]))
+        return belief.stem + float(change - turned)
 
     def _change_for(self, belief: Belief, position: float, direction: float) -> float:
         """Return the change of the process's drive that a stem position makes."""
         turned = belief.errors[FRICTION] * (direction - belief.direction)
-        return float((position - belief.stem) * (1.0 + belief.errors[GAIN]) + turned)
+        return float(position - belief.stem + turned)
 
     def plan(self, sp: float) -> MovePlan:
         """Return the best plan from the present belief for the set-point ``sp``."""

@@ -9,12 +9,11 @@ agree: after it the position is ``OP -/+ fD``, whatever it was before. The frict
 needs is taken as normal around fS; a hypothesis that has survived a command knows that it needs
 more than that command.
 
-What is wrong in the parameters is learnt with the state, as three more unknowns of the filter. What
-drives the process is ``x + m + w d + g (x - x_ref)`` with ``m`` the load (the offset-free
-disturbance), ``d`` the direction of the last slip, ``w`` the error of fD, which turns its sign with
-the direction, and ``g`` the relative error of the gain. Their covariance is followed in time: fast
-learning after an upset, and firm estimates later, so that the controller is free of offset and yet
-does not chase noise. The covariance is that of the best hypothesis, the others share it.
+What is wrong in the parameters is learnt with the state, as two more unknowns of the filter. What
+drives the process is ``x + m + w d``, with ``m`` the load (the offset-free disturbance), ``d`` the
+direction of the last slip and ``w`` the error of fD, which turns its sign with the direction:
+without it a wrong fD makes the loop hunt between two positions. Their covariance is followed in
+time; it is that of the best hypothesis, the others share it.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ __all__ = ["Belief", "StemTracker", "TrackerSettings"]
 
 Array = NDArray[np.float64]
 
-LOAD, FRICTION, GAIN = 0, 1, 2
+LOAD, FRICTION = 0, 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +41,7 @@ class TrackerSettings:
 
     Attributes:
         noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
-        spread: relative uncertainty of the static and dynamic friction.
-        gain_spread: relative uncertainty of the process gain.
+        spread: relative deviation of the static friction; fD is taken as known twice as well.
         offset_memory: settling times over which the load is averaged in quiet times.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
@@ -51,8 +49,7 @@ class TrackerSettings:
 
     noise: NoiseModel
     spread: float = 0.1
-    gain_spread: float = 0.1
-    offset_memory: float = 3.0
+    offset_memory: float = 2.0
     hypotheses: int = 6
     memory: float = 60.0
 
@@ -63,7 +60,7 @@ class Belief:
 
     Attributes:
         stem: position by the model's equations; direction: of its last slip (0: unknown).
-        state: of the process at this scan, shape ``(n,)``; errors: ``(m, w, g)``, see the module.
+        state: of the process at this scan, shape ``(n,)``; errors: ``(m, w)``, see the module.
         noise: equation noise seen in this scan's PV, on its way into the next state.
         score: log-likelihood, forgetting.
         survived: largest command withstood since the last slip, in deviations of the static
@@ -99,7 +96,7 @@ class StemTracker:
         self.prediction, self.valve, self.settings = prediction, valve, settings
         n = prediction.order
         noise = settings.noise
-        enters = np.append(prediction.equation_gain, np.zeros(3))
+        enters = np.append(prediction.equation_gain, np.zeros(2))
         self._cross = noise.equation**2 * enters
         self._q = noise.equation**2 * np.outer(enters, enters)
         # The load's drift per scan that makes the filter average over ``offset_memory``.
@@ -120,11 +117,16 @@ class StemTracker:
         self._last_normal = 0.0
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._op = math.nan
-        self._reference = 0.0
         self._innovation = 1.0
         self._noise_now = self._scale_now = 0.0
-        self._gain = np.zeros(n + 3)
-        self._covariance = np.zeros((n + 3, n + 3))
+        self._gain = np.zeros(n + 2)
+        self._covariance = np.zeros((n + 2, n + 2))
+        # The first PV may come from the middle of a move: the state is as uncertain as moves of
+        # the stem band's size make it.
+        reach = prediction.B * max(valve.stick_band, 1e-3)
+        for _ in range(settle):
+            self._covariance[:n, :n] += np.outer(reach, reach)
+            reach = prediction.A @ reach
         self._forget_errors()
 
     def _noise_correlations(self) -> Array:
@@ -178,20 +180,19 @@ class StemTracker:
         return np.asarray(p.A @ belief.state + p.equation_gain * belief.noise)
 
     def _regressor(self, belief: Belief) -> Array:
-        return np.array([1.0, belief.direction, belief.stem - self._reference])
+        return np.array([1.0, belief.direction])
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
         fs = self.valve.static_friction
         offsets = (0.0, -0.4, 0.4, -0.8, 0.8) if fs > 0.0 else (0.0,)
         state, drive = self.prediction.equilibrium(pv, 0.0)
-        self._reference = op
         self.beliefs = [
             Belief(
                 op + offset * fs,
                 0.0,
                 state.copy(),
-                np.array([drive - op - offset * fs, 0.0, 0.0]),
+                np.array([drive - op - offset * fs, 0.0]),
                 score=-0.5 * abs(offset),
             )
             for offset in offsets
@@ -241,11 +242,11 @@ class StemTracker:
     def _spread_out(self) -> None:
         """Carry the covariance over to the next scan, by Joseph's form (right for any gain)."""
         n = self.prediction.order
-        A = np.eye(n + 3)
+        A = np.eye(n + 2)
         A[:n, :n] = self.prediction.A
         A[:n, n:] = np.outer(self.prediction.B, self._regressor(self.best))
         keep, errors = self._error_memory, self._prior_errors()
-        A[n + FRICTION, n + FRICTION] = A[n + GAIN, n + GAIN] = keep
+        A[n + FRICTION, n + FRICTION] = keep
         drift = (1.0 - keep**2) * errors
         drift[LOAD] = self._scale_now * self._load_drift * (1.0 + self.colour) / (1.0 - self.colour)
         gain = A @ self._gain
@@ -255,7 +256,7 @@ class StemTracker:
         F = A.copy()
         F[:, 0] -= gain
         mixed = np.outer(cross, gain)
-        errors_at = np.arange(n, n + 3)
+        errors_at = np.arange(n, n + 2)
         self._covariance = (
             F @ self._covariance @ F.T
             + self._scale_now * self._q
@@ -357,12 +358,11 @@ class StemTracker:
             self._trend = 0.0
 
     def _prior_errors(self) -> Array:
-        """Return the variances that the settings give the errors ``(m, w, g)``."""
+        """Return the variances that the settings give the errors ``(m, w)``."""
         s, valve = self.settings, self.valve
         deviations = [
             0.5 * valve.static_friction + 1e-3,
-            s.spread * valve.dynamic_friction,
-            s.gain_spread,
+            0.5 * s.spread * valve.dynamic_friction,
         ]
         return np.asarray(np.square(deviations), dtype=np.float64)
 
@@ -373,9 +373,8 @@ class StemTracker:
         self._covariance[n:, n:] = np.diag(self._prior_errors())
 
     def _keep_believable(self, h: Belief) -> None:
-        """Hold the errors of fD and gain inside what can be, without changing the drive."""
+        """Hold the error of fD inside what can be, without changing the drive."""
         before = self.drive(h)
         fd = 0.5 * self.valve.dynamic_friction
         h.errors[FRICTION] = min(max(float(h.errors[FRICTION]), -fd), fd)
-        h.errors[GAIN] = min(max(float(h.errors[GAIN]), -0.5), 0.5)
         h.errors[LOAD] += before - self.drive(h)

@@ -106,7 +106,7 @@ def test_a_withdrawn_model_gives_the_loop_back_smoothly(
     assert compensated.supervisor.reason is reason
     # The base controller has followed: it asks for what PV's deviation asks for, no more.
     assert abs(compensated.op[-1] - before) < 3.0
-    compensated.run(400)
+    compensated.run(400, sp=REST - 2.5)
     assert compensated.std(-300) > 0.5
 
 
