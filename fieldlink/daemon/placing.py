@@ -15,6 +15,10 @@ from typing import Protocol
 __all__ = ["BeatPlacer", "CounterPlacer", "Place", "Placed", "Placer"]
 
 
+CATCH_UP = 500.0
+"""Counts that a controller may catch up between two polls."""
+
+
 class Place(Enum):
     """What a sample turned out to be."""
 
@@ -85,8 +89,9 @@ class CounterPlacer:
     def place(self, now: float, counter: float) -> Placed:
         """Return the slot of the count.
 
-        A step that is far from what the elapsed time allows means that the counter began anew: then
-        the gap is as long as the time that went by.
+        A step back, or one far beyond what the elapsed time allows, means that the counter began
+        anew: then the gap is as long as the time that went by. A controller that stood still for a
+        moment and catches up is no restart, its counts are the truth.
         """
         if self._last is None:
             self._last = (now, counter)
@@ -100,8 +105,7 @@ class CounterPlacer:
             return Placed(self._slot, Place.DUPLICATE)
         self._last = (now, counter)
         elapsed = (now - then) / self._period
-        # Twice the time plus three: a plant that runs fast, and the phase of two polls.
-        if 0 < step <= 2.0 * elapsed + 3.0:
+        if 0 < step <= max(2.0 * elapsed, CATCH_UP):
             self._slot += round(step)
             return Placed(self._slot, Place.NEXT)
         self._slot += max(1, round(elapsed))
