@@ -18,21 +18,35 @@ __all__ = ["LAGS", "coarse_costs", "coarse_valves"]
 LAGS = (0, 1, 2, 3, 5, 8, 12, 18)
 """Dead times of the coarse pass, in samples."""
 
-_BANDS = (
-    *(0.01, 0.02, 0.035, 0.055, 0.08, 0.11, 0.15, 0.2, 0.25, 0.3),
-    *(0.36, 0.42, 0.48, 0.54, 0.6, 0.66, 0.72, 0.78, 0.84, 0.9, 0.96),
+_FINE = (
+    (0.01, 0.02, 0.035, 0.05, 0.065, 0.08, *np.arange(0.1, 1.0, 0.0125)),
+    (0.0, 0.2, 0.4, 0.65, 1.0),
+    (-0.5, 0.5),
 )
-_RATIOS = (0.0, 0.15, 0.35, 0.6, 1.0)
-_STARTS = (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9)
+_STARTED = (
+    (
+        *(0.01, 0.02, 0.03, 0.045, 0.065, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3),
+        *(0.36, 0.42, 0.48, 0.54, 0.6, 0.66, 0.72, 0.78, 0.84, 0.9, 0.96),
+    ),
+    (0.0, 0.15, 0.35, 0.6, 1.0),
+    (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9),
+)
 _ROWS = 400
 _FLAT = 1e-6
 
 
 @cache
 def coarse_valves() -> tuple[Array, Array, Array]:
-    """Stick band, ratio J/S and start position (share of fS) of the grid, shape ``(m,)`` each."""
-    grids = np.meshgrid(_BANDS, _RATIOS, _STARTS, indexing="ij")
-    band, ratio, start = (np.ascontiguousarray(g.ravel()) for g in grids)
+    """Stick band, ratio J/S and start position (share of fS) of the grid, shape ``(m,)`` each.
+
+    Two grids: a cycling valve needs the stick band finely (a slip one sample off costs much), one
+    that moves a few times needs the start.
+    """
+    parts = []
+    for axes in (_FINE, _STARTED):
+        grids = np.meshgrid(*(np.array(axis) for axis in axes), indexing="ij")
+        parts.append(np.stack([grid.ravel() for grid in grids]))
+    band, ratio, start = np.ascontiguousarray(np.hstack(parts))
     return band, ratio, start
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from estimator.arx import select_orders
+from estimator.arx import ArxOrders, select_orders
 from estimator.arx_estimate import arx_estimate
 from estimator.arx_search import ArxFound, arx_promises, arx_search
 from estimator.estimate import Estimate
@@ -20,7 +20,7 @@ from estimator.oe_estimate import oe_estimate
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
-from estimator.search import Candidate, healthy_search, stem_of, valve_search
+from estimator.search import Candidate, healthy_search, polished, stem_of, valve_search
 from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
 from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
@@ -101,26 +101,31 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
             f"OP's moves are too few to move a sticky valve twice (healthy fit {share:.3f})",
         )
         return _not_assessable(window, (reason,), criterion, confidence)
+    simulated, samples = _simulated(window, regression, found[0], healthy)
+    arx, healthy_orders = _arx(window, found[0], sought=simulated > 0.0 or criterion == "arx")
+    if arx is not None:
+        # the other criterion's valve may be a better one for this criterion as well
+        other = replace(
+            found[0], band=arx.best.band, ratio=arx.best.ratio, start=arx.best.start
+        )
+        found = tuple(
+            sorted((*found, polished(window.u, regression, other)), key=lambda c: c.cost)
+        )
+        simulated, samples = _simulated(window, regression, found[0], healthy)
     best = found[0]
-    residuals = [
-        regression.solve(stem, c.structure, c.dead_time).residual
-        for stem, c in ((best.stem(window.u), best), (window.u, healthy))
-    ]
-    samples = min(effective_samples(residual, regression.weight) for residual in residuals)
-    simulated = simulated_evidence(healthy.cost, best.cost, samples)
-    test = _one_step_test(window, regression, best, healthy, simulated, criterion)
+    test = _one_step_test(window, regression, best, healthy, simulated, arx, healthy_orders)
     stem = best.stem(window.u)
-    if simulated <= 0.0 and test.arx is not None:
-        stem = test.arx.best.stem(window.u)
+    if simulated <= 0.0 and arx is not None:
+        stem = arx.best.stem(window.u)
     evidence = evidence_of(stem, simulated, test.evidence, samples, best.band)
     score = score_of(evidence)
     fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
     verdict, reasons = judge(score, evidence, fit)
     estimate = oe_estimate(window, regression, found, confidence, test.oe_bic)
-    if test.arx is not None and (
+    if arx is not None and (
         criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION)
     ):
-        rival = arx_estimate(window, test.arx, confidence)
+        rival = arx_estimate(window, arx, confidence)
         if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, estimate):
             estimate = rival
     span = window.op_span
@@ -150,13 +155,34 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
     )
 
 
+def _simulated(
+    window: Window, regression: Regression, best: Candidate, healthy: Candidate
+) -> tuple[float, float]:
+    """Log Bayes factor from simulation errors, and the effective samples it counts."""
+    samples = min(
+        effective_samples(
+            regression.solve(stem, c.structure, c.dead_time).residual, regression.weight
+        )
+        for stem, c in ((best.stem(window.u), best), (window.u, healthy))
+    )
+    return simulated_evidence(healthy.cost, best.cost, samples), samples
+
+
+def _arx(window: Window, best: Candidate, *, sought: bool) -> tuple[ArxFound | None, ArxOrders]:
+    """The one-step-ahead search, where it is sought or promises anything, and healthy orders."""
+    u, y, good = window.u, window.y, window.good
+    healthy = select_orders(y, good, u)[0]
+    if not sought and not arx_promises(u, y, good, healthy):
+        return None, healthy
+    return arx_search(u, y, good, (best,)), healthy
+
+
 @dataclass(frozen=True, slots=True)
 class _OneStepTest:
     """Sticky against healthy valve by one-step errors: the best noise model of each."""
 
     evidence: float
     oe_bic: float
-    arx: ArxFound | None
 
 
 def _one_step_test(
@@ -165,25 +191,22 @@ def _one_step_test(
     best: Candidate,
     healthy: Candidate,
     simulated: float,
-    criterion: str,
+    arx: ArxFound | None,
+    healthy_orders: ArxOrders,
 ) -> _OneStepTest:
-    u, y, good = window.u, window.y, window.good
-    healthy_orders = select_orders(y, good, u)[0]
-    sought = simulated > 0.0 or criterion == "arx"
-    if not sought and not arx_promises(u, y, good, healthy_orders):
-        return _OneStepTest(0.0, math.inf, None)
-    arx = arx_search(u, y, good, (best,))
+    if arx is None:
+        return _OneStepTest(0.0, math.inf)
+    count = regression.count
     sticky_bic, oe_bic = arx.bic / arx.regression.count, math.inf
-    if sought:
-        oe_bic = whitened_bic(u, regression, best, healthy=False)
-        sticky_bic = min(sticky_bic, oe_bic / regression.count)
+    if simulated > 0.0:
+        oe_bic = whitened_bic(window.u, regression, best, healthy=False)
+        sticky_bic = min(sticky_bic, oe_bic / count)
     healthy_bic = min(
         healthy_orders.bic / healthy_orders.rows,
-        whitened_bic(u, regression, healthy, healthy=True) / regression.count,
+        whitened_bic(window.u, regression, healthy, healthy=True) / count,
     )
     # criteria lose a few samples each at the start of the window: compared per sample
-    evidence = 0.5 * regression.count * (healthy_bic - sticky_bic)
-    return _OneStepTest(evidence, oe_bic, arx)
+    return _OneStepTest(0.5 * count * (healthy_bic - sticky_bic), oe_bic)
 
 
 def _prefers(window: Window, arx: Estimate, oe: Estimate) -> bool:

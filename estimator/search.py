@@ -13,9 +13,14 @@ from estimator.structures import COARSE, Structure
 
 __all__ = [
     "MIN_MOVES",
+    "SCANS",
+    "SCAN_PASSES",
     "Candidate",
+    "Scan",
     "Steps",
+    "diverse",
     "healthy_search",
+    "lattice",
     "polished",
     "shortened",
     "stem_of",
@@ -31,7 +36,10 @@ _FINALISTS = 3
 _EARLY_PASSES = 3
 _LATE_PASSES = 8
 _WALK_PASSES = 4
-_TOLERATED = 1.08
+_TOLERATED = 1.12
+_CLEAN = 0.02
+_HOPELESS = 1.5
+_SCAN_SEEDS = 5
 _OFFSETS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 _LAG_GROUPS = ((0, 1), (2, 3), (5, 8), (12, 18))
 
@@ -80,6 +88,35 @@ class Steps:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Half-widths of a lattice: of the stick band as a share of itself, of ratio and start.
+
+    The cost of a clean window is a field of narrow spikes, because a slip that is one sample off
+    costs much; a zoom alone ends on a spike near the right one.
+    """
+
+    band: float
+    ratio: float
+    start: float
+
+    def steps(self, band: float) -> Steps:
+        """The zoom that follows."""
+        return Steps(
+            band=band * self.band / 10.0,
+            ratio=self.ratio / 5.0,
+            start=self.start / 6.0,
+            factor=1.2,
+            lag=1,
+        )
+
+
+SCANS = (Scan(0.3, 0.5, 1.0), Scan(0.08, 0.25, 0.3), Scan(0.02, 0.1, 0.1))
+"""Lattices that follow each other, finer each time."""
+
+SCAN_PASSES = 6
+
+
 def stem_of(u: Array, band: Array, ratio: Array, start: Array) -> tuple[Array, Array]:
     """Stems ``(n, m)`` of candidates and their moves ``(m,)``.
 
@@ -99,7 +136,58 @@ def valve_search(u: Array, regression: Regression) -> tuple[Candidate, ...]:
     ended = [
         _zoomed(u, regression, seed, steps, _LATE_PASSES) for seed, steps in alive[:_FINALISTS]
     ]
-    return tuple(sorted((c for c, _ in ended if np.isfinite(c.cost)), key=lambda c: c.cost))
+    ranked = sorted((c for c, _ in ended if np.isfinite(c.cost)), key=lambda c: c.cost)
+    if not ranked:
+        return ()
+    best = ranked[0]
+    for scan in SCANS:
+        best = _scanned(u, regression, best, scan)
+    return (best, *ranked[1:])
+
+
+def lattice(best: Candidate, scan: Scan) -> list[Array]:
+    """A fine lattice of stick bands, ratios and starts around a candidate, flat, ``(m,)`` each."""
+    grids = np.meshgrid(
+        best.band * (1.0 + scan.band * np.linspace(-1.0, 1.0, 33)),
+        np.unique(np.clip(best.ratio + scan.ratio * np.linspace(-1.0, 1.0, 9), 0.0, 1.0)),
+        np.unique(np.clip(best.start + scan.start * np.linspace(-1.0, 1.0, 9), -1.0, 1.0)),
+        indexing="ij",
+    )
+    return [np.ascontiguousarray(grid.ravel()) for grid in grids]
+
+
+def diverse(cost: Array, band: Array, apart: float, count: int) -> list[int]:
+    """Indices of the best nodes whose stick bands are ``apart``, at most ``count``."""
+    found: list[int] = []
+    for i in np.argsort(cost, kind="stable"):
+        if all(abs(band[i] - band[j]) > apart for j in found):
+            found.append(int(i))
+            if len(found) == count:
+                break
+    return found
+
+
+def _scanned(u: Array, regression: Regression, best: Candidate, scan: Scan) -> Candidate:
+    band, ratio, start = lattice(best, scan)
+    stem, moves = stem_of(u, band, ratio, start)
+    lags = _near(regression, best, Steps(), regression.max_lag)
+    cost = regression.costs(regression.whiten(stem), best.structure, lags)
+    cost[:, moves < MIN_MOVES] = np.inf
+    pick = cost.argmin(axis=0)
+    least = cost[pick, np.arange(band.size)]
+    steps = scan.steps(best.band)
+    found = [best]
+    for i in diverse(least, band, 0.05 * scan.band * best.band, _SCAN_SEEDS):
+        seed = replace(
+            best,
+            cost=float(least[i]),
+            band=float(band[i]),
+            ratio=float(ratio[i]),
+            start=float(start[i]),
+            dead_time=lags[int(pick[i])],
+        )
+        found.append(_zoomed(u, regression, seed, steps, SCAN_PASSES)[0])
+    return min(found, key=lambda candidate: candidate.cost)
 
 
 def polished(u: Array, regression: Regression, candidate: Candidate) -> Candidate:
@@ -112,19 +200,22 @@ def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
     """The candidate of the shortest dead time that explains PV about as well as ``best``.
 
     Where OP ramps, a longer dead time and a narrower stick band give nearly the same PV, and the
-    small difference is decided by what the low-order process leaves out. The dead time then takes
-    no more than PV demands.
+    small difference is decided by what the low-order process leaves out: that is what remains where
+    nearly all of PV is explained. The dead time then takes no more than PV demands. Where noise
+    remains, costs are likelihoods and only what cannot be told apart is shortened.
     """
-    limit = best.cost * _TOLERATED
+    clean = best.cost < _CLEAN * regression.total
+    limit = best.cost * (_TOLERATED if clean else 1.0 + 4.0 / regression.count)
+    ramp = float(np.abs(np.diff(u)).mean())
     kept = current = best
-    steps = Steps()
     while current.dead_time > regression.min_lag:
         longest = current.dead_time - 1
-        seed = replace(current, cost=np.inf, dead_time=longest)
-        current, _ = _zoomed(u, regression, seed, steps, _WALK_PASSES, longest)
-        if not current.cost <= limit:
+        seed = replace(current, cost=np.inf, dead_time=longest, band=current.band + ramp)
+        current, _ = _zoomed(u, regression, seed, Steps(), _WALK_PASSES, longest)
+        if current.cost > _HOPELESS * best.cost:
             break
-        kept = current
+        if current.cost <= limit:
+            kept = current
     return kept
 
 

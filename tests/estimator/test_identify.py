@@ -1,0 +1,121 @@
+"""Windows with a known valve, and healthy ones that oscillate for other reasons."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compensator.study import EXAMPLE_1, EXAMPLE_2, Study, run
+from compensator.unaware import UnawareMpc
+from estimator import Verdict, identify
+from loop_model import LoopModel, ProcessModel, ValveModel
+
+
+@pytest.mark.parametrize("band", [2.0, 8.0])
+def test_a_sticky_valve_is_found_and_measured(loop, band: float) -> None:
+    op, pv, stem = loop(ValveModel(band, 0.4 * band), noise=0.01 * band, seed=1)
+    result = identify(op, pv)
+    assert result.verdict is Verdict.STICTION
+    assert result.stick_band.value == pytest.approx(band, rel=0.05)
+    assert np.corrcoef(result.stem, stem)[0, 1] > 0.97
+
+
+def test_a_sticky_valve_of_a_level_is_found(loop) -> None:
+    op, pv, _ = loop(ValveModel(5.0, 2.0), integrating=True, noise=0.05, seed=2)
+    assert identify(op, pv).verdict is Verdict.STICTION
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"sine": 1.0, "noise": 0.05},
+        {"sine": 0.5, "drift": 0.05},
+        {"aggressive": 2.2, "drift": 0.02},
+        {"drift": 0.05, "setpoints": (7.0, 11.0, 5.0, 9.0)},
+        {"integrating": True, "sine": 0.5},
+    ],
+    ids=["sine", "sine and drift", "aggressive", "set-points and drift", "level with sine"],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_healthy_valve_is_not_accused(loop, options: dict, seed: int) -> None:
+    op, pv, _ = loop(None, seed=seed, **options)
+    assert identify(op, pv).verdict is not Verdict.STICTION
+
+
+def _example(example: LoopModel, noise: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    gain = example.process.gain
+    study = Study(
+        setpoint=[(0, 50.0 * gain), (300, 55.0 * gain), (700, 48.0 * gain), (1100, 53.0 * gain)],
+        samples=1400,
+        equation_noise=noise,
+        seed=seed,
+        op0=50.0,
+    )
+    trace = run(example.process, example.valve, UnawareMpc(example.process), study)
+    return trace.op[400:], trace.pv[400:]
+
+
+@pytest.mark.parametrize(
+    ("example", "noise"),
+    [(EXAMPLE_1, 1e-2), (EXAMPLE_2, 10**-1.5)],
+    ids=["example 1", "example 2"],
+)
+def test_examples_of_the_paper(example: LoopModel, noise: float) -> None:
+    # (15) and (18) under the unaware MPC, windows that begin in mid-cycle
+    errors = []
+    for seed in range(3):
+        result = identify(*_example(example, noise, seed))
+        assert result.verdict is Verdict.STICTION
+        assert result.criterion == "arx"
+        errors.append(
+            (
+                abs(result.stick_band.value / example.valve.stick_band - 1.0),
+                abs(result.slip_jump.value / example.valve.slip_jump - 1.0),
+                abs(result.process.gain / example.process.gain - 1.0),
+            )
+        )
+    median = np.median(errors, axis=0)
+    assert median[0] <= 0.01
+    assert median[1] <= 0.15
+    assert median[2] <= 0.05
+
+
+def test_open_loop_step_gives_the_process() -> None:
+    # an analytic case: first-order process of gain 2 and time constant 5, healthy valve
+    pole = float(np.exp(-1.0 / 5.0))
+    truth = ProcessModel((-pole,), (2.0 * (1.0 - pole),), 3, 1.0, 1.0)
+    op = np.repeat(np.random.default_rng(1).normal(12.0, 2.0, 80), 6)
+    pv = truth.simulate(op) + 0.01 * np.random.default_rng(0).normal(size=op.size)
+    result = identify(op, pv, criterion="oe")
+    assert result.stick_band.value < 0.05
+    assert result.fit.r2_healthy_valve > 0.999
+    assert result.process.gain == pytest.approx(2.0, rel=0.02)
+    assert result.process.dead_time_samples == 3
+
+
+def test_the_model_for_the_controller_simulates_what_was_identified(sticky_window) -> None:
+    op, pv, _ = sticky_window
+    result = identify(op, pv, criterion="oe")
+    assert result.model is not None
+    simulated = result.model.process.simulate(result.stem)
+    late = slice(150, None)  # the state before the window has died away
+    np.testing.assert_allclose(simulated[late], result.pv_model[late], atol=0.02 * np.ptp(pv))
+    assert result.model.valve.stick_band == result.stick_band.value
+
+
+def test_arx_can_be_asked_for(sticky_window) -> None:
+    op, pv, _ = sticky_window
+    result = identify(op, pv, criterion="arx")
+    assert result.criterion == "arx"
+    assert result.process.structure.startswith("arx(")
+    assert result.stick_band.value == pytest.approx(5.0, rel=0.1)
+
+
+def test_intervals_hold_their_values_and_widen_with_confidence(sticky_window) -> None:
+    op, pv, _ = sticky_window
+    narrow, wide = (identify(op, pv, confidence=c) for c in (0.6, 0.95))
+    for name in ("stick_band", "slip_jump", "static_friction", "dynamic_friction"):
+        small, large = getattr(narrow, name), getattr(wide, name)
+        assert small.low <= small.value <= small.high
+        assert large.low <= small.low + 1e-12
+        assert large.high >= small.high - 1e-12
