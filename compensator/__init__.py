@@ -2,6 +2,7 @@
 
 from compensator.action import Action, ActionStatus, CompensatorError, Controller, OpLimits
 from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.moves import warm_up
 from compensator.pi import PiController, PiSettings
 from compensator.prediction import NoiseModel, Prediction
 from compensator.supervisor import (
@@ -30,4 +31,5 @@ __all__ = [
     "SupervisorState",
     "UnawareMpc",
     "WithdrawReason",
+    "warm_up",
 ]

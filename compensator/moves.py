@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from compensator.prediction import Prediction, settling_samples
 
-__all__ = ["MovePlan", "MovePlanner"]
+__all__ = ["MovePlan", "MovePlanner", "warm_up"]
 
 Array = NDArray[np.float64]
 
@@ -252,3 +252,8 @@ def best_moves(
                     if cost < best:
                         count, best_i, best_p, best_j, best_q, best = 2, i, p, j, q, cost
     return count, best_i, best_p, best_j, best_q, best
+
+
+def warm_up() -> None:
+    """Load the compiled kernels (compile them on a first run), ahead of the first deadline."""
+    best_moves(np.eye(2), np.ones(2), -1.0, 1.0, 0.1, 0.01, 0.01)
