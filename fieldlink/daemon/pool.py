@@ -129,7 +129,9 @@ class EstimatorPool:
         return tuple(_processes(self._pool))
 
     async def _submit(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
+        # In a thread: the first submission waits until the fork server has loaded the estimator.
+        future = await asyncio.to_thread(self._pool.submit, function, *args, **kwargs)
+        return await asyncio.wrap_future(future)
 
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(

@@ -86,7 +86,7 @@ def simulated_scene(folder: Path, *, seed: int, speed: float = SPEED) -> Scene:
     steps = ", ".join(f"[{at}, {value}]" for at, value in SETPOINT)
     plant = (
         f'fmu = "{PLANT}"\ncontroller = "mpc"\ncompensate = true\nseed = {seed}\n'
-        f"setpoint = [{steps}]"
+        f"setpoint = [{steps}]\nparameters = {{ op_start = {SETPOINT[0][1]} }}"
     )
     low, high = model.op_range
     values = _values("FC101", speed, model.period, WINDOW, WINDOW / 4, 0.25 * (high - low), plant)
