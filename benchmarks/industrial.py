@@ -60,8 +60,7 @@ def _judge(folder: Path, labels: Path, period: float) -> list[dict[str, Any]]:
     with labels.open(newline="") as file:
         listed = list(csv.DictReader(file))
     return [
-        _row(label, identify(*read_loop(folder / label["file"]), period=period))
-        for label in listed
+        _row(label, identify(*read_loop(folder / label["file"]), period=period)) for label in listed
     ]
 
 

@@ -88,8 +88,8 @@ def _lagged_products(
 def lagged_products(signal: Array, weight: Array, first_lag: int, lags: int) -> Array:
     """Sums over ``k`` of ``weight_k s_(k-d-a) s_(k-d-b)`` with ``d = first_lag``.
 
-    ``signal`` has shape ``(n, m)``, ``weight`` ``(n,)``. Returns ``(lags, lags, m)``, upper triangle
-    filled. Rows that reach before the first sample are left out.
+    ``signal`` has shape ``(n, m)``, ``weight`` ``(n,)``. Returns ``(lags, lags, m)``, its upper
+    triangle filled. Rows that reach before the first sample are left out.
     """
     out = np.zeros((lags, lags, signal.shape[1]))
     _lagged_products(signal, weight, first_lag, first_lag + lags - 1, out)
@@ -121,7 +121,7 @@ def lag(signal: Array, pole: float) -> Array:
 
 
 def fir(signal: Array, taps: Array) -> Array:
-    """Moving average ``taps[0] s_k + taps[1] s_(k-1) + ...``; the first sample is held before it."""
+    """Moving average ``taps[0] s_k + taps[1] s_(k-1) + ...``, the first sample held before."""
     out = np.empty_like(signal)
     _fir(signal, taps, out)
     return out

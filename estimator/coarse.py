@@ -1,7 +1,7 @@
 """The coarse pass: every valve of a grid with every process of a list, on a thinned window.
 
-Only every ``stride``-th sample of the responses enters least squares (the valves and the lags still
-run through all of them), and costs are shares of PV's energy: good for ranking, not for likelihoods.
+Only every ``stride``-th sample of the responses enters least squares (the valves and the lags run
+through all of them), and costs are shares of PV's energy: good for ranking, no likelihoods.
 """
 
 from __future__ import annotations

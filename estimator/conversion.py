@@ -19,7 +19,7 @@ __all__ = ["process_description", "process_model"]
 def process_model(
     window: Window, structure: Structure, dead_time: int, fit: LinearFit
 ) -> ProcessModel:
-    """The ARX form (equations (7)-(8)) of poles, gain and dead time: exact, in units of OP and PV."""
+    """The ARX form (7)-(8) of poles, gain and dead time: exact, in units of OP and PV."""
     a = np.array([1.0])
     for pole in structure.poles:
         a = np.convolve(a, [1.0, -pole])

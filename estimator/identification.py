@@ -105,12 +105,8 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
     arx, healthy_orders = _arx(window, found[0], sought=simulated > 0.0 or criterion == "arx")
     if arx is not None:
         # the other criterion's valve may be a better one for this criterion as well
-        other = replace(
-            found[0], band=arx.best.band, ratio=arx.best.ratio, start=arx.best.start
-        )
-        found = tuple(
-            sorted((*found, polished(window.u, regression, other)), key=lambda c: c.cost)
-        )
+        other = replace(found[0], band=arx.best.band, ratio=arx.best.ratio, start=arx.best.start)
+        found = tuple(sorted((*found, polished(window.u, regression, other)), key=lambda c: c.cost))
         simulated, samples = _simulated(window, regression, found[0], healthy)
     best = found[0]
     test = _one_step_test(window, regression, best, healthy, simulated, arx, healthy_orders)

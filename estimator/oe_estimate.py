@@ -83,4 +83,3 @@ def _posterior(u: Array, regression: Regression, best: Candidate, samples: float
 
     static = 0.5 * (best.band + best.jump)
     return explore(evaluate, (best.band, best.jump, best.start * static))
-

@@ -57,12 +57,12 @@ class Posterior:
     @property
     def best(self) -> Array:
         """Stick band, slip jump and first position of the most likely node."""
-        best: Array = self.nodes[int(self.log_likelihood.argmax())]
-        return best
+        return np.asarray(self.nodes[int(self.log_likelihood.argmax())], dtype=np.float64)
 
     @property
     def _weight(self) -> Array:
-        return np.exp(_TEMPER * (self.log_likelihood - self.log_likelihood.max()))
+        log = _TEMPER * (self.log_likelihood - self.log_likelihood.max())
+        return np.asarray(np.exp(log), dtype=np.float64)
 
     def interval(self, values: Array, confidence: float, deviation: float = 0.0) -> Interval:
         """Median and equal-tailed interval of a quantity with these ``values`` at the nodes.

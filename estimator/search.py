@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -31,14 +32,15 @@ __all__ = [
 MIN_MOVES = 2
 """A stem that moves less often explains a step, not a valve."""
 
-_SEEDS = 6
+_SEEDS = 4
+_STRATA = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.2)
 _FINALISTS = 3
+_APART = 0.03
 _EARLY_PASSES = 3
 _LATE_PASSES = 8
-_WALK_PASSES = 4
 _TOLERATED = 1.12
 _CLEAN = 0.02
-_HOPELESS = 1.5
+_SHORTER = (1, 3, 6, 10)
 _SCAN_SEEDS = 5
 _OFFSETS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 _LAG_GROUPS = ((0, 1), (2, 3), (5, 8), (12, 18))
@@ -133,14 +135,23 @@ def valve_search(u: Array, regression: Regression) -> tuple[Candidate, ...]:
     """
     alive = [_zoomed(u, regression, seed, Steps(), _EARLY_PASSES) for seed in _seeds(u, regression)]
     alive.sort(key=lambda pair: pair[0].cost)
-    ended = [
-        _zoomed(u, regression, seed, steps, _LATE_PASSES) for seed, steps in alive[:_FINALISTS]
-    ]
+    chosen = diverse(
+        np.array([seed.cost for seed, _ in alive]),
+        np.array([seed.band for seed, _ in alive]),
+        _APART,
+        _FINALISTS,
+    )
+    ended = []
+    for i in chosen:
+        ended.append(_zoomed(u, regression, *alive[i], _LATE_PASSES))
     ranked = sorted((c for c, _ in ended if np.isfinite(c.cost)), key=lambda c: c.cost)
     if not ranked:
         return ()
+    # a wide lattice for each, finer ones for the best of them
+    ranked = [_scanned(u, regression, candidate, SCANS[0]) for candidate in ranked]
+    ranked.sort(key=lambda c: c.cost)
     best = ranked[0]
-    for scan in SCANS:
+    for scan in SCANS[1:]:
         best = _scanned(u, regression, best, scan)
     return (best, *ranked[1:])
 
@@ -167,10 +178,13 @@ def diverse(cost: Array, band: Array, apart: float, count: int) -> list[int]:
     return found
 
 
-def _scanned(u: Array, regression: Regression, best: Candidate, scan: Scan) -> Candidate:
+def _scanned(
+    u: Array, regression: Regression, best: Candidate, scan: Scan, longest: int | None = None
+) -> Candidate:
+    limit = regression.max_lag if longest is None else longest
     band, ratio, start = lattice(best, scan)
     stem, moves = stem_of(u, band, ratio, start)
-    lags = _near(regression, best, Steps(), regression.max_lag)
+    lags = _near(regression, best, Steps(), limit)
     cost = regression.costs(regression.whiten(stem), best.structure, lags)
     cost[:, moves < MIN_MOVES] = np.inf
     pick = cost.argmin(axis=0)
@@ -186,7 +200,7 @@ def _scanned(u: Array, regression: Regression, best: Candidate, scan: Scan) -> C
             start=float(start[i]),
             dead_time=lags[int(pick[i])],
         )
-        found.append(_zoomed(u, regression, seed, steps, SCAN_PASSES)[0])
+        found.append(_zoomed(u, regression, seed, steps, SCAN_PASSES, limit)[0])
     return min(found, key=lambda candidate: candidate.cost)
 
 
@@ -207,16 +221,16 @@ def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
     clean = best.cost < _CLEAN * regression.total
     limit = best.cost * (_TOLERATED if clean else 1.0 + 4.0 / regression.count)
     ramp = float(np.abs(np.diff(u)).mean())
-    kept = current = best
-    while current.dead_time > regression.min_lag:
-        longest = current.dead_time - 1
-        seed = replace(current, cost=np.inf, dead_time=longest, band=current.band + ramp)
-        current, _ = _zoomed(u, regression, seed, Steps(), _WALK_PASSES, longest)
-        if current.cost > _HOPELESS * best.cost:
+    for longest in _SHORTER:
+        if longest >= best.dead_time:
             break
-        if current.cost <= limit:
-            kept = current
-    return kept
+        band = best.band + ramp * (best.dead_time - longest)
+        seed = replace(best, cost=np.inf, dead_time=longest, band=band)
+        scanned = _scanned(u, regression, seed, SCANS[0], longest)
+        found, _ = _zoomed(u, regression, scanned, Steps(), _LATE_PASSES, longest)
+        if found.cost <= limit:
+            return found
+    return best
 
 
 def _seeds(u: Array, regression: Regression) -> list[Candidate]:
@@ -230,13 +244,19 @@ def _seeds(u: Array, regression: Regression) -> list[Candidate]:
     lags = tuple(d for d in LAGS if d <= regression.max_lag)
     found: dict[tuple[str, int], Candidate] = {}
     lagged: dict[float, Array] = {}
-    for structure in COARSE:
+    least = np.full(band.size, np.inf)
+    origin = np.zeros((band.size, 2), dtype=np.int64)
+    for number, structure in enumerate(COARSE):
         if structure.slow not in lagged:
             lagged[structure.slow] = Structure(structure.slow, 0.0).response(stem)
         response = lagged[structure.slow]
         if structure.fast > 0.0:
             response = Structure(structure.fast, 0.0).response(response)
         cost = coarse_costs(regression.y, regression.good, response, structure, lags)
+        lowest = cost.min(axis=0)
+        better = lowest < least
+        least[better] = lowest[better]
+        origin[better] = np.stack([np.full(band.size, number), cost.argmin(axis=0)], axis=1)[better]
         for group, members in enumerate(_LAG_GROUPS):
             rows = [i for i, d in enumerate(lags) if d in members]
             if not rows:
@@ -247,8 +267,17 @@ def _seeds(u: Array, regression: Regression) -> list[Candidate]:
             key = structure.name, group
             if key not in found or seed.cost < found[key].cost:
                 found[key] = seed
-    ranked = sorted(found.values(), key=lambda seed: seed.cost)
-    return [replace(seed, cost=np.inf) for seed in ranked[:_SEEDS]]
+    ranked = sorted(found.values(), key=lambda seed: seed.cost)[:_SEEDS]
+    for low, high in pairwise(_STRATA):
+        members = np.flatnonzero((band >= low) & (band < high))
+        if members.size == 0:
+            continue
+        j = int(members[least[members].argmin()])
+        number, row = (int(value) for value in origin[j])
+        ranked.append(
+            Candidate(float(least[j]), band[j], ratio[j], start[j], COARSE[number], lags[row])
+        )
+    return [replace(seed, cost=np.inf) for seed in ranked]
 
 
 def _zoomed(

@@ -52,9 +52,7 @@ def test_arx_cost_and_gain_equal_least_squares() -> None:
 
 def test_orders_of_the_paper_s_process_are_found() -> None:
     # equation (18) of the paper
-    process = ProcessModel(
-        (-2.091, 1.375, -0.2725), (0.002445, 0.007181, 0.001278), 1, 0.0, 1.0
-    )
+    process = ProcessModel((-2.091, 1.375, -0.2725), (0.002445, 0.007181, 0.001278), 1, 0.0, 1.0)
     rng = np.random.default_rng(6)
     stem = np.repeat(rng.normal(scale=5.0, size=100), 20)
     y = process.simulate(stem, noise=1e-3 * rng.normal(size=stem.size))
