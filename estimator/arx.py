@@ -28,7 +28,7 @@ _MAX_DEAD_TIME = 12
 
 @dataclass(frozen=True, slots=True)
 class ArxOrders:
-    """Orders and dead time of an ARX model, with the BIC that they reached over ``rows`` samples."""
+    """Orders and dead time of an ARX model, with the BIC they reached over ``rows`` samples."""
 
     na: int
     nb: int
@@ -103,7 +103,7 @@ class ArxRegression:
         right = np.ascontiguousarray(products[:, 0].T)
         scale = np.einsum("mii->m", gram) / nb
         gram += (1e-9 * scale + 1e-12)[:, None, None] * np.eye(nb)
-        b = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
+        b: Array = np.linalg.solve(gram, right[:, :, None])[:, :, 0].astype(np.float64)
         cost = self._energy - np.einsum("mi,mi->m", b, right)
         # PV's past given b: the projection of what the stem leaves unexplained
         past = self._alpha(products, b)
@@ -115,7 +115,8 @@ class ArxRegression:
         o = self.orders
         late = [_late(stem, d) for d in range(o.dead_time, o.dead_time + o.nb)]
         design = np.hstack([self._past, np.stack(late, axis=1) * self.weight[:, None]])
-        solution, *_ = np.linalg.lstsq(design, self._target, rcond=1e-10)
+        found, *_ = np.linalg.lstsq(design, self._target, rcond=1e-10)
+        solution: Array = found.astype(np.float64)
         return ArxFit(
             a=-solution[1 : 1 + o.na],
             b=solution[1 + o.na :],

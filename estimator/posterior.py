@@ -29,7 +29,7 @@ _FINAL_NODES = (25, 21, 7)
 _PASSES = 9
 _DROP = 7.0
 _SETTLED = 0.75
-_TEMPER = 0.6
+_TEMPER = 0.5
 """Share of the log-likelihood that counts: orders and poles were chosen on the same samples, and
 the box may miss a narrow peak. Chosen so that intervals cover the truth as often as they say on the
 closed-loop examples of the paper."""

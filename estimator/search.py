@@ -269,14 +269,12 @@ def _seeds(u: Array, regression: Regression) -> list[Candidate]:
                 found[key] = seed
     ranked = sorted(found.values(), key=lambda seed: seed.cost)[:_SEEDS]
     for low, high in pairwise(_STRATA):
-        members = np.flatnonzero((band >= low) & (band < high))
-        if members.size == 0:
+        inside = np.flatnonzero((band >= low) & (band < high))
+        if inside.size == 0:
             continue
-        j = int(members[least[members].argmin()])
-        number, row = (int(value) for value in origin[j])
-        ranked.append(
-            Candidate(float(least[j]), band[j], ratio[j], start[j], COARSE[number], lags[row])
-        )
+        top = int(inside[least[inside].argmin()])
+        at = COARSE[int(origin[top, 0])], lags[int(origin[top, 1])]
+        ranked.append(Candidate(float(least[top]), band[top], ratio[top], start[top], *at))
     return [replace(seed, cost=np.inf) for seed in ranked]
 
 

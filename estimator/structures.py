@@ -76,7 +76,7 @@ class Structure:
         columns += [np.cos(np.pi * wave * (k + 0.5) / n) for wave in waves]
         pole = self.fast if self.integrating else self.slow
         if pole > 0.3:
-            columns.append(pole**k)
+            columns.append((pole**k).astype(np.float64))
         return np.stack(columns, axis=1)
 
     def neighbours(self, factor: float) -> list[Structure]:

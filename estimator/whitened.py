@@ -45,8 +45,5 @@ def whitened_bic(u: Array, regression: Regression, found: Candidate, *, healthy:
         if last:
             break
         used = Regression(regression.y, regression.good, taps, min_lag=1)
-        if healthy:
-            candidate = healthy_search(u, used)
-        else:
-            candidate = polished(u, used, candidate)
+        candidate = healthy_search(u, used) if healthy else polished(u, used, candidate)
     return lowest
