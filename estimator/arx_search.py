@@ -10,6 +10,7 @@ import numpy as np
 from estimator._kernels import Array, Mask
 from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.coarse import coarse_valves
+from estimator.exhaustive import one_step_seeds
 from estimator.search import (
     MIN_MOVES,
     SCAN_PASSES,
@@ -27,12 +28,14 @@ __all__ = ["ArxFound", "arx_promises", "arx_search"]
 
 VALVE_PARAMETERS = 3
 _PROMISE = 4.0
-_SEEDS = 5
-_FINALISTS = 2
-_EARLY_PASSES = 4
-_LATE_PASSES = 8
+_SEEDS = 8
+_SEED_ORDERS = 3, 2
+_FINALISTS = 3
+_SCAN_SEEDS = 5
+_PASSES = 6
 _ROUNDS = 3
-_APART = 0.04
+_NEAR = Steps(band=0.008, ratio=0.3, start=0.15)
+"""Half-widths of the first zoom around a seed: the spacing of the grid it comes from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,44 +70,47 @@ def arx_promises(u: Array, y: Array, good: Mask, healthy: ArxOrders) -> bool:
 def arx_search(u: Array, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
     """Valve and orders that predict PV best; ``seeds`` are valves to start from, at least one.
 
-    Orders are chosen for the best valve so far and the valve for these orders, in turn, until both
-    agree.
+    The best valves of an exhaustive grid over valve and dead time are refined with orders fixed;
+    the finalists choose their own orders, are refined again, and the lowest BIC wins.
     """
-    coarse = coarse_valves()
-    stem, moves = stem_of(u, *coarse)
-    moving = moves >= MIN_MOVES
-    band, ratio, start = (axis[moving] for axis in coarse)
-    stem = np.ascontiguousarray(stem[:, moving])
-    best = seeds[0]
+    rough: list[tuple[Candidate, ArxRegression]] = []
+    regressions: dict[int, ArxRegression] = {}
+    for seed in (*_exhaustive(u, y, good, seeds[0]), *seeds):
+        delay = max(1, seed.dead_time)
+        if delay not in regressions:
+            regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
+        regression = regressions[delay]
+        started = replace(seed, cost=np.inf)
+        rough.append((_zoomed(u, regression, started, _NEAR, _PASSES), regression))
+    # costs of regressions with other dead times count other rows: compared per row
+    rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
+    found: list[ArxFound] = []
+    for candidate, _ in rough[:_FINALISTS]:
+        found.append(_settled(u, y, good, candidate))
+    return min(found, key=lambda one: one.bic / one.regression.count)
+
+
+def _exhaustive(u: Array, y: Array, good: Mask, like: Candidate) -> list[Candidate]:
+    return [
+        replace(like, band=s.band, ratio=s.ratio, start=s.start, dead_time=s.dead_time)
+        for s in one_step_seeds(u, y, good, _SEEDS)
+    ]
+
+
+def _settled(u: Array, y: Array, good: Mask, best: Candidate) -> ArxFound:
+    """Orders for the valve and the valve for these orders, in turn, until both agree."""
     ranked = select_orders(y, good, best.stem(u))
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
-        started = [replace(seed, cost=np.inf) for seed in (best, *seeds)]
-        if band.size:
-            cost, _ = regression.costs(stem)
-            started += [
-                replace(best, cost=float("inf"), band=band[i], ratio=ratio[i], start=start[i])
-                for i in diverse(cost, band, _APART, _SEEDS)
-            ]
-        best = _refined(u, regression, started)
+        best = _zoomed(u, regression, replace(best, cost=np.inf), _NEAR, _PASSES)
+        for scan in SCANS[1:]:
+            best = _scanned(u, regression, best, scan)
         ranked = select_orders(y, good, best.stem(u))
         chosen = ranked[0]
         if (chosen.na, chosen.nb, chosen.dead_time) == (orders.na, orders.nb, orders.dead_time):
             break
     return ArxFound(best, regression, tuple(ranked))
-
-
-def _refined(u: Array, regression: ArxRegression, seeds: list[Candidate]) -> Candidate:
-    alive = [_zoomed(u, regression, seed, Steps(), _EARLY_PASSES) for seed in seeds]
-    alive.sort(key=lambda pair: pair[0].cost)
-    ended = [
-        _zoomed(u, regression, seed, steps, _LATE_PASSES)[0] for seed, steps in alive[:_FINALISTS]
-    ]
-    best = min(ended, key=lambda candidate: candidate.cost)
-    for scan in SCANS:
-        best = _scanned(u, regression, best, scan)
-    return best
 
 
 def _scanned(u: Array, regression: ArxRegression, best: Candidate, scan: Scan) -> Candidate:
@@ -113,7 +119,7 @@ def _scanned(u: Array, regression: ArxRegression, best: Candidate, scan: Scan) -
     cost, _ = regression.costs(stem)
     cost[moves < MIN_MOVES] = np.inf
     found = [best]
-    for i in diverse(cost, band, 0.05 * scan.band * best.band, _SEEDS):
+    for i in diverse(cost, band, 0.05 * scan.band * best.band, _SCAN_SEEDS):
         seed = replace(
             best,
             cost=float(cost[i]),
@@ -121,13 +127,13 @@ def _scanned(u: Array, regression: ArxRegression, best: Candidate, scan: Scan) -
             ratio=float(ratio[i]),
             start=float(start[i]),
         )
-        found.append(_zoomed(u, regression, seed, scan.steps(best.band), SCAN_PASSES)[0])
+        found.append(_zoomed(u, regression, seed, scan.steps(best.band), SCAN_PASSES))
     return min(found, key=lambda candidate: candidate.cost)
 
 
 def _zoomed(
     u: Array, regression: ArxRegression, best: Candidate, steps: Steps, passes: int
-) -> tuple[Candidate, Steps]:
+) -> Candidate:
     for _ in range(passes):
         band, ratio, start = valve_grid(best, steps)
         stem, moves = stem_of(u, band, ratio, start)
@@ -143,4 +149,4 @@ def _zoomed(
                 start=float(start[i]),
             )
         steps = steps.narrower()
-    return best, steps
+    return best
