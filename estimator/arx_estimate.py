@@ -10,7 +10,7 @@ from estimator._kernels import Array, stems
 from estimator.arx import ArxFit, ArxOrders
 from estimator.arx_search import ArxFound
 from estimator.estimate import Estimate
-from estimator.posterior import explore
+from estimator.posterior import Likelihood, explore
 from estimator.result import Interval, Process, RunnerUp
 from estimator.search import MIN_MOVES
 from estimator.window import Window
@@ -24,21 +24,21 @@ _RUNNERS_UP = 4
 def arx_estimate(window: Window, found: ArxFound, confidence: float) -> Estimate:
     """Valve and ARX process of what the search found, with intervals."""
     u = window.u
-    best, regression, ranked = found.best, found.regression, found.ranked
+    best, regression, ranked = found.best.anchored(u), found.regression, found.ranked
 
-    def evaluate(band: Array, jump: Array, start: Array) -> tuple[Array, Array]:
-        stem, moves = stems(u, band, jump, u[0] + start)
+    def evaluate(band: Array, jump: Array, first: Array) -> tuple[Array, Array]:
+        stem, moves = stems(u, band, jump, u[0] + first)
         cost, gain = regression.costs(stem)
         log_likelihood = -0.5 * regression.count * np.log(cost)
         log_likelihood[moves < MIN_MOVES] = -np.inf
         return log_likelihood, gain
 
-    static = 0.5 * (best.band + best.jump)
-    posterior = explore(evaluate, (best.band, best.jump, best.start * static))
-    band, jump, start = (np.array([value]) for value in posterior.best)
-    stem = stems(u, band, jump, u[0] + start)[0][:, 0]
+    likelihood = Likelihood(evaluate, best.side)
+    posterior = explore(likelihood, best)
+    node = posterior.best[None]
+    stem = stems(u, node[:, 0], node[:, 1], u[0] + likelihood.first(node))[0][:, 0]
     fit = regression.solve(stem)
-    intervals = Estimate.intervals(posterior, confidence)
+    intervals = Estimate.intervals(posterior, confidence, u)
     deviation = regression.gain_deviation(fit, stem)
     gain = posterior.interval(posterior.gain, confidence, deviation).around(
         float(fit.b.sum()) / (1.0 + float(fit.a.sum()))

@@ -10,13 +10,13 @@ import numpy as np
 from estimator._kernels import Array, Mask
 from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.coarse import coarse_valves
-from estimator.exhaustive import one_step_seeds
 from estimator.search import (
     MIN_MOVES,
     SCAN_PASSES,
     SCANS,
     Candidate,
     Scan,
+    Seed,
     Steps,
     diverse,
     lattice,
@@ -28,13 +28,12 @@ __all__ = ["ArxFound", "arx_promises", "arx_search"]
 
 VALVE_PARAMETERS = 3
 _PROMISE = 4.0
-_SEEDS = 8
 _SEED_ORDERS = 3, 2
 _FINALISTS = 3
 _SCAN_SEEDS = 5
 _PASSES = 6
 _ROUNDS = 3
-_NEAR = Steps(band=0.008, ratio=0.3, start=0.15)
+_NEAR = Steps(band=0.008, ratio=0.3, start=0.08)
 """Half-widths of the first zoom around a seed: the spacing of the grid it comes from."""
 
 
@@ -67,20 +66,22 @@ def arx_promises(u: Array, y: Array, good: Mask, healthy: ArxOrders) -> bool:
     return ratio > _PROMISE
 
 
-def arx_search(u: Array, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
-    """Valve and orders that predict PV best; ``seeds`` are valves to start from, at least one.
+def arx_search(
+    u: Array, y: Array, good: Mask, best: Candidate, seeds: tuple[Seed, ...]
+) -> ArxFound:
+    """Valve and orders that predict PV best; ``best`` is that of the simulation error.
 
     The best valves of an exhaustive grid over valve and dead time are refined with orders fixed;
     the finalists choose their own orders, are refined again, and the lowest BIC wins.
     """
     rough: list[tuple[Candidate, ArxRegression]] = []
     regressions: dict[int, ArxRegression] = {}
-    for seed in (*_exhaustive(u, y, good, seeds[0]), *seeds):
+    for seed in (*(seed.like(best) for seed in seeds), best):
         delay = max(1, seed.dead_time)
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
         regression = regressions[delay]
-        started = replace(seed, cost=np.inf)
+        started = replace(seed.anchored(u), cost=np.inf)
         rough.append((_zoomed(u, regression, started, _NEAR, _PASSES), regression))
     # costs of regressions with other dead times count other rows: compared per row
     rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
@@ -90,20 +91,14 @@ def arx_search(u: Array, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> 
     return min(found, key=lambda one: one.bic / one.regression.count)
 
 
-def _exhaustive(u: Array, y: Array, good: Mask, like: Candidate) -> list[Candidate]:
-    return [
-        replace(like, band=s.band, ratio=s.ratio, start=s.start, dead_time=s.dead_time)
-        for s in one_step_seeds(u, y, good, _SEEDS)
-    ]
-
-
 def _settled(u: Array, y: Array, good: Mask, best: Candidate) -> ArxFound:
     """Orders for the valve and the valve for these orders, in turn, until both agree."""
     ranked = select_orders(y, good, best.stem(u))
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
-        best = _zoomed(u, regression, replace(best, cost=np.inf), _NEAR, _PASSES)
+        started = replace(best.anchored(u), cost=np.inf)
+        best = _zoomed(u, regression, started, _NEAR, _PASSES)
         for scan in SCANS[1:]:
             best = _scanned(u, regression, best, scan)
         ranked = select_orders(y, good, best.stem(u))

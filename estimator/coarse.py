@@ -21,7 +21,7 @@ LAGS = (0, 1, 2, 3, 5, 8, 12, 18)
 _FINE = (
     (0.01, 0.02, 0.035, 0.05, 0.065, 0.08, *np.arange(0.1, 1.0, 0.0125)),
     (0.0, 0.2, 0.4, 0.65, 1.0),
-    (-0.5, 0.5),
+    (-0.75, 0.75),
 )
 _STARTED = (
     (
@@ -29,7 +29,7 @@ _STARTED = (
         *(0.36, 0.42, 0.48, 0.54, 0.6, 0.66, 0.72, 0.78, 0.84, 0.9, 0.96),
     ),
     (0.0, 0.15, 0.35, 0.6, 1.0),
-    (-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9),
+    (-0.95, -0.8, -0.65, -0.5, 0.5, 0.65, 0.8, 0.95),
 )
 _ROWS = 400
 _FLAT = 1e-6
@@ -37,7 +37,7 @@ _FLAT = 1e-6
 
 @cache
 def coarse_valves() -> tuple[Array, Array, Array]:
-    """Stick band, ratio J/S and start position (share of fS) of the grid, shape ``(m,)`` each.
+    """Stick band, ratio J/S and start of the grid, shape ``(m,)`` each.
 
     Two grids: a cycling valve needs the stick band finely (a slip one sample off costs much), one
     that moves a few times needs the start.

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimator._kernels import Array
 from estimator.posterior import Posterior
 from estimator.result import Interval, Process, RunnerUp
 from loop_model import ProcessModel
 
 __all__ = ["Estimate"]
+
+_BLUR = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +45,22 @@ class Estimate:
     runners_up: tuple[RunnerUp, ...]
 
     @staticmethod
-    def intervals(posterior: Posterior, confidence: float) -> tuple[Interval, ...]:
-        """S, J, fS and fD of a posterior; the values of fS and fD follow from those of S and J."""
+    def intervals(posterior: Posterior, confidence: float, op: Array) -> tuple[Interval, ...]:
+        """S, J, fS and fD of a posterior; the values of fS and fD follow from those of S and J.
+
+        The model's valve slips at a sample, a real one between two: no threshold is known better
+        than a fraction of what OP (``op``, scaled, shape ``(n,)``) moves from sample to sample.
+        """
         band, jump = posterior.nodes[:, 0], posterior.nodes[:, 1]
-        s = posterior.interval(band, confidence)
-        j = posterior.interval(jump, confidence)
+        steps = np.abs(np.diff(op))
+        blur = _BLUR * float(np.median(steps[steps > 0.0]))
+        # The values are those of the most likely node: valve and process must be of one piece.
+        top = posterior.best
+        s = posterior.interval(band, confidence, blur).around(float(top[0]))
+        j = posterior.interval(jump, confidence, blur).around(float(top[1]))
         j = Interval(min(j.value, s.value), j.low, j.high)
-        static = posterior.interval(0.5 * (band + jump), confidence)
-        dynamic = posterior.interval(0.5 * (band - jump), confidence)
+        static = posterior.interval(0.5 * (band + jump), confidence, blur)
+        dynamic = posterior.interval(0.5 * (band - jump), confidence, blur)
         return (
             s,
             j,

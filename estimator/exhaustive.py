@@ -1,19 +1,18 @@
 """The one-step criterion over every valve of a fine grid and every dead time at once.
 
 A stick band and a dead time trade against each other where OP ramps, so neither may be fixed while
-the other is searched. The first stem position is only tried at both ends of its range: a valve
-that moves early falls into step, and the samples before its first certain move are left out. The sums of all candidates are a few matrix products.
+the other is searched. Their sums over all samples are a few matrix products for all
+candidates together.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from estimator._kernels import Array, Mask, stems
+from estimator._kernels import Array, Mask
+from estimator.search import MIN_MOVES, Seed, stem_of
 
-__all__ = ["Seed", "one_step_seeds"]
+__all__ = ["one_step_seeds"]
 
 _PAST = 3
 """Past values of PV in the regression; enough to rank, the orders are chosen later."""
@@ -24,25 +23,12 @@ _NARROWEST = 0.015
 _FINEST, _COARSEST = 0.002, 0.008
 _SHARE_OF_STEP = 0.12
 _RATIOS = (0.1, 0.4, 0.8)
-_STARTS = tuple(np.linspace(-0.95, 0.95, 14))
+_LEADS = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1)
+_STARTS = (*(0.5 * lead - 1.0 for lead in _LEADS), *(1.0 - 0.5 * lead for lead in _LEADS))
+"""First positions by the lead to the first slip as a share of S, upwards and downwards."""
 _CHUNK = 512
-_MIN_MOVES = 2.0
 _CERTAIN = 0.9
 _SETTLED_BY = 4
-
-
-@dataclass(frozen=True, slots=True)
-class Seed:
-    """A valve worth refining, in units of OP's span: S, ``J/S``, first position, dead time.
-
-    ``start`` is the distance of the first position from the first OP as a share of ``fS``.
-    """
-
-    band: float
-    ratio: float
-    start: float
-    dead_time: int
-    cost: float
 
 
 def one_step_seeds(u: Array, y: Array, good: Mask, count: int) -> tuple[Seed, ...]:
@@ -104,8 +90,7 @@ class _Sums:
 
     def costs(self, band: Array, ratio: Array, start: Array) -> Array:
         """Residual sum of squares, shape ``(dead times, m)``, from a dead time of 1 on."""
-        first = self._u[0] + start * 0.5 * band * (1.0 + ratio)
-        stem, moves = stems(self._u, band, band * ratio, first)
+        stem, moves = stem_of(self._u, band, ratio, start)
         products = (self._rows @ stem).reshape(self._longest + 1, -1, band.size)
         own = self._weights @ np.square(stem)
         # x_(k-o) x_(k-o-1), summed with the weights of sample k
@@ -121,7 +106,7 @@ class _Sums:
         determinant = np.maximum(g00 * g11 - g01 * g01, 1e-12 * g00 * g11)
         explained = (g11 * r0 * r0 - 2.0 * g01 * r0 * r1 + g00 * r1 * r1) / determinant
         cost: Array = np.maximum(self._energy - explained, 1e-9 * self._energy)
-        cost[:, moves < _MIN_MOVES] = np.inf
+        cost[:, moves < MIN_MOVES] = np.inf
         return cost
 
 

@@ -15,12 +15,13 @@ from estimator.arx import ArxOrders, select_orders
 from estimator.arx_estimate import arx_estimate
 from estimator.arx_search import ArxFound, arx_promises, arx_search
 from estimator.estimate import Estimate
+from estimator.exhaustive import one_step_seeds
 from estimator.noise import effective_samples
 from estimator.oe_estimate import oe_estimate
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
-from estimator.search import Candidate, healthy_search, polished, stem_of, valve_search
+from estimator.search import Candidate, Seed, healthy_search, polished, stem_of, valve_search
 from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
 from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
@@ -32,6 +33,7 @@ CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
 
 _SURFACE_NODES = 25
+_SEEDS = 8
 _MARGIN = 0.15
 _WORSE = 1.5
 _SLACK = 0.02
@@ -93,7 +95,8 @@ def warm_up() -> None:
 def _assess(window: Window, criterion: str, confidence: float) -> Identification:
     regression = Regression(window.y, window.good)
     healthy = healthy_search(window.u, regression)
-    found = valve_search(window.u, regression)
+    seeds = one_step_seeds(window.u, window.y, window.good, _SEEDS)
+    found = valve_search(window.u, regression, seeds)
     if not found:
         share = 1.0 - healthy.cost / regression.total
         reason = Reason(
@@ -102,7 +105,9 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         )
         return _not_assessable(window, (reason,), criterion, confidence)
     simulated, samples = _simulated(window, regression, found[0], healthy)
-    arx, healthy_orders = _arx(window, found[0], sought=simulated > 0.0 or criterion == "arx")
+    arx, healthy_orders = _arx(
+        window, found[0], seeds, sought=simulated > 0.0 or criterion == "arx"
+    )
     if arx is not None:
         # the other criterion's valve may be a better one for this criterion as well
         other = replace(found[0], band=arx.best.band, ratio=arx.best.ratio, start=arx.best.start)
@@ -164,13 +169,15 @@ def _simulated(
     return simulated_evidence(healthy.cost, best.cost, samples), samples
 
 
-def _arx(window: Window, best: Candidate, *, sought: bool) -> tuple[ArxFound | None, ArxOrders]:
+def _arx(
+    window: Window, best: Candidate, seeds: tuple[Seed, ...], *, sought: bool
+) -> tuple[ArxFound | None, ArxOrders]:
     """The one-step-ahead search, where it is sought or promises anything, and healthy orders."""
     u, y, good = window.u, window.y, window.good
     healthy = select_orders(y, good, u)[0]
     if not sought and not arx_promises(u, y, good, healthy):
         return None, healthy
-    return arx_search(u, y, good, (best,)), healthy
+    return arx_search(u, y, good, best, seeds), healthy
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +253,7 @@ def _surface(window: Window, regression: Regression, best: Candidate) -> CostSur
     cost = np.full(band.size, np.nan)
     ratio = np.minimum(jump[inside] / band[inside], 1.0)
     least = np.full(ratio.size, np.inf)
-    for start in (-0.7, 0.0, 0.7, best.start):
+    for start in (-0.85, -0.6, 0.6, 0.85, best.start):
         stem = regression.whiten(
             stem_of(window.u, band[inside], ratio, np.full(ratio.size, start))[0]
         )

@@ -10,7 +10,7 @@ from estimator._kernels import Array, stems
 from estimator.conversion import process_description, process_model
 from estimator.estimate import Estimate
 from estimator.noise import effective_samples
-from estimator.posterior import Posterior, explore
+from estimator.posterior import Likelihood, Posterior, explore
 from estimator.regression import Regression
 from estimator.result import RunnerUp
 from estimator.search import MIN_MOVES, Candidate, shortened
@@ -36,7 +36,7 @@ def oe_estimate(
     fit = regression.solve(best.stem(window.u), best.structure, best.dead_time)
     samples = effective_samples(fit.residual, regression.weight)
     posterior = _posterior(window.u, regression, best, samples)
-    band, jump, static, dynamic = Estimate.intervals(posterior, confidence)
+    band, jump, static, dynamic = Estimate.intervals(posterior, confidence, window.u)
     deviation = math.sqrt(best.cost / samples / max(fit.information, 1e-300))
     gain = posterior.interval(posterior.gain, confidence, deviation).around(fit.gain)
     model = process_model(window, best.structure, best.dead_time, fit)
@@ -72,8 +72,8 @@ def _posterior(u: Array, regression: Regression, best: Candidate, samples: float
         if 0 <= d <= regression.max_lag
     )
 
-    def evaluate(band: Array, jump: Array, start: Array) -> tuple[Array, Array]:
-        stem, moves = stems(u, band, jump, u[0] + start)
+    def evaluate(band: Array, jump: Array, first: Array) -> tuple[Array, Array]:
+        stem, moves = stems(u, band, jump, u[0] + first)
         cost, gain = regression.costs_and_gains(stem, best.structure, lags)
         pick = cost.argmin(axis=0)
         index = np.arange(band.size)
@@ -81,5 +81,5 @@ def _posterior(u: Array, regression: Regression, best: Candidate, samples: float
         log_likelihood[moves < MIN_MOVES] = -np.inf
         return log_likelihood, gain[pick, index]
 
-    static = 0.5 * (best.band + best.jump)
-    return explore(evaluate, (best.band, best.jump, best.start * static))
+    anchored = best.anchored(u)
+    return explore(Likelihood(evaluate, anchored.side), anchored)

@@ -7,7 +7,9 @@ because whatever mistakes the time of a slip also flattens the stem's jumps agai
 density (uniform over the triangle ``0 <= J <= S`` and over the possible first positions of the
 stem) the likelihood gives quantiles that are right for plateaus and slopes alike.
 
-The nodes are a box in (S, J, x0) that is zoomed to where the likelihood is.
+The nodes are a box in (S, J, lead) that is zoomed to where the likelihood is. ``lead`` is how far
+OP has to go until the first slip; it takes the place of x0 because the likelihood at a fixed lead
+changes slowly with J, and at a fixed x0 in spikes.
 """
 
 from __future__ import annotations
@@ -16,14 +18,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from estimator._kernels import Array, Mask
 from estimator.result import Interval
+from estimator.search import Candidate
 
-__all__ = ["Posterior", "explore"]
+__all__ = ["Likelihood", "Posterior", "explore"]
 
-_WIDE_NODES = (11, 11, 5)
+_S, _J, _LEAD = range(3)
+_LINE, _FEW = 41, 7
+_LINE_PASSES = 3
+_NEAR = 0.1
+_FLOOR = 1e-4
 _ZOOM_NODES = (17, 15, 7)
 _FINAL_NODES = (25, 21, 7)
 _PASSES = 9
@@ -34,18 +41,19 @@ _TEMPER = 0.5
 the box may miss a narrow peak. Chosen so that intervals cover the truth as often as they say on the
 closed-loop examples of the paper."""
 
-_MAX_BAND = 1.15
-_REACH = 0.5 * _MAX_BAND
 
-_NORMAL = norm.ppf((np.arange(15) + 0.5) / 15)
+_NORMAL = ndtri((np.arange(15) + 0.5) / 15)
 
 Evaluate = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""``(band, jump, start)``, each ``(m,)``, to log-likelihood and gain, each ``(m,)``."""
+"""``(band, jump, first)``, each ``(m,)``, to log-likelihood and gain, each ``(m,)``.
+
+``first`` is the distance of the first position from the first OP.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Nodes ``(m, 3)`` of stick band, slip jump and first position, their weights and gains.
+    """Nodes ``(m, 3)`` of stick band, slip jump and lead, their weights and gains.
 
     ``best`` is the node of the highest likelihood.
     """
@@ -56,7 +64,7 @@ class Posterior:
 
     @property
     def best(self) -> Array:
-        """Stick band, slip jump and first position of the most likely node."""
+        """Stick band, slip jump and lead of the most likely node."""
         return np.asarray(self.nodes[int(self.log_likelihood.argmax())], dtype=np.float64)
 
     @property
@@ -83,52 +91,81 @@ class Posterior:
         return Interval(float(middle), float(low), float(high))
 
 
-def explore(evaluate: Evaluate, best: tuple[float, float, float]) -> Posterior:
+@dataclass(frozen=True, slots=True)
+class Likelihood:
+    """The likelihood of a window over the box; ``side`` is -1 where the first slip is upwards."""
+
+    evaluate: Evaluate
+    side: float
+
+    def at(self, low: Array, high: Array, best: Array, counts: tuple[int, ...]) -> Posterior:
+        """Evaluate the nodes of a box, and ``best`` with them."""
+        axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+        grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
+        grid = np.vstack([grid, best])
+        band, jump, lead = grid.T
+        inside = (band > 0.0) & (jump <= band) & (lead >= 0.0) & (lead <= band + jump)
+        inside[-1] = True
+        grid = np.ascontiguousarray(grid[inside])
+        band, jump, _ = (np.ascontiguousarray(axis) for axis in grid.T)
+        log_likelihood, gain = self.evaluate(band, jump, self.first(grid))
+        return Posterior(grid, log_likelihood, gain)
+
+    def first(self, nodes: Array) -> Array:
+        """Distance of the first position from the first OP for nodes ``(m, 3)``."""
+        band, jump, lead = nodes.T
+        return np.ascontiguousarray(self.side * (0.5 * (band + jump) - lead))
+
+
+def explore(likelihood: Likelihood, best: Candidate) -> Posterior:
     """Zoom in on the likelihood; ``best`` is where the search ended.
 
-    First from the whole triangle, to learn how wide the likelihood is; then from a box around its
-    maximum with more nodes, so that the narrow peaks beside the highest are not stepped over.
+    The likelihood is narrow in S and in the lead, a fraction of OP's step per sample, and may be
+    wide in J. So J is scanned first at the best S and lead, then those along with J; the box that
+    holds what is alive is zoomed from there.
     """
-    low, high = np.array([0.0, 0.0, -_REACH]), np.array([_MAX_BAND, _MAX_BAND, _REACH])
-    wide, low, high = _zoomed(evaluate, low, high, np.array(best), _WIDE_NODES)
-    top = wide.best
-    near = np.array([0.12, 0.25, 0.25]) * top[0]
-    low = np.maximum(np.minimum(low, top - near), [0.0, 0.0, -np.inf])
-    high = np.maximum(high, top + near)
-    close, low, high = _zoomed(evaluate, low, high, top, _ZOOM_NODES)
-    return _evaluate(evaluate, low, high, close.best, _FINAL_NODES)
+    node = np.array([best.band, best.jump, best.lead])
+    low, high = node.copy(), node.copy()
+    low[_J], high[_J] = 0.0, node[_S]
+    scan = likelihood.at(low, high, node, (1, _LINE, 1))
+    node = scan.best
+    low[_J], high[_J] = _alive(scan, _J, (high[_J] - low[_J]) / (_LINE - 1))
+    for axis in (_S, _LEAD, _S):
+        reach = _NEAR * node[_S]
+        low[axis], high[axis] = max(0.0, node[axis] - reach), node[axis] + reach
+        for _ in range(_LINE_PASSES):
+            counts = [1, _FEW, 1]
+            counts[axis] = _LINE
+            scan = likelihood.at(low, high, node, (counts[0], counts[1], counts[2]))
+            node = scan.best
+            low[axis], high[axis] = _alive(scan, axis, (high[axis] - low[axis]) / (_LINE - 1))
+    margin = np.maximum(0.25 * (high - low), _FLOOR * node[_S])
+    low, high = np.maximum(low - margin, 0.0), high + margin
+    _, low, high = _zoomed(likelihood, low, high, node, _ZOOM_NODES)
+    return likelihood.at(low, high, node, _FINAL_NODES)
+
+
+def _alive(posterior: Posterior, axis: int, step: float) -> tuple[float, float]:
+    """The part of an axis where the likelihood is, one step wider on either side."""
+    top = posterior.log_likelihood.max()
+    nodes = posterior.nodes[posterior.log_likelihood > top - _DROP, axis]
+    return max(0.0, float(nodes.min()) - step), float(nodes.max()) + step
 
 
 def _zoomed(
-    evaluate: Evaluate, low: Array, high: Array, top: Array, counts: tuple[int, int, int]
+    likelihood: Likelihood, low: Array, high: Array, top: Array, counts: tuple[int, int, int]
 ) -> tuple[Posterior, Array, Array]:
     """Narrow the box until the likelihood fills it; return the last nodes and the next box."""
-    posterior = _evaluate(evaluate, low, high, top, counts)
+    posterior = likelihood.at(low, high, top, counts)
     for _ in range(_PASSES):
         alive: Mask = posterior.log_likelihood > posterior.log_likelihood.max() - _DROP
         step = (high - low) / (np.array(counts) - 1)
         nodes = posterior.nodes[alive]
-        new_low = np.maximum(nodes.min(axis=0) - step, [0.0, 0.0, -np.inf])
+        new_low = np.maximum(nodes.min(axis=0) - step, 0.0)
         new_high = nodes.max(axis=0) + step
         settled = bool((new_high - new_low >= _SETTLED * (high - low)).all())
         low, high = new_low, new_high
         if settled:
             break
-        posterior = _evaluate(evaluate, low, high, posterior.best, counts)
+        posterior = likelihood.at(low, high, posterior.best, counts)
     return posterior, low, high
-
-
-def _evaluate(
-    evaluate: Evaluate, low: Array, high: Array, best: Array, counts: tuple[int, ...]
-) -> Posterior:
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
-    grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
-    grid = np.vstack([grid, best])
-    band, jump, start = grid.T
-    inside = (band > 0.0) & (jump <= band) & (np.abs(start) <= 0.5 * (band + jump))
-    inside[-1] = True
-    grid = np.ascontiguousarray(grid[inside])
-    log_likelihood, gain = evaluate(
-        *(np.ascontiguousarray(grid[:, i]) for i in range(grid.shape[1]))
-    )
-    return Posterior(grid, log_likelihood, gain)

@@ -18,8 +18,10 @@ __all__ = [
     "SCAN_PASSES",
     "Candidate",
     "Scan",
+    "Seed",
     "Steps",
     "diverse",
+    "first_position",
     "healthy_search",
     "lattice",
     "polished",
@@ -48,7 +50,7 @@ _LAG_GROUPS = ((0, 1), (2, 3), (5, 8), (12, 18))
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A valve and a process: stick band, ratio ``J/S``, start position as a share of ``fS``."""
+    """A valve and a process: stick band, ratio ``J/S``, first position, see `first_position`."""
 
     cost: float
     band: float
@@ -62,6 +64,29 @@ class Candidate:
         """Slip jump."""
         return self.band * self.ratio
 
+    @property
+    def side(self) -> float:
+        """-1 where the first slip is upwards, 1 where it is downwards."""
+        return -1.0 if self.start < 0.0 else 1.0
+
+    @property
+    def lead(self) -> float:
+        """How far OP has to go until the first slip on the candidate's side."""
+        return min(2.0 * (1.0 - abs(self.start)) * self.band, self.band + self.jump)
+
+    def anchored(self, u: Array) -> Candidate:
+        """The same valve, its first position told by the slip that really comes first."""
+        stem = self.stem(u)
+        first = float(u[0]) + self.side * (0.5 * (self.band + self.jump) - self.lead)
+        moved = np.flatnonzero(np.abs(stem - first) > 1e-12)
+        if moved.size == 0:
+            return self
+        side = -1.0 if stem[moved[0]] > first else 1.0
+        if side == self.side:
+            return self
+        lead = self.band + self.jump - self.lead
+        return replace(self, start=side * max(1.0 - lead / (2.0 * self.band), 1e-9))
+
     def stem(self, u: Array) -> Array:
         """Its stem for OP ``u``, shape ``(n,)``."""
         one = np.ones(1)
@@ -70,12 +95,35 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Seed:
+    """A valve worth refining: S in units of OP's span, ``J/S``, first position, dead time."""
+
+    band: float
+    ratio: float
+    start: float
+    dead_time: int
+    cost: float
+
+    def like(self, candidate: Candidate, structure: Structure | None = None) -> Candidate:
+        """The seed as a candidate with the process structure of another, or a given one."""
+        return replace(
+            candidate,
+            cost=np.inf,
+            band=self.band,
+            ratio=self.ratio,
+            start=self.start,
+            dead_time=self.dead_time,
+            structure=structure or candidate.structure,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Steps:
     """Half-widths of one zoom."""
 
     band: float = 0.035
     ratio: float = 0.2
-    start: float = 0.25
+    start: float = 0.15
     factor: float = 1.5
     lag: int = 2
 
@@ -88,6 +136,9 @@ class Steps:
             1.0 + (self.factor - 1.0) * 0.65,
             1,
         )
+
+
+_CLOSE = Steps(band=0.008, ratio=0.3, start=0.08)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,20 +171,36 @@ SCAN_PASSES = 6
 
 
 def stem_of(u: Array, band: Array, ratio: Array, start: Array) -> tuple[Array, Array]:
-    """Stems ``(n, m)`` of candidates and their moves ``(m,)``.
-
-    The start is ``u_0`` plus a share of the static friction.
-    """
+    """Stems ``(n, m)`` of candidates and their moves ``(m,)``; see :func:`first_position`."""
     jump = band * ratio
-    return stems(u, band, jump, u[0] + start * 0.5 * (band + jump))
+    return stems(u, band, jump, u[0] + first_position(band, jump, start))
 
 
-def valve_search(u: Array, regression: Regression) -> tuple[Candidate, ...]:
+def first_position(band: Array, jump: Array, start: Array) -> Array:
+    """Distance of the stem from OP before the first sample, shape ``(m,)``.
+
+    ``start`` lies between -1 and 1. Where it is negative the first slip is upwards, after OP has
+    risen by a lead of ``2 (1 + start) S``, at most ``S + J``; where it is positive, downwards. A
+    valve of another slip jump then makes its first slip at the same sample, and while it makes one
+    move per stroke all later ones too: its likelihood changes slowly with J instead of in spikes.
+    """
+    static = 0.5 * (band + jump)
+    lead = np.minimum(2.0 * (1.0 - np.abs(start)) * band, band + jump)
+    offset: Array = np.where(start < 0.0, lead - static, static - lead)
+    return offset
+
+
+def valve_search(
+    u: Array, regression: Regression, others: tuple[Seed, ...] = ()
+) -> tuple[Candidate, ...]:
     """Best candidates of the window, best first; empty when no valve of the grid moves.
 
-    ``u`` is the scaled OP, shape ``(n,)``.
+    ``u`` is the scaled OP, shape ``(n,)``; ``others`` are valves that another criterion likes.
     """
     alive = [_zoomed(u, regression, seed, Steps(), _EARLY_PASSES) for seed in _seeds(u, regression)]
+    for other in others if alive else ():
+        seed = other.like(alive[0][0], _structure_for(u, regression, other)).anchored(u)
+        alive.append(_zoomed(u, regression, seed, _CLOSE, _EARLY_PASSES))
     alive.sort(key=lambda pair: pair[0].cost)
     chosen = diverse(
         np.array([seed.cost for seed, _ in alive]),
@@ -231,6 +298,15 @@ def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
         if found.cost <= limit:
             return found
     return best
+
+
+def _structure_for(u: Array, regression: Regression, seed: Seed) -> Structure:
+    """The structure of the coarse list that serves a valve best."""
+    stem = regression.whiten(
+        stem_of(u, *(np.array([v]) for v in (seed.band, seed.ratio, seed.start)))[0]
+    )
+    lags = tuple(d for d in (seed.dead_time - 1, seed.dead_time) if d <= regression.max_lag)
+    return min(COARSE, key=lambda one: float(regression.costs(stem, one, lags).min()))
 
 
 def _seeds(u: Array, regression: Regression) -> list[Candidate]:

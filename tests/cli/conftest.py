@@ -35,14 +35,14 @@ def fieldlink(tmp_path: Path) -> Run:
 
 
 def limit_cycle(rows: int = 600) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """OP and PV of a lag under PI control behind a valve with S = 4 and J = 2."""
+    """OP and PV of a lag under PI control behind a valve with S = 4 and J = 2, four set-points."""
     valve = ValveModel(stick_band=4.0, slip_jump=2.0)
     process = ProcessModel(a=(-0.9,), b=(0.1,), dead_time=1, offset=0.0, period=1.0)
     rng = np.random.default_rng(7)
     op, pv = np.empty(rows), np.empty(rows)
     stem, y, integral = 0.0, 0.0, 0.0
     for k in range(rows):
-        error = 1.3 - y
+        error = (1.3, 2.1, 0.6, 1.7)[k // 150 % 4] - y
         integral += 0.06 * error
         op[k], pv[k] = 0.6 * error + integral, y + 0.02 * rng.standard_normal()
         stem = valve.step(stem, op[k])

@@ -1,0 +1,73 @@
+"""``fieldlink demo``: the chain from the plant to the compensator, over real Modbus TCP."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Run
+
+
+@pytest.mark.slow
+def test_the_oscillation_is_found_and_taken_away(fieldlink: Run, tmp_path: Path) -> None:
+    result = fieldlink("demo", "--json", "--output", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert set(found) == {
+        "stick_band",
+        "slip_jump",
+        "pv_std",
+        "valve_travel",
+        "reversals",
+        "requests",
+        "late_slots",
+        "report",
+    }
+    S = found["stick_band"]
+    assert S["true"] == 11.0
+    assert S["low"] <= 11.0 <= S["high"]
+    assert found["pv_std"]["ratio"] <= 0.35
+    assert found["valve_travel"]["ratio"] <= 1.0
+    assert found["requests"] > 1000
+    page = Path(found["report"]).read_text()
+    assert page.count("<svg") == 2
+    # Opens without a network: nothing is fetched, no script runs.
+    assert not re.search(r"<(script|link|img|iframe)|@import|url\((?!#)", page)
+    assert (tmp_path / "out" / "run.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.slow
+def test_a_recording_goes_through_real_registers(
+    fieldlink: Run, tmp_path: Path, shared_data: Path
+) -> None:
+    recording = shared_data / "isdb" / "CHEM10.csv"
+    result = fieldlink("demo", "--recording", recording, "--json", "--output", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert 1.5 <= found["stick_band"]["value"] <= 2.0
+    assert found["stick_band"]["true"] is None
+    # The page shows what was read back from the holding registers.
+    page = Path(found["report"]).read_text()
+    row = re.search(r"<td>stick_band</td><td>([0-9.]+) OP</td>", page)
+    assert row is not None
+    assert float(row.group(1)) == pytest.approx(found["stick_band"]["value"], rel=1e-6)
+
+
+def test_a_folder_that_cannot_be_written_is_named(fieldlink: Run, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    result = fieldlink("demo", "--output", tmp_path / "file")
+    assert result.returncode == 2
+    assert f"{tmp_path / 'file'}" in result.stderr.replace("\n", "")
+    assert "Traceback" not in result.stderr
+
+
+def test_a_recording_without_movement_is_refused(fieldlink: Run, tmp_path: Path) -> None:
+    path = tmp_path / "still.csv"
+    path.write_text("op,pv\n" + "".join(f"40,{50 + k % 7}\n" for k in range(200)))
+    result = fieldlink("demo", "--recording", path)
+    assert result.returncode == 2
+    assert "OP does not change" in result.stderr
+    assert "Traceback" not in result.stderr
