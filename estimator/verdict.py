@@ -60,7 +60,7 @@ def score_of(evidence: Evidence) -> float:
     """
     if evidence.strokes < _MIN_STROKES:
         return 0.0
-    if evidence.simulated <= 0.0:
+    if evidence.simulated < _EACH[0]:
         return evidence.whitened if evidence.whitened >= _OVERWHELMING else 0.0
     return evidence.simulated + max(evidence.whitened, -_AGAINST * evidence.simulated)
 
