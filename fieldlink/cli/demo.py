@@ -82,14 +82,16 @@ def demo(
 def _print(console: Console, loop: str, outcome: DemoOutcome) -> None:
     from rich.table import Table
 
-    from fieldlink.demo.report import outcome_table
+    from fieldlink.demo.report import outcome_tables
 
-    text = outcome_table(outcome)
     table = Table(title=f"loop {loop}", title_justify="left", show_header=False)
-    for _ in text.head:
-        table.add_column()
-    for row in text.rows:
-        table.add_row(*row)
+    for justify in ("left", "right", "right", "right"):
+        table.add_column(justify=justify)
+    for text in outcome_tables(outcome):
+        table.add_row(*text.head, style="bold")
+        for row in text.rows:
+            table.add_row(*row)
+        table.add_section()
     console.print(table)
     console.print(f"report: {outcome.report}")
 

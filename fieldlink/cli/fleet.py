@@ -120,7 +120,6 @@ def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStat
         )
     seconds = float("inf") if duration is None else duration
 
-
     async def work() -> DaemonStatus:
         run = LockstepRun(site, store=True, read_only=read_only, start_utc=time.time())
         with stop_on_signals() as stop:

@@ -211,6 +211,7 @@ class DeviceRunner:
         self._attempt_counts[loop] += 1
         if attempt.outcome is WritebackOutcome.ACCEPTED:
             self._accepted[loop] = attempt
+            self.pipelines[loop].restart_window()
         self._journal.attempt(loop, attempt)
 
     def _writeback(self, site: Site, loop: str, *, read_only: bool, live: bool) -> WriteBack:

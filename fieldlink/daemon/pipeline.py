@@ -124,6 +124,13 @@ class LoopPipeline:
         self.latest = self._record(placed.slot, sample)
         return self.latest
 
+    def restart_window(self) -> None:
+        """Begin a new window: the loop's controller is another one from here on.
+
+        A window is one experiment; one half of which was compensated fits neither model.
+        """
+        self._window.restart()
+
     def request(self) -> EstimateRequest:
         """Return the window as a request to the estimator; the next one is due later."""
         self._estimated_at = self._window.last_slot

@@ -122,13 +122,18 @@ class Window:
         self._last = slot
         return skipped
 
+    def restart(self) -> None:
+        """Forget the samples; slots go on from the last one."""
+        if self._first is not None:
+            self._first = self._last + 1
+
     def data(self) -> WindowData:
         """Return a copy of what is there (shape ``(span,)``).
 
         Raises:
             ValueError: the window is empty.
         """
-        if self._first is None:
+        if self.span == 0:
             raise ValueError("the window is empty")
         first = self._last - self.span + 1
         ordered = self._ring[:, np.arange(first, self._last + 1) % self._size]

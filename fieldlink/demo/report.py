@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from fieldlink.plc import Truth
 
-__all__ = ["TableText", "outcome_table", "write_report"]
+__all__ = ["TableText", "outcome_tables", "write_report"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,24 +34,32 @@ class TableText:
     rows: tuple[tuple[str, ...], ...]
 
 
-def outcome_table(outcome: DemoOutcome) -> TableText:
-    """Return the figures of a demonstration as a table."""
-    rows = []
-    for name, found in (("stick band S", outcome.stick_band), ("slip jump J", outcome.slip_jump)):
-        interval = f"[{_text(found.low)}, {_text(found.high)}]"
-        rows.append(
-            (name, f"true {_text(found.true)}", f"identified {_text(found.value)}", interval)
+def outcome_tables(outcome: DemoOutcome) -> tuple[TableText, ...]:
+    """Return the figures of a demonstration as tables of four columns."""
+    valve = tuple(
+        (name, _text(found.true), _text(found.value), f"{_text(found.low)} to {_text(found.high)}")
+        for name, found in (
+            ("stick band S", outcome.stick_band),
+            ("slip jump J", outcome.slip_jump),
         )
-    for name, change in (
-        ("PV standard deviation", outcome.pv_std),
-        ("valve travel / 100 samples", outcome.valve_travel),
-        ("reversals / 100 samples", outcome.reversals),
-    ):
-        before, after = f"before {_text(change.before)}", f"after {_text(change.after)}"
-        rows.append((name, before, after, f"ratio {_text(change.ratio)}"))
-    rows.append(("Modbus requests", str(outcome.requests), "", ""))
-    rows.append(("late poll slots", str(outcome.late_slots), "", ""))
-    return TableText(("", "", "", ""), tuple(rows))
+    )
+    course = tuple(
+        (name, _text(change.before), _text(change.after), _text(change.ratio))
+        for name, change in (
+            ("PV standard deviation", outcome.pv_std),
+            ("valve travel", outcome.valve_travel),
+            ("reversals", outcome.reversals),
+        )
+    )
+    traffic = (
+        ("Modbus requests", str(outcome.requests), "", ""),
+        ("late poll slots", str(outcome.late_slots), "", ""),
+    )
+    return (
+        TableText(("the valve", "true", "identified", "90 % interval"), valve),
+        TableText(("the loop, per 100 samples", "before", "after", "ratio"), course),
+        TableText(("the wire", "", "", ""), traffic),
+    )
 
 
 def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -> None:
@@ -85,7 +93,7 @@ def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -
         title=f"Loop {scene.loop}: from oscillation to parameter block",
         subtitle=f"fieldlink demo, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         summary=_summary(scene, outcome),
-        table=outcome_table(outcome),
+        tables=outcome_tables(outcome),
         run_figure=svg(course),
         run_caption=_caption(scene),
         identification_figure=svg(

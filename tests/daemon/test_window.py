@@ -53,6 +53,19 @@ def test_put_counts_the_empty_slots_before_a_sample() -> None:
     assert [window.put(slot, sample(0.0)) for slot in (5, 6, 9)] == [0, 0, 2]
 
 
+def test_a_restarted_window_holds_only_what_came_after() -> None:
+    window = filled([0, 1, 2, 3], size=4)
+    window.restart()
+    assert window.span == 0
+    with pytest.raises(ValueError, match="empty"):
+        window.data()
+    assert window.put(6, sample(6.0)) == 2
+    data = window.data()
+    assert (data.first_slot, data.last_slot) == (4, 6)
+    assert np.isnan(data.op[:2]).all()
+    assert data.op[2] == 6.0
+
+
 @pytest.mark.parametrize("slot", [3, 2])
 def test_a_slot_is_not_filled_twice(slot: int) -> None:
     with pytest.raises(ValueError, match="not after"):
