@@ -56,7 +56,7 @@ class HybridSettings:
 
     limits: OpLimits = field(default_factory=OpLimits)
     horizon: int = 0
-    move_penalty: float = 0.65
+    move_penalty: float = 1.0
     travel_penalty: float = 0.2
     noise_band: float = 0.0
     slip_margin: float = 0.2
