@@ -24,7 +24,7 @@ __all__ = ["LoopModel", "ProcessModel", "ValveModel"]
 
 @dataclass(frozen=True, slots=True)
 class ValveModel:
-    """He's two-parameter valve (He et al., 2007; equations (3)-(4) of Bacci di Capaci et al., 2018).
+    """He's two-parameter valve: He et al., 2007; (3)-(4) of Bacci di Capaci et al., 2018.
 
     The pair is held as stick band ``S = fS + fD`` and slip jump ``J = fS - fD`` because these are
     what the data determine separately; ``0 <= J <= S`` is the paper's triangle ``fS >= fD >= 0``.
@@ -66,7 +66,7 @@ class ValveModel:
         return stem
 
     def simulate(self, op: ArrayLike, stem0: float) -> NDArray[np.float64]:
-        """Return the stem for every sample of ``op`` (shape ``(n,)``), ``stem0`` before the first."""
+        """Return the stem ``(n,)`` for every sample of ``op``; ``stem0`` is before the first."""
         signal = np.asarray(op, dtype=np.float64)
         stem = np.empty_like(signal)
         position = stem0
