@@ -106,7 +106,7 @@ def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -
             )
         ),
         confidence=f"{result.confidence:.0%}",
-        reasons=[f"{reason.text} {reason.advice}" for reason in result.reasons],
+        reasons=[f"{reason.text}. {reason.advice}" for reason in result.reasons],
         block=[
             (row.address, row.name, f"{row.value:.10g} {row.unit}".strip())
             for row in performance.block
