@@ -42,6 +42,13 @@ format: dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# Some minutes; more runs narrow the figures: python -m benchmarks.paper --runs 20
+bench: dev
+	$(BIN)/python -m benchmarks.estimator_speed
+	$(BIN)/python -m benchmarks.industrial
+	$(BIN)/python -m benchmarks.paper --runs 3
+	$(BIN)/python -m benchmarks.robustness --runs 20
+
 fmus: install
 	$(BIN)/python -m fmu_models.build
 
