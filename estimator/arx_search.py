@@ -45,11 +45,6 @@ class ArxFound:
     regression: ArxRegression
     ranked: tuple[ArxOrders, ...]
 
-    def gain(self, u: Array) -> float:
-        """Steady-state gain in scaled units."""
-        _, gain = self.regression.costs(np.ascontiguousarray(self.best.stem(u)[:, None]))
-        return float(gain[0])
-
     @property
     def bic(self) -> float:
         """BIC of its one-step errors, the valve's three parameters counted."""

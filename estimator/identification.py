@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from estimator._kernels import Array
 from estimator.arx import ArxOrders, select_orders
 from estimator.arx_estimate import arx_estimate
 from estimator.arx_search import ArxFound, arx_promises, arx_search
@@ -106,12 +105,9 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         )
         return _not_assessable(window, (reason,), criterion, confidence)
     simulated, samples = _simulated(window, regression, found[0], healthy)
-    stem, likelier = min((found[0].stem(window.u), found[0]), (window.u, healthy), key=_cost_of)
-    gain = regression.solve(stem, likelier.structure, likelier.dead_time).gain
     arx, healthy_orders = _arx(
         window,
         found[0],
-        gain,
         seeds,
         sought=simulated > 0.0 or criterion == "arx",
     )
@@ -163,10 +159,6 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
     )
 
 
-def _cost_of(pair: tuple[Array, Candidate]) -> float:
-    return pair[1].cost
-
-
 def _simulated(
     window: Window, regression: Regression, best: Candidate, healthy: Candidate
 ) -> tuple[float, float]:
@@ -183,7 +175,6 @@ def _simulated(
 def _arx(
     window: Window,
     best: Candidate,
-    gain: float,
     seeds: tuple[Seed, ...],
     *,
     sought: bool,
@@ -193,10 +184,7 @@ def _arx(
     healthy = select_orders(y, good, u)[0]
     if not sought and not arx_promises(u, y, good, healthy):
         return None, healthy
-    found = arx_search(u, y, good, best, seeds)
-    # Without support from simulation a gain of the other sign is the controller, seen backwards.
-    backwards = not sought and found.gain(u) * gain < 0.0
-    return (None if backwards else found), healthy
+    return arx_search(u, y, good, best, seeds), healthy
 
 
 @dataclass(frozen=True, slots=True)
