@@ -1,13 +1,20 @@
 """Valve stiction from OP and PV: arrays in, result out.
 
-from estimator import identify
-result = identify(op, pv, period=1.0)
-result.verdict, result.stick_band, result.reasons
+    from estimator import identify
+    result = identify(op, pv, period=1.0)
+    result.verdict, result.stick_band, result.reasons
+
+A valve over many windows is followed by `track`. The paper's own methods stand beside the search:
+its grid (`grid_search`), its optimisation as published (`nlp_paper`) and as a last polish
+(`nlp_polish`); the last two need CasADi when they are called, ``pip install "fieldlink[nlp]"``.
 """
 
+from estimator.grid import grid_search
 from estimator.identification import identify, warm_up
+from estimator.nlp import nlp_paper, nlp_polish
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.result import CostSurface, Identification, Interval
+from estimator.tracking import Track, track
 
 __all__ = [
     "CostSurface",
@@ -16,7 +23,12 @@ __all__ = [
     "Interval",
     "Reason",
     "ReasonCode",
+    "Track",
     "Verdict",
+    "grid_search",
     "identify",
+    "nlp_paper",
+    "nlp_polish",
+    "track",
     "warm_up",
 ]

@@ -157,7 +157,8 @@ def nlp_polish(
     """Improve a valve by the scaled programme; never worse than the start.
 
     Args:
-        op, pv, na, nb, dead_time, intercept, alpha, period: as in `nlp_paper`.
+        op, pv: the window, shape ``(n,)`` each.
+        na, nb, dead_time, intercept, alpha, period: as in `nlp_paper`.
         stick_band, slip_jump: the optimum to start from, in units of OP.
         stem0: its stem before the first sample (default: the first OP).
         tau: sharpness of the last stage, per standard deviation of OP.
