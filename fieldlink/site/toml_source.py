@@ -18,7 +18,7 @@ __all__ = ["TomlSource"]
 
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
 _PATH = rf"{_PART}(?:\s*\.\s*{_PART})*"
-_HEADER = re.compile(rf"^\s*\[\[?\s*({_PATH})\s*\]\]?\s*(?:#.*)?$")
+_HEADER = re.compile(rf"^\s*(\[\[?)\s*({_PATH})\s*\]\]?\s*(?:#.*)?$")
 _KEY = re.compile(rf"^\s*({_PATH})\s*=")
 _LINE_IN_ERROR = re.compile(r"\s*\(at line (\d+), column \d+\)$|\s*\(at end of document\)$")
 
@@ -85,10 +85,14 @@ def _syntax_problem(path: Path, text: str, message: str) -> Problem:
 
 def _find_lines(text: str) -> dict[Key, int]:
     lines: dict[Key, int] = {}
+    entries: dict[Key, int] = {}
     table: Key = ()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
-            table = _split(header[1])
+            table = _split(header[2])
+            if header[1] == "[[":
+                entries[table] = entries.get(table, -1) + 1
+                table = (*table, str(entries[table]))
             lines.setdefault(table, number)
         elif key := _KEY.match(line):
             lines.setdefault((*table, *_split(key[1])), number)

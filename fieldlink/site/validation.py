@@ -1,0 +1,131 @@
+"""From a TOML file to a checked model: every problem with its line, its key and its remedy."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from fieldlink.site.errors import Problem, SiteError, nearest
+from fieldlink.site.toml_source import TomlSource
+
+__all__ = ["validated"]
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def validated(source: TomlSource, root: type[M]) -> M:
+    """Return the file as a model; unknown keys are refused where the models refuse them.
+
+    Raises:
+        SiteError: with everything that is wrong.
+    """
+    # As JSON, because only there strict types and TOML agree: arrays make tuples, strings make
+    # paths, and neither "5" nor true is a number. A date becomes a string and is refused as one.
+    text = json.dumps(source.data, default=str)
+    try:
+        return root.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        raise SiteError(_problem(source, root, detail) for detail in error.errors()) from error
+
+
+def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) -> Problem:
+    kind, value = detail["type"], detail["input"]
+    key, model, field = _find_field(root, detail["loc"])
+    if kind == "extra_forbidden":
+        return source.problem(key, "unknown key", nearest(str(key[-1]), model.model_fields))
+    if kind == "missing":
+        return source.problem(key, "is missing", f"add it{_meaning(field)}")
+    if kind == "too_short":
+        return source.problem(key, "is empty", f"give at least one{_meaning(field)}")
+    if kind == "value_error":
+        message, _, remedy = detail["msg"].removeprefix("Value error, ").partition("; ")
+        return source.problem(key, message, remedy)
+    if kind == "literal_error" and field is not None:
+        return source.problem(key, f"{value!r} is unknown", nearest(str(value), _choices(field)))
+    if kind in ("union_tag_invalid", "union_tag_not_found") and field is not None:
+        return _wrong_kind(source, key, field, detail)
+    shown = repr(value) if not isinstance(value, dict | list) else f"a {type(value).__name__}"
+    message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
+    return source.problem(key, message, f"correct it{_meaning(field)}")
+
+
+def _wrong_kind(
+    source: TomlSource, key: tuple[str | int, ...], field: FieldInfo, detail: ErrorDetails
+) -> Problem:
+    """A table of several kinds whose ``kind`` is missing or unknown."""
+    kinds = [
+        choice for model in _models_of(field) for choice in _choices(model.model_fields["kind"])
+    ]
+    given = detail["input"].get("kind") if isinstance(detail["input"], dict) else None
+    message = "is missing" if given is None else f"{given!r} is unknown"
+    return source.problem((*key, "kind"), message, nearest(str(given or ""), kinds))
+
+
+def _find_field(
+    root: type[BaseModel], location: tuple[str | int, ...]
+) -> tuple[tuple[str | int, ...], type[BaseModel], FieldInfo | None]:
+    """Return the key as the file has it, its table's model, and its field (None when unknown).
+
+    Pydantic's location names the kind that was chosen for a table of several kinds; the file's key
+    does not.
+    """
+    key: list[str | int] = []
+    table = root
+    inner: list[type[BaseModel]] = [root]
+    field: FieldInfo | None = None
+    name_comes = False
+    for part in location:
+        chosen = [] if len(inner) < 2 else [m for m in inner if part in _kinds(m)]
+        if chosen:
+            inner = chosen
+            table = chosen[0]
+            continue
+        key.append(part)
+        if name_comes or isinstance(part, int):
+            name_comes = False
+            continue
+        if not inner:
+            break
+        table = inner[0]
+        field = table.model_fields.get(str(part))
+        if field is None:
+            break
+        inner = list(_models_of(field))
+        name_comes = get_origin(field.annotation) is Mapping
+    return tuple(key), table, field
+
+
+def _models_of(field: FieldInfo) -> Iterator[type[BaseModel]]:
+    yield from _models_in(field.annotation)
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+        return
+    parts = get_args(annotation)
+    for part in parts[:1] if get_origin(annotation) is Annotated else parts:
+        yield from _models_in(part)
+
+
+def _kinds(model: type[BaseModel]) -> list[str]:
+    field = model.model_fields.get("kind")
+    return [] if field is None else _choices(field)
+
+
+def _choices(field: FieldInfo) -> list[str]:
+    options = [field.annotation, *get_args(field.annotation)]
+    literals = [option for option in options if get_origin(option) is Literal]
+    return [name for literal in literals for name in get_args(literal)]
+
+
+def _meaning(field: FieldInfo | None) -> str:
+    """Return what the key means, in brackets."""
+    if field is None or field.description is None:
+        return ""
+    return f" ({field.description.rstrip('.')})"
