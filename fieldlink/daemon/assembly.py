@@ -7,11 +7,14 @@ from collections.abc import Callable
 from fieldlink.daemon.device import DeviceRunner
 from fieldlink.daemon.journal import Journal
 from fieldlink.daemon.status import DaemonStatus
-from fieldlink.links import Clock, open_link
+from fieldlink.links import Clock, Link, open_link
 from fieldlink.site import Site
 from fieldlink.store import Record, StoreReport
 
-__all__ = ["Assembly"]
+__all__ = ["Assembly", "OpenLink"]
+
+OpenLink = Callable[[Site, str, Clock], Link]
+"""Makes the link of a device: `open_link`, or something that stands before it."""
 
 
 class Assembly:
@@ -23,6 +26,7 @@ class Assembly:
         put: takes records for the store.
         read_only: never write to any device.
         live: whether the clock goes by itself.
+        links: makes the link of each device.
     """
 
     def __init__(
@@ -33,6 +37,7 @@ class Assembly:
         *,
         read_only: bool = False,
         live: bool = True,
+        links: OpenLink = open_link,
     ) -> None:
         self.journal = Journal(put, clock)
         used = dict.fromkeys(loop.device for loop in site.loops.values())
@@ -40,7 +45,7 @@ class Assembly:
             name: DeviceRunner(
                 site,
                 name,
-                open_link(site, name, clock),
+                links(site, name, clock),
                 self.journal,
                 read_only=read_only,
                 live=live,

@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from fieldlink.daemon.assembly import Assembly
+from fieldlink.daemon.assembly import Assembly, OpenLink
 from fieldlink.daemon.device import DeviceRunner
 from fieldlink.daemon.estimating import Estimator, InlineEstimator
 from fieldlink.daemon.status import DaemonStatus
 from fieldlink.errors import FieldlinkError
-from fieldlink.links import Link, SteppedLink, VirtualClock
+from fieldlink.links import Link, SteppedLink, VirtualClock, open_link
 from fieldlink.site import Site
 from fieldlink.store import Historian, Record, StoreReport
 
@@ -34,6 +34,7 @@ class LockstepRun:
         estimator: who judges the windows.
         start_utc: the UTC second at which the simulated time begins.
         on_record: called with every record, for tests and pictures.
+        links: makes the link of each device.
     """
 
     def __init__(
@@ -45,13 +46,16 @@ class LockstepRun:
         estimator: Estimator | None = None,
         start_utc: float = 0.0,
         on_record: Callable[[Record], None] | None = None,
+        links: OpenLink = open_link,
     ) -> None:
         self._site = site
         self._clock = VirtualClock(start_utc)
         self._historian = Historian(site.historian_url) if store else None
         self._on_record = on_record
         self._estimator = estimator or InlineEstimator()
-        self._assembly = Assembly(site, self._clock, self._put, read_only=read_only, live=False)
+        self._assembly = Assembly(
+            site, self._clock, self._put, read_only=read_only, live=False, links=links
+        )
 
     def link(self, device: str) -> Link:
         """Return the link of a device, for judging a run by what the plant really did."""
