@@ -1,6 +1,6 @@
 """Plants as FMUs: sources, build, catalogue, stepping."""
 
-from .catalogue import CatalogueModel, catalogue, fmu_path
+from .catalogue import CatalogueModel, LoopVariables, catalogue, fmu_path
 from .errors import (
     PlantBuildError,
     PlantClosedError,
@@ -17,6 +17,7 @@ from .stepping import open_plant
 
 __all__ = [
     "CatalogueModel",
+    "LoopVariables",
     "Plant",
     "PlantBuildError",
     "PlantClosedError",

@@ -14,7 +14,31 @@ from .describe import FmiVersion
 from .errors import PlantNameError, nearest
 from .packing import build, is_current, target_file
 
-__all__ = ["CatalogueModel", "catalogue", "fmu_path"]
+__all__ = ["CatalogueModel", "LoopVariables", "catalogue", "fmu_path"]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopVariables:
+    """What the variables of one loop of a plant are called."""
+
+    op: str = "op"
+    pv: str = "pv"
+    sp: str = "sp"
+    stem: str = "stem"
+    op_out: str = "op_out"
+    load: str = "load"
+    valve: str = "valve"
+    stick_band: str = "stick_band"
+    slip_jump: str = "slip_jump"
+    controller: str = "controller"
+    pi_gain: str = "pi_gain"
+    pi_time: str = "pi_time"
+
+    @classmethod
+    def numbered(cls, number: int) -> LoopVariables:
+        """Return the names of loop ``number`` of a plant with several: ``op1``, ``op1_out``."""
+        names = {name: f"{name}{number}" for name in cls.__slots__}
+        return cls(**(names | {"op_out": f"op{number}_out"}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +54,7 @@ class CatalogueModel:
         period: the sampling period in seconds that it is meant for.
         valve: stick band and slip jump by default, in percent of OP.
         noise_std: default of the parameter ``noise_std``.
+        loops: the names of its variables, loop by loop; all but one plant have one loop.
     """
 
     name: str
@@ -39,6 +64,7 @@ class CatalogueModel:
     period: float
     valve: ValveModel
     noise_std: float
+    loops: tuple[LoopVariables, ...] = (LoopVariables(),)
 
 
 def _two_lags(
@@ -140,11 +166,33 @@ _PHYSICAL = CatalogueModel(
     valve=ValveModel(stick_band=8.0, slip_jump=2.0),
     noise_std=0.05,
 )
+_PH = CatalogueModel(
+    name="ph",
+    description="pH of a neutralisation tank: the gain changes manyfold with the operating point",
+    process=None,
+    op_range=(0.0, 100.0),
+    period=5.0,
+    valve=ValveModel(stick_band=3.0, slip_jump=1.0),
+    noise_std=0.02,
+)
+_FOURTANK = CatalogueModel(
+    name="fourtank",
+    description="four tanks and two sticky valves (Johansson, 2000): two loops that interact",
+    process=None,
+    op_range=(0.0, 100.0),
+    period=1.0,
+    valve=ValveModel(stick_band=4.0, slip_jump=1.0),
+    noise_std=0.02,
+    loops=(LoopVariables.numbered(1), LoopVariables.numbered(2)),
+)
 
 catalogue: Mapping[str, CatalogueModel] = MappingProxyType(
     {
         model.name: model
-        for model in (_EXAMPLE1, _EXAMPLE2, _FLOW, _LEVEL, _HEAT, _PRESSURE, _PHYSICAL)
+        for model in (
+            *(_EXAMPLE1, _EXAMPLE2, _FLOW, _LEVEL, _HEAT, _PRESSURE),
+            *(_PHYSICAL, _PH, _FOURTANK),
+        )
     }
 )
 """Every plant that comes with fieldlink, by name."""

@@ -19,8 +19,9 @@ from typing import get_args
 from xml.etree import ElementTree as ET
 
 from .compilers import Platform, compile_library, host_platform
-from .describe import FmiVersion, ModelSource, describe, read_model
+from .describe import FmiVersion, describe
 from .errors import PlantBuildError
+from .tables import SOURCES, ModelSource, own_files, read_model
 
 __all__ = [
     "BINARIES",
@@ -33,7 +34,6 @@ __all__ = [
     "target_file",
 ]
 
-SOURCES = Path(__file__).with_name("sources")
 BINARIES = Path(__file__).with_name("binaries")
 
 FMI_VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
@@ -176,28 +176,29 @@ def _header_folder() -> Path:
     return Path(spec.origin).with_name("c-code")
 
 
-@functools.cache
 def _inputs(source: Path) -> tuple[Path, ...]:
-    """Return the files that the FMU of a model is compiled from: those its includes lead to."""
-    folders = (source.parent, SOURCES, _header_folder())
-    pending = [source]
+    """Return the files that the FMU of a model is compiled from, the FMI headers among them."""
+    own = own_files(source)
+    headers = _header_folder()
+    pending = [headers / name for name in ("fmi2Functions.h", "fmi3Functions.h")]
     found: set[Path] = set()
     while pending:
         file = pending.pop()
         found.add(file)
-        for include in re.findall(r'^\s*#include "([^"]+)"', file.read_text("utf-8"), re.MULTILINE):
-            header = next((f / include for f in folders if (f / include).is_file()), None)
-            if header is not None and header not in found:
-                pending.append(header)
-    return tuple(sorted(found))
+        pending += [
+            headers / name
+            for name in re.findall(r'^#include "(fmi[^"]+)"', file.read_text("utf-8"), re.MULTILINE)
+            if headers / name not in found
+        ]
+    return tuple(sorted({*own, *found}))
 
 
 @functools.cache
 def _token(source: Path) -> str:
     """Return the digest of everything but the FMI headers that the FMU of a model is made from."""
     digest = hashlib.sha256()
-    own = [file for file in _inputs(source) if file.parent != _header_folder()]
-    for file in (*own, Path(__file__).with_name("describe.py")):
+    makers = (Path(__file__).with_name(name) for name in ("describe.py", "tables.py"))
+    for file in (*own_files(source), *makers):
         digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     h = digest.hexdigest()
     return f"{{{h[:8]}-{h[8:12]}-{h[12:16]}-{h[16:20]}-{h[20:32]}}}"

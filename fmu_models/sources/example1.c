@@ -7,6 +7,10 @@
 #define MODEL_IDENTIFIER example1
 #define BASE_STEP 1.0
 #define DEFAULT_STEP 1.0
+#define PV_UNIT "1"
+#define PI_SP 50.0
+#define PI_GAIN 0.8
+#define PI_TIME 10.0
 #define PROCESS_A {-2.231813167674652366, 1.645024301974050480, -0.399849654344847355}
 #define PROCESS_B {0.002770040421539427980, 0.008839767573438738630, 0.001751671959572592970}
 
@@ -22,7 +26,8 @@
     X(output_noise_std, tunable, Real, 0.0, 0.0, ANY, "1", "standard deviation added to PV")       \
     X(bias, tunable, Real, 0.0, -ANY, ANY, "1", "constant added to PV")                            \
     X(op_start, fixed, Real, 50.0, -ANY, ANY, "%", "OP at which the plant rests at the start")     \
-    X(seed, fixed, Integer, 1, 0, 2147483647, "", "seed of the noise")
+    X(seed, fixed, Integer, 1, 0, 2147483647, "", "seed of the noise")                             \
+    CONTROLLER_VARIABLES(X)
 
 #include "paper_example.h"
 

@@ -9,7 +9,12 @@
 #define MODEL_IDENTIFIER flow
 #define BASE_STEP 0.1
 #define DEFAULT_STEP 1.0
+#define PV_UNIT "m3/h"
+#define PI_SP 63.0
+#define PI_GAIN 0.4
+#define PI_TIME 2.0
 
+#include "controller.h"
 #include "valve.h"
 
 #define VARIABLES(X)                                                                               \
@@ -24,11 +29,13 @@
     X(op_start, fixed, Real, 50.0, -ANY, ANY, "%", "OP at which the plant rests at the start")     \
     X(seed, fixed, Integer, 1, 0, 2147483647, "", "seed of the noise")                             \
     X(flow_max, tunable, Real, 100.0, 0.0, ANY, "m3/h", "flow of the open valve")                  \
-    X(authority, tunable, Real, 0.5, 0.01, 1.0, "1", "share of the pressure drop over the valve") \
-    X(time_constant, tunable, Real, 2.0, 0.01, ANY, "s", "of line and transmitter together")
+    X(authority, tunable, Real, 0.5, 0.01, 1.0, "1", "share of the pressure drop over the valve")  \
+    X(time_constant, tunable, Real, 2.0, 0.01, ANY, "s", "of line and transmitter together")       \
+    CONTROLLER_VARIABLES(X)
 
 typedef struct {
     valve_state valve;
+    pi_state controller;
     double flow;
 } plant_memory;
 
@@ -57,7 +64,7 @@ static const char *plant_advance(plant *p, int64_t count) {
     const char *complaint = valve_check(p->v.stick_band, p->v.slip_jump);
     if (complaint)
         return complaint;
-    stem_move(p);
+    stem_move(p, count);
     /* Exact for an input that is held. */
     p->memory.flow += (steady_flow(p) - p->memory.flow) *
                       (1.0 - exp(-(double)count * BASE_STEP / p->v.time_constant));

@@ -5,9 +5,14 @@
 #define MODEL_IDENTIFIER heat
 #define BASE_STEP 1.0
 #define DEFAULT_STEP 5.0
+#define PV_UNIT "degC"
+#define PI_SP 60.0
+#define PI_GAIN 1.2
+#define PI_TIME 70.0
 
 #include <stdint.h>
 
+#include "controller.h"
 #include "valve.h"
 
 #define VARIABLES(X)                                                                               \
@@ -25,12 +30,14 @@
     X(base, fixed, Real, 20.0, -ANY, ANY, "degC", "temperature with the valve shut")               \
     X(time_constant1, fixed, Real, 60.0, 0.1, ANY, "s", "first lag")                               \
     X(time_constant2, fixed, Real, 15.0, 0.1, ANY, "s", "second lag")                              \
-    X(dead_time, fixed, Integer, 20, 0, 600, "s", "dead time in whole seconds")
+    X(dead_time, fixed, Integer, 20, 0, 600, "s", "dead time in whole seconds")                    \
+    CONTROLLER_VARIABLES(X)
 
 enum { DELAY_LENGTH = 601 }; /* one more than the longest dead time */
 
 typedef struct {
     valve_state valve;
+    pi_state controller;
     double lag1, lag2;
     double delayed[DELAY_LENGTH]; /* ring: what entered in the last steps */
     int64_t written;
@@ -70,7 +77,7 @@ static const char *plant_advance(plant *p, int64_t count) {
     double input;
     if (complaint)
         return complaint;
-    input = stem_move(p) + p->v.load;
+    input = stem_move(p, count) + p->v.load;
     for (int64_t i = 0; i < count; ++i) {
         const int64_t now = p->memory.written++;
         const int64_t then = now - (int64_t)p->v.dead_time;

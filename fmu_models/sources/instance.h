@@ -67,11 +67,25 @@ static fmu_instance *fmu_create(const char *name, const char *token, fmi2Callbac
     return fmu;
 }
 
+/* Let NAME_start decide the input NAME that the importer has not set. */
+static void fmu_start_inputs(plant *p) {
+    double *values = (double *)&p->v;
+    for (int i = 1; i < VARIABLE_COUNT; ++i) {
+        const size_t length = strlen(plant_table[i].name);
+        if (plant_table[i].kind != KIND_input || p->given[i])
+            continue;
+        for (int j = 1; j < VARIABLE_COUNT; ++j)
+            if (plant_table[j].kind == KIND_fixed &&
+                strncmp(plant_table[j].name, plant_table[i].name, length) == 0 &&
+                strcmp(plant_table[j].name + length, "_start") == 0)
+                values[i] = values[j];
+    }
+}
+
 static int fmu_initialise(fmu_instance *fmu) {
     plant *p = &fmu->state;
     const char *complaint;
-    if (!p->op_given)
-        p->v.op = p->v.op_start;
+    fmu_start_inputs(p);
     p->steps = 0;
     p->v.time = p->start_time;
     complaint = plant_initialise(p);
@@ -119,8 +133,7 @@ static int fmu_set(fmu_instance *fmu, unsigned reference, int type, double value
         return fmu_complain(fmu, "%s = %g is not within %g ... %g", row->name, value, row->low,
                             row->high);
     ((double *)&fmu->state.v)[reference] = value;
-    if (reference == offsetof(plant_variables, op) / sizeof(double))
-        fmu->state.op_given = 1;
+    fmu->state.given[reference] = 1;
     return FMU_OK;
 }
 

@@ -6,7 +6,12 @@
 #define MODEL_IDENTIFIER level
 #define BASE_STEP 1.0
 #define DEFAULT_STEP 1.0
+#define PV_UNIT "%"
+#define PI_SP 50.0
+#define PI_GAIN 4.0
+#define PI_TIME 200.0
 
+#include "controller.h"
 #include "valve.h"
 
 #define VARIABLES(X)                                                                               \
@@ -21,10 +26,12 @@
     X(op_start, fixed, Real, 50.0, -ANY, ANY, "%", "OP at which the plant rests at the start")     \
     X(seed, fixed, Integer, 1, 0, 2147483647, "", "seed of the noise")                             \
     X(level_start, fixed, Real, 50.0, 0.0, 100.0, "%", "level at the start")                       \
-    X(fill_time, tunable, Real, 200.0, 1.0, ANY, "s", "time to fill the tank, valve open")
+    X(fill_time, tunable, Real, 200.0, 1.0, ANY, "s", "time to fill the tank, valve open")         \
+    CONTROLLER_VARIABLES(X)
 
 typedef struct {
     valve_state valve;
+    pi_state controller;
     double level;
     double outflow;
 } plant_memory;
@@ -50,7 +57,7 @@ static const char *plant_advance(plant *p, int64_t count) {
     double rate;
     if (complaint)
         return complaint;
-    rate = (stem_move(p) + p->v.load - p->memory.outflow) / p->v.fill_time;
+    rate = (stem_move(p, count) + p->v.load - p->memory.outflow) / p->v.fill_time;
     p->memory.level =
         plant_clamp(p->memory.level + (double)count * BASE_STEP * rate, 0.0, 100.0);
     measure(p);

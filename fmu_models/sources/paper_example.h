@@ -2,10 +2,12 @@
  * ARX(3,3) process with equation noise v, optional noise on the measurement. The including model
  * file has the coefficients PROCESS_A and PROCESS_B. */
 #include "arx.h"
+#include "controller.h"
 #include "valve.h"
 
 typedef struct {
     valve_state valve;
+    pi_state controller;
     arx_state process;
 } plant_memory;
 
@@ -24,6 +26,8 @@ static const char *plant_initialise(plant *p) {
                         (1.0 + process_a[0] + process_a[1] + process_a[2]);
     const double x = p->v.op + p->v.load;
     noise_start(&p->noise, p->v.seed);
+    pi_rest(&p->memory.controller, p->v.op);
+    p->v.op_out = p->v.op;
     valve_rest(&p->memory.valve, p->v.stick_band, p->v.slip_jump, p->v.op);
     arx_rest(&p->memory.process, gain * x, x);
     measure(p);
@@ -36,7 +40,9 @@ static const char *plant_advance(plant *p, int64_t count) {
     if (complaint)
         return complaint;
     /* One move a step, as the data-driven models do with a new sample of OP. */
-    stem = valve_move(&p->memory.valve, (int)p->v.valve, p->v.stick_band, p->v.slip_jump, p->v.op);
+    p->v.op_out = controlled_op(p, count);
+    stem = valve_move(&p->memory.valve, (int)p->v.valve, p->v.stick_band, p->v.slip_jump,
+                      p->v.op_out);
     for (int64_t i = 0; i < count; ++i) {
         const double v = p->v.noise_std * noise_normal(&p->noise);
         arx_step(&p->memory.process, process_a, process_b, stem + p->v.load, v);

@@ -14,9 +14,15 @@
 #define MODEL_IDENTIFIER physical
 #define BASE_STEP 0.0001
 #define DEFAULT_STEP 1.0
+#define PV_UNIT "1"
+#define PI_SP 50.0
+#define PI_GAIN 1.0
+#define PI_TIME 5.0
 
 #include <math.h>
 #include <stdint.h>
+
+#include "controller.h"
 
 enum { VALVE_FRICTIONLESS = 0, VALVE_KARNOPP = 4, VALVE_LUGRE = 5 };
 
@@ -38,9 +44,11 @@ enum { VALVE_FRICTIONLESS = 0, VALVE_KARNOPP = 4, VALVE_LUGRE = 5 };
     X(travel, tunable, Real, 0.1016, 0.001, ANY, "m", "of the stem")                               \
     X(viscous, tunable, Real, 612.9, 0.0, ANY, "N.s/m", "viscous friction")                        \
     X(stribeck, tunable, Real, 0.000254, 0.000001, ANY, "m/s", "Stribeck velocity")                \
-    X(bristle, tunable, Real, 10000000.0, 1000.0, 50000000.0, "N/m", "of LuGre bristles")
+    X(bristle, tunable, Real, 10000000.0, 1000.0, 50000000.0, "N/m", "of LuGre bristles")          \
+    CONTROLLER_VARIABLES(X)
 
 typedef struct {
+    pi_state controller;
     double pressure; /* percent of span */
     double x, v;     /* m, m/s */
     double z;        /* deflection of LuGre's bristles in m */
@@ -115,7 +123,8 @@ static void measure(plant *p) {
 
 static const char *plant_initialise(plant *p) {
     noise_start(&p->noise, p->v.seed);
-    p->memory.pressure = plant_clamp(p->v.op, 0.0, 100.0);
+    pi_rest(&p->memory.controller, p->v.op);
+    p->memory.pressure = p->v.op_out = plant_clamp(p->v.op, 0.0, 100.0);
     p->memory.x = 0.01 * p->memory.pressure * p->v.travel;
     p->memory.v = p->memory.z = 0.0;
     p->memory.y = p->memory.pressure + p->v.load;
@@ -126,11 +135,12 @@ static const char *plant_initialise(plant *p) {
 static const char *plant_advance(plant *p, int64_t count) {
     const char *complaint = check(p);
     const forces f = present_forces(p);
-    const double op = plant_clamp(p->v.op, 0.0, 100.0);
     const double fill = 1.0 - exp(-BASE_STEP / p->v.actuator_lag);
     const double follow = 1.0 - exp(-BASE_STEP / p->v.time_constant);
+    double op;
     if (complaint)
         return complaint;
+    op = p->v.op_out = plant_clamp(controlled_op(p, count), 0.0, 100.0);
     for (int64_t i = 0; i < count; ++i) {
         double drive;
         p->memory.pressure += fill * (op - p->memory.pressure);

@@ -8,9 +8,12 @@
  *                     X(name, kind, type, start, low, high, "unit", "text")
  *                     kind: input, output, fixed (a parameter set before the start) or tunable
  *                     (a parameter that may change at any time); type: Real or Integer;
- *                     a bound is a number, ANY or -ANY,
+ *                     a bound is a number, ANY or -ANY; a header's rows come in as
+ *                     NAME_VARIABLES(X) (controller.h has some),
  *   plant_memory      a struct without pointers: what the model keeps between steps,
  * then plant_initialise and plant_advance, and at last includes "fmi.h".
+ * A fixed parameter called like an input with _start behind it (op_start) is that input's value at
+ * the start, unless the importer sets the input itself.
  * The build reads the same rows to write modelDescription.xml.
  */
 #ifndef PLANT_H
@@ -58,10 +61,11 @@ typedef struct {
     double start_time;
     int64_t steps; /* base steps since the start: time = start_time + steps * BASE_STEP */
     int32_t phase;
-    int32_t op_given; /* the importer set `op` before the start: it wins over `op_start` */
+    int32_t unused; /* keeps the size the same on every platform */
+    unsigned char given[(VARIABLE_COUNT + 7) / 8 * 8]; /* 1: the importer has set it */
 } plant;
 
-/* Put the plant at rest at v.op and v.load, and set the outputs. Called again whenever a parameter
+/* Put the plant at rest at its inputs, and set the outputs. Called again whenever a parameter
  * changed before the start. Returns 0, or what is wrong with the parameters. */
 static const char *plant_initialise(plant *p);
 

@@ -6,7 +6,12 @@
 #define MODEL_IDENTIFIER pressure
 #define BASE_STEP 0.1
 #define DEFAULT_STEP 1.0
+#define PV_UNIT "bar"
+#define PI_SP 4.1
+#define PI_GAIN 15.0
+#define PI_TIME 8.0
 
+#include "controller.h"
 #include "valve.h"
 
 #define VARIABLES(X)                                                                               \
@@ -23,10 +28,12 @@
     X(header, tunable, Real, 10.0, 0.1, ANY, "bar", "pressure of the header")                      \
     X(inlet, tunable, Real, 1.0, 0.0, ANY, "1", "inflow at 1 bar through the open valve")          \
     X(outlet, tunable, Real, 0.6, 0.001, ANY, "1", "outflow at 1 bar")                             \
-    X(volume, tunable, Real, 2.0, 0.1, ANY, "s", "inflow that raises the pressure by 1 bar")
+    X(volume, tunable, Real, 2.0, 0.1, ANY, "s", "inflow that raises the pressure by 1 bar")       \
+    CONTROLLER_VARIABLES(X)
 
 typedef struct {
     valve_state valve;
+    pi_state controller;
     double pressure;
 } plant_memory;
 
@@ -61,7 +68,7 @@ static const char *plant_advance(plant *p, int64_t count) {
     const double h = BASE_STEP;
     if (complaint)
         return complaint;
-    stem_move(p);
+    stem_move(p, count);
     for (int64_t i = 0; i < count; ++i) {
         const double y = p->memory.pressure;
         const double k1 = rate(p, y);

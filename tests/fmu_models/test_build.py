@@ -14,8 +14,8 @@ from fmpy.validation import validate_fmu
 from fmu_models import PlantBuildError, catalogue, fmu_path, open_plant
 from fmu_models import build as command
 from fmu_models.compilers import PLATFORMS, compile_library, host_platform
-from fmu_models.describe import read_model
-from fmu_models.packing import SOURCES, build, build_source, is_current, model_names
+from fmu_models.packing import build, build_source, is_current, model_names
+from fmu_models.tables import SOURCES, read_model
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -27,6 +27,10 @@ from fmu_models.variables import VariableAccess
 OPS = [{"op": 50.0 + 15.0 * float(np.sin(k / 6.0))} for k in range(150)]
 
 
+def inputs_of(name: str) -> list[dict[str, float]]:
+    return [{loop.op: row["op"] for loop in catalogue[name].loops} for row in OPS]
+
+
 @pytest.fixture(params=[True, False], ids=["isolated", "in-process"])
 def plant(request: pytest.FixtureRequest) -> Iterator[Plant]:
     with open_plant("example1", isolated=request.param) as opened:
@@ -39,7 +43,7 @@ def test_fmi2_and_fmi3_isolated_or_not_give_the_same_bits(name: str) -> None:
     for version, isolated in ((2, False), (2, True), (3, False), (3, True)):
         with open_plant(fmu_path(name, 2 if version == 2 else 3), isolated=isolated) as plant:
             assert plant.info.fmi_version == f"{version}.0"
-            results.append([plant.outputs(), *plant.steps(OPS)])
+            results.append([plant.outputs(), *plant.steps(inputs_of(name))])
     assert all(result == results[0] for result in results[1:])
 
 
@@ -47,17 +51,18 @@ def test_fmi2_and_fmi3_isolated_or_not_give_the_same_bits(name: str) -> None:
 def test_fmpy_runs_it_and_agrees(name: str) -> None:
     """In FMPy's own loop; OP rises between the first and the second sample."""
     model = catalogue[name]
+    loop = model.loops[0]
     with open_plant(name, isolated=False) as plant:
-        expected = [plant.outputs(), *plant.steps([{"op": 50.0}] + [{"op": 58.0}] * 39)]
-    ramp = [(0.0, 50.0, 0.0), (0.9 * model.period, 58.0, 0.0), (1e9, 58.0, 0.0)]
+        expected = [plant.outputs(), *plant.steps([{loop.op: 50.0}] + [{loop.op: 58.0}] * 39)]
+    ramp = [(0.0, 50.0), (0.9 * model.period, 58.0), (1e9, 58.0)]
     result = fmpy.simulate_fmu(
         str(fmu_path(name)),
         stop_time=40 * model.period,
         output_interval=model.period,
-        output=["pv", "stem"],
-        input=np.array(ramp, dtype=[("time", "f8"), ("op", "f8"), ("load", "f8")]),
+        output=[loop.pv, loop.stem],
+        input=np.array(ramp, dtype=[("time", "f8"), (loop.op, "f8")]),
     )
-    for column in ("pv", "stem"):
+    for column in (loop.pv, loop.stem):
         np.testing.assert_array_equal(result[column], [row[column] for row in expected])
 
 
@@ -77,7 +82,7 @@ def test_a_batch_longer_than_one_message() -> None:
 def test_pv_of_the_next_sample_depends_on_this_op(plant: Plant) -> None:
     start = plant.outputs()
     assert plant.time == 0.0
-    assert start == {"pv": pytest.approx(50.0), "stem": 50.0}
+    assert start == {"pv": pytest.approx(50.0), "stem": 50.0, "op_out": 50.0}
     after = plant.step({"op": 70.0})
     assert plant.time == 1.0
     assert after == plant.outputs()
