@@ -15,6 +15,7 @@ from fieldlink.registers.codes import (
     Verdict,
     describe_ack,
 )
+from fieldlink.registers.decoder import BlockDecoder
 from fieldlink.registers.exchange import (
     Bank,
     ExchangeLayout,
@@ -27,12 +28,15 @@ from fieldlink.registers.plan import Apart, PlanError, ReadRequest, find_apart, 
 from fieldlink.registers.reader import BlockLimits, BlockReader, Fallback, ReaderState
 from fieldlink.registers.tag import Quality, Reading, Tag
 from fieldlink.registers.types import (
+    ORDERS,
     DataType,
     Order,
     RegisterValueError,
     Table,
     decode,
+    decode_text,
     encode,
+    encode_text,
 )
 
 __all__ = [
@@ -40,8 +44,10 @@ __all__ = [
     "BLOCK_FIELDS",
     "BLOCK_REGISTERS",
     "NOTHING_SEEN",
+    "ORDERS",
     "Apart",
     "Bank",
+    "BlockDecoder",
     "BlockError",
     "BlockFault",
     "BlockLimits",
@@ -66,9 +72,11 @@ __all__ = [
     "commit_word",
     "decode",
     "decode_block",
+    "decode_text",
     "describe_ack",
     "encode",
     "encode_block",
+    "encode_text",
     "find_apart",
     "is_newer",
     "next_seq",

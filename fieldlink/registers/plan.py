@@ -8,6 +8,9 @@ Tags that must be samples of the same instant (a loop's OP and PV) form a group 
 group is planned as one piece, whatever the gap inside it, so that it shares a request whenever any
 request could hold it. `find_apart` names the groups that cannot, with the reason. Two requests may
 overlap in addresses for that; each tag still belongs to exactly one of them.
+
+Tags that are read at different rates (``every``) never share a request, and for a device that can
+answer for one tag at a time (``one_tag``) every tag has a request of its own.
 """
 
 from __future__ import annotations
@@ -32,12 +35,16 @@ class PlanError(FieldlinkError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ReadRequest:
-    """One Modbus read: ``count`` addresses of ``table`` from ``address`` on, for ``tags``."""
+    """One Modbus read: ``count`` addresses of ``table`` from ``address`` on, for ``tags``.
+
+    ``every`` is the number of seconds between two of them; 0 sends it in every scan.
+    """
 
     table: Table
     address: int
     count: int
     tags: tuple[Tag, ...]
+    every: float = 0.0
 
     @property
     def end(self) -> int:
@@ -59,6 +66,8 @@ class ApartReason(Enum):
         "they are further apart than one request may reach; "
         "move them closer in the PLC or raise max_registers"
     )
+    RATES = "they are read at different rates; give them the same `every` in the register map"
+    ONE_TAG = "the device answers for one tag a request (one_request_per_tag)"
     CROWDED = (
         "a tag they share with another group needs a request that leaves no room; "
         "move the tags closer in the PLC or raise max_registers"
@@ -78,6 +87,7 @@ class _Limits:
     max_gap: int
     max_registers: int
     ranges: tuple[Range, ...]
+    one_tag: bool = False
 
     def most(self, table: Table) -> int:
         return table.read_limit if table.is_bits else min(self.max_registers, table.read_limit)
@@ -94,8 +104,9 @@ class _Limits:
     def allow(self, piece: Sequence[Tag]) -> bool:
         """Whether one request may read all of ``piece``."""
         table = piece[0].table
-        one_table = all(tag.table is table for tag in piece)
-        return one_table and self.allow_span(table, _start(piece), _end(piece))
+        alike = all(tag.table is table and tag.every == piece[0].every for tag in piece)
+        alone = len(piece) == 1 or not self.one_tag
+        return alike and alone and self.allow_span(table, _start(piece), _end(piece))
 
     def allow_span(self, table: Table, start: int, end: int) -> bool:
         """Whether one request may read from ``start`` up to, not including, ``end``."""
@@ -111,11 +122,18 @@ class _Span:
     end: int
     tags: list[Tag]
 
+    @property
+    def every(self) -> float:
+        """The rate of its tags, which is the same for all of them."""
+        return self.tags[0].every
+
     def take(self, later: _Span, limits: _Limits) -> bool:
         """Take in a span that begins here or further on, if one request may read both."""
         end = max(self.end, later.end)
         if (
-            later.table is not self.table
+            limits.one_tag
+            or later.table is not self.table
+            or later.every != self.every
             or later.start - self.end > limits.max_gap
             or not limits.allow_span(self.table, self.start, end)
         ):
@@ -126,7 +144,7 @@ class _Span:
 
     def request(self) -> ReadRequest:
         ordered = tuple(sorted(self.tags, key=lambda tag: (tag.address, tag.name)))
-        return ReadRequest(self.table, self.start, self.end - self.start, ordered)
+        return ReadRequest(self.table, self.start, self.end - self.start, ordered, self.every)
 
 
 def plan_reads(
@@ -136,6 +154,7 @@ def plan_reads(
     ranges: Sequence[Range] = (),
     *,
     together: Sequence[Sequence[str]] = (),
+    one_tag: bool = False,
 ) -> tuple[ReadRequest, ...]:
     """Return the requests that read every one of ``tags`` once, ordered by table and address.
 
@@ -146,19 +165,27 @@ def plan_reads(
             the protocol's own limit of 2000 bits.
         ranges: declared readable ranges (first, last), both included; empty means everything.
         together: groups of tag names that are to share a request.
+        one_tag: give every tag a request of its own.
 
     Raises:
         PlanError: a tag is longer than a request, lies outside the ranges or crosses one's border,
             or a group names a tag that is not there.
     """
-    limits = _Limits(max_gap, max_registers, tuple(ranges))
+    limits = _Limits(max_gap, max_registers, tuple(ranges), one_tag)
     all_tags = list(tags)
     for tag in all_tags:
         if not limits.allow([tag]):
             raise PlanError(_why_unreadable(tag, limits))
     pieces = _pieces(all_tags, together, limits)
     order = list(Table)
-    pieces.sort(key=lambda piece: (order.index(piece[0].table), _start(piece), _end(piece)))
+    pieces.sort(
+        key=lambda piece: (
+            order.index(piece[0].table),
+            piece[0].every,
+            _start(piece),
+            _end(piece),
+        )
+    )
     spans: list[_Span] = []
     for piece in pieces:
         span = _Span(piece[0].table, _start(piece), _end(piece), list(piece))
@@ -172,9 +199,11 @@ def find_apart(
     together: Sequence[Sequence[str]],
     max_registers: int = 125,
     ranges: Sequence[Range] = (),
+    *,
+    one_tag: bool = False,
 ) -> tuple[Apart, ...]:
     """Return the groups of ``together`` that are not in one of ``requests``, and why."""
-    limits = _Limits(0, max_registers, tuple(ranges))
+    limits = _Limits(0, max_registers, tuple(ranges), one_tag)
     place = {tag.name: number for number, found in enumerate(requests) for tag in found.tags}
     by_name = {tag.name: tag for found in requests for tag in found.tags}
     result = []
@@ -218,6 +247,10 @@ def _why_unreadable(tag: Tag, limits: _Limits) -> str:
 def _why_apart(group: Sequence[Tag], limits: _Limits) -> ApartReason:
     if len({tag.table for tag in group}) > 1:
         return ApartReason.TABLES
+    if limits.one_tag:
+        return ApartReason.ONE_TAG
+    if len({tag.every for tag in group}) > 1:
+        return ApartReason.RATES
     start, end = _start(group), _end(group)
     if end - start > limits.most(group[0].table):
         return ApartReason.TOO_FAR

@@ -2,7 +2,7 @@
 
 ``engineering value = scale * raw + offset``. A reading outside the engineering range ``low..high``,
 or one that is no number, keeps its value and says so in its quality: what to do about it is for
-those who use it to decide.
+those who use it to decide. A tag with ``clamp`` is cut off at its range instead, and is good.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from fieldlink.registers.types import (
     RegisterValueError,
     Table,
     decode,
+    decode_text,
     encode,
+    encode_text,
+    pattern,
 )
 
 __all__ = ["Quality", "Reading", "Tag"]
@@ -31,6 +34,7 @@ class Quality(Enum):
     NOT_A_NUMBER = "not a number: the sensor or the PLC marks the value as bad"
     BELOW_RANGE = "below the low limit of the register map"
     ABOVE_RANGE = "above the high limit of the register map"
+    INVALID = "the value that the register map declares to mean invalid"
 
     @property
     def is_good(self) -> bool:
@@ -40,10 +44,14 @@ class Quality(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One decoded value in engineering units, and how far it can be trusted."""
+    """One decoded value in engineering units, and how far it can be trusted.
+
+    ``text`` is what a string holds; its ``value`` is NaN.
+    """
 
     value: float
     quality: Quality
+    text: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +68,13 @@ class Tag:
         low, high: engineering range; None leaves that side open.
         writable: whether Fieldlink may ever write it.
         comment: free text.
-        word_order, byte_order: those of the device.
+        word_order, byte_order: those of the device, or of the map's row.
+        bit: of a ``bool`` in a register: which bit, 0 the least significant; None for any bit.
+        length: registers of a string; 0 for every other type.
+        clamp: cut a value off at its range instead of marking it as bad.
+        invalid: raw numbers (before the scale) that mean invalid.
+        invalid_patterns: the same as bits of the registers, in big-endian order.
+        every: seconds between reads; 0 reads it in every scan.
     """
 
     name: str
@@ -76,11 +90,17 @@ class Tag:
     comment: str = ""
     word_order: Order = "big"
     byte_order: Order = "big"
+    bit: int | None = None
+    length: int = 0
+    clamp: bool = False
+    invalid: tuple[float, ...] = ()
+    invalid_patterns: tuple[int, ...] = ()
+    every: float = 0.0
 
     @property
     def count(self) -> int:
         """How many addresses the tag takes."""
-        return self.data_type.registers
+        return self.length or self.data_type.registers
 
     @property
     def end(self) -> int:
@@ -93,9 +113,38 @@ class Tag:
         Raises:
             RegisterValueError: the number of words is not the tag's.
         """
+        if self.data_type is DataType.STRING:
+            if len(words) != self.count:
+                raise RegisterValueError(
+                    f"{self.name} takes {self.count} register(s), got {len(words)}"
+                )
+            return Reading(math.nan, Quality.GOOD, decode_text(words, byte_order=self.byte_order))
         raw = decode(words, self.data_type, word_order=self.word_order, byte_order=self.byte_order)
-        value = self.scale * float(raw) + self.offset
-        return Reading(value, self._quality(value))
+        if self.bit is not None:
+            raw = bool(_swapped(words[0], self.byte_order) >> self.bit & 1)
+        bits = (
+            pattern(words, word_order=self.word_order, byte_order=self.byte_order)
+            if self.invalid_patterns
+            else 0
+        )
+        return self.judge(float(raw), bits)
+
+    def judge(self, raw: float, bits: int = 0) -> Reading:
+        """Return the reading of the ``raw`` number whose registers hold ``bits``.
+
+        ``bits`` is looked at only by tags with `invalid_patterns`.
+        """
+        value = self.scale * raw + self.offset
+        if self.invalid_patterns and bits in self.invalid_patterns:
+            return Reading(value, Quality.INVALID)
+        if self.invalid and raw in self.invalid:
+            return Reading(value, Quality.INVALID)
+        quality = self._quality(value)
+        if self.clamp and self.low is not None and quality is Quality.BELOW_RANGE:
+            return Reading(self.low, Quality.GOOD)
+        if self.clamp and self.high is not None and quality is Quality.ABOVE_RANGE:
+            return Reading(self.high, Quality.GOOD)
+        return Reading(value, quality)
 
     def encode(self, value: float, *, clamp: bool = False) -> list[int]:
         """Return the words for the engineering ``value``.
@@ -104,8 +153,13 @@ class Tag:
         not looked at, as in a transmitter; without it both are refused.
 
         Raises:
-            RegisterValueError: the value is outside the range, or the type cannot hold it.
+            RegisterValueError: the value is outside the range, the type cannot hold it, or the tag
+                is one bit of a register, whose other bits a write would lose.
         """
+        if self.bit is not None:
+            raise RegisterValueError(
+                f"{self.name} is one bit of a register; write the whole register by address"
+            )
         raw = (value - self.offset) / self.scale
         if clamp and math.isfinite(raw):
             smallest, largest = self.data_type.bounds
@@ -122,6 +176,17 @@ class Tag:
         except RegisterValueError as error:
             raise RegisterValueError(f"{self.name}: {error}") from error
 
+    def encode_text(self, text: str) -> list[int]:
+        """Return the words for the ``text`` of a string tag.
+
+        Raises:
+            RegisterValueError: it does not fit.
+        """
+        try:
+            return encode_text(text, self.count, byte_order=self.byte_order)
+        except RegisterValueError as error:
+            raise RegisterValueError(f"{self.name}: {error}") from error
+
     def _quality(self, value: float) -> Quality:
         if not math.isfinite(value):
             return Quality.NOT_A_NUMBER
@@ -130,3 +195,7 @@ class Tag:
         if self.high is not None and value > self.high:
             return Quality.ABOVE_RANGE
         return Quality.GOOD
+
+
+def _swapped(word: int, byte_order: Order) -> int:
+    return word if byte_order == "big" else word >> 8 | (word & 0xFF) << 8

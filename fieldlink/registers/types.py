@@ -10,21 +10,34 @@ inside each word. For a 32-bit value 0xAABBCCDD the four combinations are what d
     big          little       BA DC   "BADC"
     little       little       DC BA   "DCBA"
 
-A new type (a bit, a string, BCD) is a new member of `DataType` and a row in `_CODECS`.
+Numbers go through `decode` and `encode`, text through `decode_text` and `encode_text`. A new type
+of number is a new member of `DataType` and a row in `_CODECS`.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["DataType", "Order", "RegisterValueError", "Table", "decode", "encode", "order_name"]
+__all__ = [
+    "ORDERS",
+    "DataType",
+    "Order",
+    "RegisterValueError",
+    "Table",
+    "decode",
+    "decode_text",
+    "encode",
+    "encode_text",
+    "order_name",
+    "pattern",
+]
 
 Order = Literal["big", "little"]
 
@@ -74,11 +87,29 @@ class DataType(StrEnum):
     FLOAT32 = "float32"
     FLOAT64 = "float64"
     BOOL = "bool"
+    BCD16 = "bcd16"
+    BCD32 = "bcd32"
+    STRING = "string"
 
     @property
     def registers(self) -> int:
-        """How many registers one value takes."""
+        """How many registers one value takes; a string takes as many as its tag says."""
         return _CODECS[self].registers
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the type holds a quantity and not a state or a text."""
+        return self not in (DataType.BOOL, DataType.STRING)
+
+    @property
+    def is_bcd(self) -> bool:
+        """Whether each four bits hold a decimal digit."""
+        return self in (DataType.BCD16, DataType.BCD32)
+
+    @property
+    def format_code(self) -> str:
+        """The format character of `struct` for the words in big-endian order."""
+        return _CODECS[self].code
 
     @property
     def is_float(self) -> bool:
@@ -113,13 +144,23 @@ _CODECS: dict[DataType, _Codec] = {
     DataType.FLOAT32: _Codec("f", 2, -_FLOAT32_MAX, _FLOAT32_MAX),
     DataType.FLOAT64: _Codec("d", 4, -1.7976931348623157e308, 1.7976931348623157e308),
     DataType.BOOL: _Codec("H", 1, 0, 1),
+    DataType.BCD16: _Codec("H", 1, 0, 9999),
+    DataType.BCD32: _Codec("I", 2, 0, 99_999_999),
+    DataType.STRING: _Codec("H", 1, 0, 0),
 }
+
+ORDERS: Mapping[str, tuple[Order, Order]] = {
+    "ABCD": ("big", "big"),
+    "CDAB": ("little", "big"),
+    "BADC": ("big", "little"),
+    "DCBA": ("little", "little"),
+}
+"""What device manuals call the pairs (word order, byte order)."""
 
 
 def order_name(word_order: Order, byte_order: Order) -> str:
     """Return the name that device manuals give to the pair of orders, such as ``"CDAB"``."""
-    words = ("AB", "CD") if word_order == "big" else ("CD", "AB")
-    return "".join(pair if byte_order == "big" else pair[::-1] for pair in words)
+    return next(name for name, pair in ORDERS.items() if pair == (word_order, byte_order))
 
 
 def decode(
@@ -131,12 +172,14 @@ def decode(
 ) -> int | float | bool:
     """Return the raw value that ``words`` (exactly ``data_type.registers`` of them) hold.
 
-    Any non-zero register is a true ``bool``. Floats may come out as NaN or infinite.
+    Any non-zero register is a true ``bool``. Floats may come out as NaN or infinite, and BCD with a
+    digit above 9 comes out as NaN.
 
     Raises:
-        RegisterValueError: the number of words is not the type's, or a word is not 0..65535.
+        RegisterValueError: the number of words is not the type's, a word is not 0..65535, or the
+            type is a string (see `decode_text`).
     """
-    codec = _CODECS[data_type]
+    codec = _number_codec(data_type)
     if len(words) != codec.registers:
         raise RegisterValueError(
             f"{data_type} takes {codec.registers} register(s), got {len(words)}"
@@ -147,7 +190,7 @@ def decode(
     value: int | float = struct.unpack(
         f">{codec.code}", struct.pack(f">{codec.registers}H", *ordered)
     )[0]
-    return value
+    return _from_bcd(int(value)) if data_type.is_bcd else value
 
 
 def encode(
@@ -164,7 +207,7 @@ def encode(
     Raises:
         RegisterValueError: the type cannot hold the value.
     """
-    codec = _CODECS[data_type]
+    codec = _number_codec(data_type)
     if data_type is DataType.BOOL:
         if value not in (0, 1):
             raise RegisterValueError(f"{value!r} is no bool; write 0 or 1")
@@ -181,9 +224,62 @@ def encode(
             raise RegisterValueError(
                 f"{value!r} does not fit {data_type} ({codec.low} to {codec.high})"
             )
-        packed = struct.pack(f">{codec.code}", whole)
+        packed = struct.pack(f">{codec.code}", int(str(whole), 16) if data_type.is_bcd else whole)
     words = struct.unpack(f">{codec.registers}H", packed)
     return _as_words(words, word_order, byte_order)
+
+
+def decode_text(words: Sequence[int], *, byte_order: Order = "big") -> str:
+    """Return the text in ``words``, two characters a register, up to the first zero.
+
+    What is not ASCII comes out as U+FFFD; blanks at the end are left out.
+
+    Raises:
+        RegisterValueError: a word is not 0..65535.
+    """
+    ordered = _as_words(words, "big", byte_order)
+    raw = struct.pack(f">{len(ordered)}H", *ordered)
+    return raw.split(b"\0", 1)[0].decode("ascii", errors="replace").rstrip()
+
+
+def encode_text(text: str, registers: int, *, byte_order: Order = "big") -> list[int]:
+    """Return ``registers`` words that hold ``text``, filled up with zeros.
+
+    Raises:
+        RegisterValueError: the text is too long or not ASCII.
+    """
+    try:
+        raw = text.encode("ascii")
+    except UnicodeEncodeError as error:
+        raise RegisterValueError(
+            f"{text!r} is not ASCII; leave out {error.object[error.start]!r}"
+        ) from error
+    if len(raw) > 2 * registers:
+        raise RegisterValueError(
+            f"{text!r} has {len(raw)} characters, {registers} register(s) hold {2 * registers}"
+        )
+    words = struct.unpack(f">{registers}H", raw.ljust(2 * registers, b"\0"))
+    return _as_words(words, "big", byte_order)
+
+
+def pattern(words: Sequence[int], *, word_order: Order = "big", byte_order: Order = "big") -> int:
+    """Return the bits of ``words`` as one unsigned number, as manuals write them: 0x8000."""
+    number = 0
+    for word in _as_words(words, word_order, byte_order):
+        number = number << 16 | word
+    return number
+
+
+def _number_codec(data_type: DataType) -> _Codec:
+    if data_type is DataType.STRING:
+        raise RegisterValueError("a string is no number; use decode_text and encode_text")
+    return _CODECS[data_type]
+
+
+def _from_bcd(word: int) -> int | float:
+    """Return the decimal number whose digits are the hexadecimal ones; NaN when one is above 9."""
+    digits = f"{word:x}"
+    return int(digits) if digits.isdecimal() else math.nan
 
 
 def _as_words(words: Sequence[int], word_order: Order, byte_order: Order) -> list[int]:

@@ -6,10 +6,10 @@
 Everything is checked when a site is loaded; what is wrong is a `SiteError` that lists all of it.
 """
 
+from fieldlink.site.device import Device, Quirks, Tls
 from fieldlink.site.errors import Problem, RecordingError, SiteError
 from fieldlink.site.load import load_site, schema
 from fieldlink.site.models import (
-    Device,
     EstimatorSettings,
     HistorianSettings,
     Loop,
@@ -32,10 +32,12 @@ __all__ = [
     "PiSettings",
     "PlantSettings",
     "Problem",
+    "Quirks",
     "Recording",
     "RecordingError",
     "Site",
     "SiteError",
+    "Tls",
     "WriteBack",
     "WriteLimits",
     "check",

@@ -9,14 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from fieldlink.registers import ExchangeLayout
+from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
 
 __all__ = [
     "Device",
+    "EstimationSettings",
     "EstimatorSettings",
     "ExchangeAddresses",
     "HistorianSettings",
@@ -25,22 +28,15 @@ __all__ = [
     "PlantSettings",
     "SiteFile",
     "SiteSettings",
+    "WebSettings",
     "WriteBack",
     "WriteLimits",
 ]
 
-Address = Annotated[int, Field(ge=0, le=0xFFFF)]
-Seconds = Annotated[float, Field(gt=0)]
 Span = tuple[float, float]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
-
-
-class SiteSettings(_Model):
+class SiteSettings(Model):
     """``[site]``: the site as a whole."""
 
     name: str = Field(min_length=1)
@@ -49,57 +45,7 @@ class SiteSettings(_Model):
     """Folder for what Fieldlink writes, relative to the site file."""
 
 
-class Device(_Model):
-    """``[devices.NAME]``: one PLC, simulated plant or recording, and how to reach it."""
-
-    link: Literal["modbus-tcp", "fmu", "recording"]
-    """Kind of link: Modbus TCP, a simulated plant in lockstep, or recorded data."""
-    host: str | None = None
-    """Host name or address; needed for modbus-tcp."""
-    port: int = Field(default=502, ge=1, le=0xFFFF)
-    """TCP port."""
-    unit: int = Field(default=1, ge=0, le=255)
-    """Modbus unit id."""
-    word_order: Literal["big", "little"] = "big"
-    """Order of the words of a value longer than one register; big is most significant first."""
-    byte_order: Literal["big", "little"] = "big"
-    """Order of the bytes inside each register of a mapped tag."""
-    register_map: Path | None = None
-    """CSV file with the tags, relative to the site file; needed unless link = "recording"."""
-    timeout: Seconds = 0.5
-    """Seconds to wait for an answer."""
-    max_gap: int = Field(default=8, ge=0, le=124)
-    """Unused registers read along to join two tags in one request."""
-    max_registers: int = Field(default=125, ge=1, le=125)
-    """Most registers in one read request."""
-    ranges: tuple[tuple[Address, Address], ...] = ()
-    """Readable address ranges (first, last), both included; no request crosses their borders."""
-    speed: Seconds = 1.0
-    """Plant seconds per second of the wall clock, for a simulated plant."""
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.link == "modbus-tcp" and not self.host:
-            raise ValueError(
-                'link = "modbus-tcp" needs a host; add host = "192.0.2.10" or the like'
-            )
-        if self.link != "recording" and self.register_map is None:
-            raise ValueError(f'link = "{self.link}" needs a register_map; name its CSV file')
-        return self
-
-    @model_validator(mode="after")
-    def _ordered_ranges(self) -> Self:
-        for first, last in self.ranges:
-            if first > last:
-                raise ValueError(f"ranges: [{first}, {last}] is the wrong way round; exchange them")
-        ordered = sorted(self.ranges)
-        for (_, end), (start, _) in pairwise(ordered):
-            if start <= end:
-                raise ValueError(f"ranges overlap at {start}; merge them")
-        return self
-
-
-class EstimatorSettings(_Model):
+class EstimatorSettings(Model):
     """``[loops.NAME.estimator]``: how the loop's windows are judged."""
 
     criterion: Literal["auto", "oe", "arx"] = "auto"
@@ -108,7 +54,7 @@ class EstimatorSettings(_Model):
     """Confidence of the intervals."""
 
 
-class ExchangeAddresses(_Model):
+class ExchangeAddresses(Model):
     """``[loops.NAME.writeback.addresses]``: each exchange register (holding, 0-based)."""
 
     enable: Address
@@ -131,7 +77,7 @@ class ExchangeAddresses(_Model):
     """Fieldlink: first register of bank B."""
 
 
-class WriteLimits(_Model):
+class WriteLimits(Model):
     """``[loops.NAME.writeback.limits]``: ranges (units of OP) outside which nothing is written."""
 
     stick_band: Span = (0.0, 20.0)
@@ -150,7 +96,7 @@ class WriteLimits(_Model):
         return self
 
 
-class WriteBack(_Model):
+class WriteBack(Model):
     """``[loops.NAME.writeback]``: how the valve model reaches the PLC. Off by default."""
 
     enabled: bool = False
@@ -197,7 +143,7 @@ class WriteBack(_Model):
         return self
 
 
-class PiSettings(_Model):
+class PiSettings(Model):
     """``[loops.NAME.plant.pi]``: the simulated PI controller."""
 
     gain: float
@@ -206,7 +152,7 @@ class PiSettings(_Model):
     """Seconds."""
 
 
-class PlantSettings(_Model):
+class PlantSettings(Model):
     """``[loops.NAME.plant]``: what the simulated PLC hosts. Not used with a real PLC."""
 
     fmu: str | None = None
@@ -250,7 +196,7 @@ class PlantSettings(_Model):
         return self
 
 
-class Loop(_Model):
+class Loop(Model):
     """``[loops.NAME]``: one control loop."""
 
     device: str
@@ -292,16 +238,7 @@ class Loop(_Model):
         return (self.op, self.pv, *(name for name in optional if name is not None))
 
 
-class HistorianSettings(_Model):
-    """``[historian]``: where samples, estimates and write-backs are stored."""
-
-    url: str = "sqlite:///history.sqlite"
-    """SQLAlchemy URL; an SQLite path is relative to data_dir."""
-    retention_days: float | None = Field(default=None, gt=0)
-    """Days that samples are kept; for ever unless given."""
-
-
-class SiteFile(_Model):
+class SiteFile(Model):
     """A whole site file."""
 
     site: SiteSettings
@@ -312,3 +249,7 @@ class SiteFile(_Model):
     """Control loops by name."""
     historian: HistorianSettings = HistorianSettings()
     """Where history is stored."""
+    estimation: EstimationSettings = EstimationSettings()
+    """The processes in which windows are judged."""
+    web: WebSettings = WebSettings()
+    """The endpoints for health and metrics."""

@@ -10,7 +10,8 @@ from typing import Any
 
 from fieldlink.registers import Apart, ReadRequest, find_apart
 from fieldlink.registers.types import order_name
-from fieldlink.site.models import Device, Loop
+from fieldlink.site.device import Device
+from fieldlink.site.models import Loop
 from fieldlink.site.resolved import Site
 
 __all__ = ["CheckReport", "DeviceReport", "LoopReport", "RequestReport", "WriteBackReport", "check"]
@@ -18,13 +19,17 @@ __all__ = ["CheckReport", "DeviceReport", "LoopReport", "RequestReport", "WriteB
 
 @dataclass(frozen=True, slots=True)
 class RequestReport:
-    """One read request: Modbus function code, table, first and last address, the tags it brings."""
+    """One read request: Modbus function code, table, first and last address, the tags it brings.
+
+    ``every`` is the number of seconds between two of them; 0 means that every scan sends it.
+    """
 
     function: int
     table: str
     first: int
     last: int
     tags: tuple[str, ...]
+    every: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +91,7 @@ class CheckReport:
 
     @property
     def requests_per_scan(self) -> int:
-        """Read requests of one scan of all devices."""
+        """Read requests of one scan of all devices that read everything."""
         return sum(len(device.requests) for device in self.devices)
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,13 +125,10 @@ def check(site: Site) -> CheckReport:
 def _device(
     site: Site, name: str, device: Device, requests: tuple[ReadRequest, ...]
 ) -> DeviceReport:
-    address = ""
-    if device.link == "modbus-tcp":
-        address = f"{device.host}:{device.port} unit {device.unit}"
     return DeviceReport(
         name=name,
         link=device.link,
-        address=address,
+        address=device.where,
         order=order_name(device.word_order, device.byte_order),
         tags=len(site.maps.get(name, {})),
         requests=tuple(
@@ -136,6 +138,7 @@ def _device(
                 first=request.address,
                 last=request.end - 1,
                 tags=tuple(tag.name for tag in request.tags),
+                every=request.every,
             )
             for request in requests
         ),
@@ -170,7 +173,13 @@ def _apart(
     site: Site, loop: Loop, requests: tuple[ReadRequest, ...], group: tuple[str, ...]
 ) -> tuple[Apart, ...]:
     device = site.devices[loop.device]
-    return find_apart(requests, [group], device.max_registers, device.ranges)
+    return find_apart(
+        requests,
+        [group],
+        device.max_registers,
+        device.ranges,
+        one_tag=device.quirks.one_request_per_tag,
+    )
 
 
 def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> list[str]:

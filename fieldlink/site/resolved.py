@@ -10,8 +10,10 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from fieldlink.registers import ReadRequest, Tag, plan_reads
+from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
-from fieldlink.site.models import Device, HistorianSettings, Loop, SiteFile
+from fieldlink.site.models import Loop, SiteFile
+from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
 
 __all__ = ["Site"]
 
@@ -53,6 +55,16 @@ class Site:
     def historian(self) -> HistorianSettings:
         """The historian's settings."""
         return self.file.historian
+
+    @property
+    def estimation(self) -> EstimationSettings:
+        """The settings of the estimator's processes."""
+        return self.file.estimation
+
+    @property
+    def web(self) -> WebSettings:
+        """The settings of the endpoints for health and metrics."""
+        return self.file.web
 
     @property
     def data_dir(self) -> Path:
@@ -104,6 +116,7 @@ class Site:
             settings.max_registers,
             settings.ranges,
             together=self.together(device),
+            one_tag=settings.quirks.one_request_per_tag,
         )
 
     def with_device(self, name: str, **changes: Any) -> Site:

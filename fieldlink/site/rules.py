@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from fieldlink.registers import (
     BLOCK_REGISTERS,
@@ -11,10 +12,12 @@ from fieldlink.registers import (
     ExchangeLayout,
     PlanError,
     Table,
+    Tag,
     plan_reads,
 )
+from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, RecordingError, nearest
-from fieldlink.site.models import Device, Loop
+from fieldlink.site.models import Loop
 from fieldlink.site.recording import read_recording
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
@@ -31,6 +34,8 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
         for problem in rule(site, source, name, loop)
     ]
     problems.extend(_readable(site, source))
+    problems.extend(_certificates(site, source))
+    problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))
     return problems
 
@@ -55,10 +60,7 @@ def _tags_exist(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterat
         key = ("loops", name, role)
         elsewhere = [device for device, others in site.maps.items() if wanted in others]
         if wanted in tags:
-            if role in ("op", "pv") and tags[wanted].data_type is DataType.BOOL:
-                yield source.problem(
-                    key, f"{wanted} is a bool in the register map", "name a tag that holds a number"
-                )
+            yield from _fits_role(source, key, role, tags[wanted])
         elif elsewhere:
             yield source.problem(
                 key,
@@ -72,6 +74,20 @@ def _tags_exist(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterat
     if loop.op == loop.pv:
         yield source.problem(
             ("loops", name, "pv"), f"{loop.pv} is the loop's OP too", "name the process variable"
+        )
+
+
+def _fits_role(source: TomlSource, key: tuple[str, ...], role: str, tag: Tag) -> Iterator[Problem]:
+    kind = tag.data_type
+    if kind is DataType.STRING or (role in ("op", "pv") and kind is DataType.BOOL):
+        yield source.problem(
+            key, f"{tag.name} is a {kind} in the register map", "name a tag that holds a number"
+        )
+    if role in ("op", "pv", "scan") and tag.every:
+        yield source.problem(
+            key,
+            f"{tag.name} is read every {tag.every:g} s only (column every of the register map)",
+            "samples need a fresh value in every scan: leave every empty for this tag",
         )
 
 
@@ -152,6 +168,35 @@ def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
                 yield source.problem(("devices", name), *str(error).split("; ", 1))
 
 
+def _certificates(site: Site, source: TomlSource) -> Iterator[Problem]:
+    for name, device in site.devices.items():
+        for key in ("ca", "cert", "key") if device.tls is not None else ():
+            path: Path | None = getattr(device.tls, key)
+            if path is not None and not site.resolve(path).is_file():
+                yield source.problem(
+                    ("devices", name, "tls", key),
+                    f"there is no file {site.resolve(path)}",
+                    "correct the path",
+                )
+
+
+def _lines(site: Site, source: TomlSource) -> Iterator[Problem]:
+    """Devices on one serial line must agree about its settings."""
+    first_of: dict[str, str] = {}
+    for name, device in site.devices.items():
+        if device.serial_port is None:
+            continue
+        first = first_of.setdefault(device.serial_port, name)
+        for key in ("baud", "parity", "data_bits", "stop_bits"):
+            mine, theirs = getattr(device, key), getattr(site.devices[first], key)
+            if mine != theirs:
+                yield source.problem(
+                    ("devices", name, key),
+                    f"{mine} here, {theirs} for {first!r} on the same {device.serial_port}",
+                    "give all devices of a serial line the same settings",
+                )
+
+
 @dataclass(frozen=True, slots=True)
 class _Area:
     """One part of a loop's exchange area: addresses ``first`` to ``last`` of an endpoint."""
@@ -189,9 +234,7 @@ def _exchange_areas(site: Site, source: TomlSource) -> Iterator[Problem]:
 
 def _endpoint(name: str, device: Device) -> tuple[object, ...]:
     """Two devices of a site file that are one PLC unit on the wire have one set of registers."""
-    if device.link == "modbus-tcp":
-        return (device.host, device.port, device.unit)
-    return (name,)
+    return device.endpoint or (name,)
 
 
 def _areas(name: str, layout: ExchangeLayout) -> list[_Area]:

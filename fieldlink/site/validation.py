@@ -30,7 +30,12 @@ def validated(source: TomlSource, root: type[M]) -> M:
     try:
         return root.model_validate_json(text, strict=True)
     except ValidationError as error:
-        raise SiteError(_problem(source, root, detail) for detail in error.errors()) from error
+        raise SiteError(
+            _problem(source, root, detail)
+            for detail in error.errors()
+            # A default that depends on a wrong key is no mistake of its own.
+            if detail["type"] != "default_factory_not_called"
+        ) from error
 
 
 def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) -> Problem:

@@ -18,10 +18,17 @@ from fieldlink.site import (
     Loop,
     PiSettings,
     PlantSettings,
+    Quirks,
+    Tls,
     WriteBack,
     WriteLimits,
 )
-from fieldlink.site.models import ExchangeAddresses, SiteSettings
+from fieldlink.site.models import (
+    EstimationSettings,
+    ExchangeAddresses,
+    SiteSettings,
+    WebSettings,
+)
 from fieldlink.site.register_map import COLUMNS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "site-file.md").read_text(encoding="utf-8")
@@ -29,6 +36,8 @@ PAGE = (Path(__file__).parents[2] / "docs" / "site-file.md").read_text(encoding=
 MODELS: list[type[BaseModel]] = [
     SiteSettings,
     Device,
+    Tls,
+    Quirks,
     Loop,
     EstimatorSettings,
     WriteBack,
@@ -37,11 +46,16 @@ MODELS: list[type[BaseModel]] = [
     PlantSettings,
     PiSettings,
     HistorianSettings,
+    EstimationSettings,
+    WebSettings,
 ]
 
 
 def default_of(model: type[BaseModel], key: str) -> str:
-    value = model.model_fields[key].default
+    field = model.model_fields[key]
+    value = field.default
+    if field.default_factory is not None:
+        value = field.get_default(call_default_factory=True, validated_data={})
     if value is PydanticUndefined:
         return "needed"
     if value is None or isinstance(value, BaseModel):

@@ -1,0 +1,189 @@
+"""``[devices.NAME]``: how a device is reached, what it bears, and what it holds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+__all__ = ["Address", "Device", "Model", "Quirks", "Seconds", "Tls"]
+
+Address = Annotated[int, Field(ge=0, le=0xFFFF)]
+Seconds = Annotated[float, Field(gt=0)]
+Pause = Annotated[float, Field(ge=0, le=60)]
+
+TLS_PORT = 802
+"""The port that the Modbus Security specification (MB-TCP-Security v2.1) registers."""
+
+_NEEDS_HOST = ("modbus-tcp", "modbus-rtu-tcp", "modbus-udp", "modbus-tls")
+_SERIAL_KEYS = ("serial_port", "baud", "parity", "data_bits", "stop_bits")
+
+
+class Model(BaseModel):
+    """What every table of a site file is: frozen, strict, without unknown keys."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+class Tls(Model):
+    """``[devices.NAME.tls]``: certificates of a modbus-tls device (PEM files)."""
+
+    ca: Path
+    """Certificates that may have signed the device's own, relative to the site file."""
+    cert: Path | None = None
+    """Our certificate, which Modbus Security demands of a client."""
+    key: Path | None = None
+    """Private key of cert, without a password."""
+    server_name: str | None = None
+    """Name in the device's certificate, where that is not its host."""
+
+    @model_validator(mode="after")
+    def _pair(self) -> Self:
+        if (self.cert is None) != (self.key is None):
+            raise ValueError("cert and key belong together; give both or neither")
+        return self
+
+
+class Quirks(Model):
+    """``[devices.NAME.quirks]``: what the device does not bear."""
+
+    pause_after_connect: Pause = 0.0
+    """Seconds between opening the connection and the first request."""
+    pause_between_requests: Pause = 0.0
+    """Seconds from a reply to the next request."""
+    close_after_scan: bool = False
+    """Whether the connection is closed after every scan, for devices with too few of them."""
+    one_request_per_tag: bool = False
+    """Whether every tag is asked for alone; OP and PV are then of different moments."""
+    probe_after_timeout: bool = False
+    """Whether the first reply after a time-out must prove that it is no late one; RTU always."""
+
+
+def _default_port(keys: dict[str, Any]) -> int:
+    return TLS_PORT if keys.get("link") == "modbus-tls" else 502
+
+
+class Device(Model):
+    """``[devices.NAME]``: one PLC, simulated plant or recording, and how to reach it."""
+
+    link: Literal[
+        "modbus-tcp",
+        "modbus-rtu",
+        "modbus-rtu-tcp",
+        "modbus-udp",
+        "modbus-tls",
+        "fmu",
+        "recording",
+    ]
+    """Kind of link: Modbus on a transport, a simulated plant in lockstep, or recorded data."""
+    host: str | None = None
+    """Host name or address; needed for Modbus over a network."""
+    port: int = Field(default_factory=_default_port, ge=1, le=0xFFFF)
+    """TCP or UDP port; 802 unless given for modbus-tls."""
+    serial_port: str | None = None
+    """Serial port of modbus-rtu, such as /dev/ttyUSB0; devices that share it take turns."""
+    baud: int = Field(default=19200, ge=50, le=4_000_000)
+    """Bits per second of the serial line."""
+    parity: Literal["none", "even", "odd"] = "even"
+    """Parity of the serial line."""
+    data_bits: Literal[7, 8] = 8
+    """Data bits of the serial line."""
+    stop_bits: Literal[1, 2] = 1
+    """Stop bits of the serial line; Modbus wants 2 with parity none."""
+    unit: int = Field(default=1, ge=0, le=255)
+    """Modbus unit id; 1 to 247 on a serial line."""
+    word_order: Literal["big", "little"] = "big"
+    """Order of the words of a value longer than one register; big is most significant first."""
+    byte_order: Literal["big", "little"] = "big"
+    """Order of the bytes inside each register of a mapped tag."""
+    register_map: Path | None = None
+    """CSV file with the tags, relative to the site file; needed unless link = "recording"."""
+    timeout: Seconds = 0.5
+    """Seconds to wait for an answer."""
+    retry_after_max: Seconds = 5.0
+    """Longest pause in seconds between two attempts to reach a device that does not answer."""
+    max_gap: int = Field(default=8, ge=0, le=124)
+    """Unused registers read along to join two tags in one request."""
+    max_registers: int = Field(default=125, ge=1, le=125)
+    """Most registers in one read request."""
+    ranges: tuple[tuple[Address, Address], ...] = ()
+    """Readable address ranges (first, last), both included; no request crosses their borders."""
+    speed: Seconds = 1.0
+    """Plant seconds per second of the wall clock, for a simulated plant."""
+    tls: Tls | None = None
+    """Certificates; needed for modbus-tls."""
+    quirks: Quirks = Quirks()
+    """What the device does not bear."""
+
+    @property
+    def is_modbus(self) -> bool:
+        """Whether the device speaks Modbus, on whatever transport."""
+        return self.link.startswith("modbus-")
+
+    @property
+    def is_rtu(self) -> bool:
+        """Whether requests are framed as on a serial line, without a transaction id."""
+        return self.link in ("modbus-rtu", "modbus-rtu-tcp")
+
+    @property
+    def where(self) -> str:
+        """The device's address as people write it; empty for what is no Modbus device."""
+        if self.link == "modbus-rtu":
+            serial = f"{self.baud} {self.data_bits}{self.parity[0].upper()}{self.stop_bits}"
+            return f"{self.serial_port} ({serial}) unit {self.unit}"
+        return f"{self.host}:{self.port} unit {self.unit}" if self.is_modbus else ""
+
+    @property
+    def endpoint(self) -> tuple[object, ...]:
+        """What two devices of a site share when they are one unit of one PLC."""
+        if self.link == "modbus-rtu":
+            return (self.serial_port, self.unit)
+        return (self.host, self.port, self.unit) if self.is_modbus else ()
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.link in _NEEDS_HOST and not self.host:
+            raise ValueError(
+                f'link = "{self.link}" needs a host; add host = "192.0.2.10" or the like'
+            )
+        if self.link == "modbus-rtu":
+            if not self.serial_port:
+                raise ValueError(
+                    'link = "modbus-rtu" needs a serial_port; add serial_port = "/dev/ttyUSB0" or '
+                    'the like, or use link = "modbus-rtu-tcp" with the host of a gateway'
+                )
+        elif given := [key for key in _SERIAL_KEYS if self._differs(key)]:
+            raise ValueError(
+                f'{given[0]} is of a serial line, link is "{self.link}"; remove it, or use '
+                'link = "modbus-rtu"'
+            )
+        if self.is_rtu and not 1 <= self.unit <= 247:
+            raise ValueError(
+                f"unit {self.unit} is none of a serial line; give the device's own, from 1 to 247"
+            )
+        if (self.link == "modbus-tls") != (self.tls is not None):
+            raise ValueError(
+                'link = "modbus-tls" and the table tls belong together; add tls = { ca = "ca.pem", '
+                'cert = "client.pem", key = "client.key" } or remove it'
+            )
+        if self.link != "recording" and self.register_map is None:
+            raise ValueError(f'link = "{self.link}" needs a register_map; name its CSV file')
+        return self
+
+    def _differs(self, key: str) -> bool:
+        return bool(getattr(self, key) != type(self).model_fields[key].default)
+
+    @model_validator(mode="after")
+    def _ordered_ranges(self) -> Self:
+        for first, last in self.ranges:
+            if first > last:
+                raise ValueError(f"ranges: [{first}, {last}] is the wrong way round; exchange them")
+        ordered = sorted(self.ranges)
+        for (_, end), (start, _) in pairwise(ordered):
+            if start <= end:
+                raise ValueError(f"ranges overlap at {start}; merge them")
+        return self

@@ -1,0 +1,85 @@
+"""The tables of a site file that are about the daemon itself: history, processes, endpoints."""
+
+from __future__ import annotations
+
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from fieldlink.site.device import Model, Seconds
+
+__all__ = ["EstimationSettings", "HistorianSettings", "WebSettings"]
+
+
+class HistorianSettings(Model):
+    """``[historian]``: where samples, estimates and write-backs are stored."""
+
+    url: str = "sqlite:///history.sqlite"
+    """SQLAlchemy URL; an SQLite path is relative to data_dir."""
+    retention_days: float | None = Field(default=None, gt=0)
+    """Days that samples are kept; for ever unless given."""
+    average_minutes: float | None = Field(default=None, gt=0, le=1440)
+    """Length of the averages that older samples become; they are dropped unless given."""
+    averages_days: float | None = Field(default=None, gt=0)
+    """Days that averages are kept; for ever unless given."""
+    max_megabytes: float = Field(default=10_000.0, ge=10)
+    """Size of an SQLite historian above which the oldest samples go before their time."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.average_minutes is not None and self.retention_days is None:
+            raise ValueError(
+                "average_minutes says what samples older than retention_days become; "
+                "give retention_days"
+            )
+        return self
+
+
+class EstimationSettings(Model):
+    """``[estimation]``: the processes in which windows are judged."""
+
+    workers: int | None = Field(default=None, ge=1, le=256)
+    """Processes; one less than the machine has cores unless given."""
+    window_seconds: Seconds = 60.0
+    """Seconds that one window may take; then its process is ended."""
+    memory_megabytes: float = Field(default=1500.0, ge=300)
+    """Memory that one process may take; a window that needs more is given up."""
+
+
+class WebSettings(Model):
+    """``[web]``: the endpoints for health and metrics."""
+
+    enabled: bool = True
+    """Whether the daemon answers HTTP at all."""
+    host: str = "127.0.0.1"
+    """Address to bind; other machines reach it only with a token or TLS."""
+    port: int = Field(default=9480, ge=0, le=0xFFFF)
+    """TCP port; 0 picks a free one."""
+    token_file: Path | None = None
+    """File with the bearer token that every request must carry, relative to the site file."""
+    tls_certificate: Path | None = None
+    """Certificate chain (PEM), relative to the site file."""
+    tls_key: Path | None = None
+    """Private key (PEM) of the certificate, relative to the site file."""
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine can reach it."""
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+    @model_validator(mode="after")
+    def _guarded(self) -> Self:
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("tls_certificate and tls_key belong together; give both or neither")
+        guarded = self.token_file is not None or self.tls_certificate is not None
+        if self.enabled and not self.is_local and not guarded:
+            raise ValueError(
+                f"host = {self.host!r} lets other machines in; add a token_file or a "
+                'tls_certificate with its tls_key, or bind to "127.0.0.1"'
+            )
+        return self
