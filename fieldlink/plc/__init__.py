@@ -4,13 +4,29 @@ Importing this package makes ``link = "fmu"`` known to `fieldlink.links.open_lin
 """
 
 from fieldlink.links import register_link
-from fieldlink.plc.build import PlcError
+from fieldlink.plc.build import LoopSetup, PlcError
+from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.lockstep import LockstepLink
 from fieldlink.plc.modbus import PortError
+from fieldlink.plc.program import Commands, LoopFailedError, LoopProgram
 from fieldlink.plc.server import PlcServer, serve
-from fieldlink.plc.truth import Truth
+from fieldlink.plc.truth import CycleRecord, Truth
 from fieldlink.plc.virtual import VirtualPlc
 
-__all__ = ["LockstepLink", "PlcError", "PlcServer", "PortError", "Truth", "VirtualPlc", "serve"]
+__all__ = [
+    "Commands",
+    "ControlledLoop",
+    "CycleRecord",
+    "LockstepLink",
+    "LoopFailedError",
+    "LoopProgram",
+    "LoopSetup",
+    "PlcError",
+    "PlcServer",
+    "PortError",
+    "Truth",
+    "VirtualPlc",
+    "serve",
+]
 
 register_link("fmu", LockstepLink)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from compensator import (
@@ -20,10 +21,10 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.program import LoopProgram, ReplayedLoop
 from fieldlink.site import Loop, PlantSettings, Site, read_recording
-from fmu_models import CatalogueModel, PlantError, catalogue, open_plant
+from fmu_models import CatalogueModel, Plant, PlantError, catalogue, open_plant
 from loop_model import ProcessModel
 
-__all__ = ["PlcError", "build_program"]
+__all__ = ["LoopSetup", "PlcError", "build_program"]
 
 INPUT, OUTPUT = "op", "pv"
 ANSWER_WITHIN = 10.0
@@ -52,38 +53,94 @@ def build_program(site: Site, name: str, *, isolated: bool = True) -> LoopProgra
         raise PlcError(f"loop {name} has no plant; add a table [loops.{name}.plant]")
     if plant.recording is not None:
         return ReplayedLoop(read_recording(site.resolve(plant.recording), period=loop.period))
-    return _controlled(site, name, loop, plant, isolated)
-
-
-def _controlled(
-    site: Site, name: str, loop: Loop, settings: PlantSettings, isolated: bool
-) -> ControlledLoop:
-    assert settings.fmu is not None
-    known = catalogue.get(settings.fmu)
-    model: str | Path = settings.fmu if known is not None else site.resolve(settings.fmu)
-    limits = OpLimits(*known.op_range) if known is not None else OpLimits()
-    process = _process(known, loop.period)
-    op = _first_op(settings, limits)
+    setup = LoopSetup.of(site, name)
+    started = setup.open(isolated=isolated)
     try:
-        controller = _controller(name, loop, settings, process, limits)
-        plant = open_plant(
-            model,
-            parameters=_parameters(settings, known) | {INPUT: op},
-            period=loop.period,
-            isolated=isolated,
-            timeout=ANSWER_WITHIN,
+        return setup.control(started)
+    except BaseException:
+        started.close()
+        raise
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSetup:
+    """What the site file says of a loop with an FMU, looked up but not started.
+
+    Attributes:
+        name: of the loop.
+        loop, settings: its tables.
+        model: what `fmu_models.open_plant` takes.
+        known: the plant's entry in the catalogue; None for a file.
+        limits: range of OP.
+        op: OP at which the plant begins.
+    """
+
+    name: str
+    loop: Loop
+    settings: PlantSettings
+    model: str | Path
+    known: CatalogueModel | None
+    limits: OpLimits
+    op: float
+
+    @classmethod
+    def of(cls, site: Site, name: str) -> LoopSetup:
+        """Look a loop up that has a plant with an FMU."""
+        loop = site.loops[name]
+        settings = loop.plant
+        assert settings is not None
+        assert settings.fmu is not None
+        known = catalogue.get(settings.fmu)
+        model: str | Path = settings.fmu if known is not None else site.resolve(settings.fmu)
+        limits = OpLimits(*known.op_range) if known is not None else OpLimits()
+        return cls(name, loop, settings, model, known, limits, _first_op(settings, limits))
+
+    def open(self, *, isolated: bool = True) -> Plant:
+        """Start the plant.
+
+        Raises:
+            PlcError: it cannot be started, or has no output pv.
+        """
+        try:
+            plant = open_plant(
+                self.model,
+                parameters=_parameters(self.settings, self.known) | {INPUT: self.op},
+                period=self.loop.period,
+                isolated=isolated,
+                timeout=ANSWER_WITHIN,
+            )
+        except PlantError as error:
+            raise PlcError(f"loop {self.name}: {error}") from error
+        if OUTPUT not in plant.info.outputs:
+            plant.close()
+            raise PlcError(
+                f"loop {self.name}: {self.settings.fmu} has no output {OUTPUT!r}, it has "
+                f"{', '.join(plant.info.outputs) or 'none'}; a plant needs the input op and "
+                "output pv"
+            )
+        return plant
+
+    def control(
+        self,
+        plant: Plant,
+        supervision: SupervisorSettings | None = None,
+        op: float | None = None,
+    ) -> ControlledLoop:
+        """Put the loop's controller before a plant whose OP is ``op``, at its start unless given.
+
+        Raises:
+            PlcError: the controller does not fit the plant.
+        """
+        process = _process(self.known, self.loop.period)
+        try:
+            controller = _controller(self.name, self.loop, self.settings, process, self.limits)
+        except CompensatorError as error:
+            raise PlcError(f"loop {self.name}: {error}") from error
+        supervision = supervision or SupervisorSettings(hybrid=HybridSettings(limits=self.limits))
+        supervisor = None if controller is None else Supervisor(controller, supervision)
+        return ControlledLoop(
+            self.name, plant, supervisor, self.op if op is None else op, self.limits
         )
-    except (PlantError, CompensatorError) as error:
-        raise PlcError(f"loop {name}: {error}") from error
-    if OUTPUT not in plant.info.outputs:
-        plant.close()
-        raise PlcError(
-            f"loop {name}: {settings.fmu} has no output {OUTPUT!r}, it has "
-            f"{', '.join(plant.info.outputs) or 'none'}; a plant needs the input op and output pv"
-        )
-    supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits))
-    supervisor = None if controller is None else Supervisor(controller, supervision)
-    return ControlledLoop(name, plant, supervisor, op, limits)
 
 
 def _parameters(settings: PlantSettings, known: CatalogueModel | None) -> dict[str, float]:

@@ -14,7 +14,7 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.errors import ExceptionReplyError, LinkUnreachableError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.plc.image import RequestRefusedError
-from fieldlink.plc.virtual import VirtualPlc, scan_period
+from fieldlink.plc.virtual import BuildProgram, VirtualPlc, scan_period
 from fieldlink.registers import Table
 from fieldlink.site import Site
 
@@ -28,11 +28,15 @@ class LockstepLink:
         site: the site.
         device: the device's name; its loops need a plant.
         clock: stamps the readings; the caller moves it by ``scan_period`` (plant seconds) a scan.
+        programs: see `VirtualPlc`.
     """
 
-    def __init__(self, site: Site, device: str, clock: Clock) -> None:
+    def __init__(
+        self, site: Site, device: str, clock: Clock, *, programs: BuildProgram | None = None
+    ) -> None:
         self._site = site
         self._device = device
+        self._programs = programs
         self._plc: VirtualPlc | None = None
         self.scan_period = float(scan_period(site, device))
         self._reader = PlanReader(site.requests(device), self._read, clock)
@@ -57,7 +61,7 @@ class LockstepLink:
     async def open(self) -> None:
         """Start the plants."""
         if self._plc is None:
-            self._plc = VirtualPlc(self._site, self._device)
+            self._plc = VirtualPlc(self._site, self._device, programs=self._programs)
 
     async def scan(self) -> Scan:
         """Run one control cycle, then read every mapped tag."""

@@ -13,8 +13,9 @@ scans reads one of them. A run is the same for the same site and seeds. The Modb
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -24,11 +25,14 @@ from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.hosted import HostedLoop, exact_period
 from fieldlink.plc.image import RegisterImage
 from fieldlink.plc.ports import ExchangePort, TagPort
+from fieldlink.plc.program import LoopProgram
 from fieldlink.plc.truth import Truth
 from fieldlink.registers import BlockLimits, BlockReader, ReaderState
 from fieldlink.site import Device, Loop, Site
 
-__all__ = ["VirtualPlc", "scan_period"]
+__all__ = ["BuildProgram", "VirtualPlc", "scan_period"]
+
+BuildProgram = Callable[[Site, str], LoopProgram]
 
 HEARTBEAT_TIMEOUT = 10.0
 
@@ -42,6 +46,7 @@ class VirtualPlc:
         speed: plant seconds per second of the wall clock, for who paces the scans. Fieldlink's
             heartbeat is dead after 10 seconds of the wall clock.
         isolated: run each FMU in a process of its own; a crash then ends one loop alone.
+        programs: builds the program of a loop of the site; by default what the site file says.
 
     Raises:
         PlcError: no loop of the device has a plant, or a plant and its loop do not fit.
@@ -49,7 +54,13 @@ class VirtualPlc:
     """
 
     def __init__(
-        self, site: Site, device: str, *, speed: float = 1.0, isolated: bool = True
+        self,
+        site: Site,
+        device: str,
+        *,
+        speed: float = 1.0,
+        isolated: bool = True,
+        programs: BuildProgram | None = None,
     ) -> None:
         self.device = device
         self.speed = speed
@@ -58,11 +69,12 @@ class VirtualPlc:
         self._ports = {name: TagPort(self.image, tag) for name, tag in site.maps[device].items()}
         self._loops: dict[str, HostedLoop] = {}
         settings = site.devices[device]
+        build = programs or partial(build_program, isolated=isolated)
         try:
             for name, loop in site.loops_of(device).items():
                 if loop.plant is not None:
                     exchange = self._exchange(loop, settings, HEARTBEAT_TIMEOUT * speed)
-                    program = build_program(site, name, isolated=isolated)
+                    program = build(site, name)
                     self._loops[name] = HostedLoop(name, loop, program, self._roles(loop), exchange)
         except BaseException:
             self.close()
