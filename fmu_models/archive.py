@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,53 +12,103 @@ import fmpy
 
 from .errors import PlantFileError
 
-__all__ = ["extract_fmu", "read_description"]
+__all__ = [
+    "KINDS",
+    "extract_fmu",
+    "has_sources",
+    "kinds",
+    "parse_description",
+    "platforms",
+    "read_description",
+]
+
+CO_SIMULATION = "co-simulation"
+MODEL_EXCHANGE = "model exchange"
+KINDS = (CO_SIMULATION, MODEL_EXCHANGE)
 
 MAX_EXTRACTED_BYTES = 1 << 30
 """More than this is taken for a zip bomb; the largest FMUs we know of extract to about 300 MB."""
 MAX_ENTRIES = 20_000
 
 
-def read_description(file: Path) -> Any:
-    """Return FMPy's ``ModelDescription`` of a co-simulation FMU of FMI 2 or 3 that runs here.
+def read_description(file: Path, kind: str | None = None) -> tuple[Any, str]:
+    """Return FMPy's ``ModelDescription`` of an FMU that runs here, and the kind to run it as.
 
     Nothing of the FMU is run.
 
+    Args:
+        file: the ``.fmu``.
+        kind: "co-simulation" or "model exchange"; None takes co-simulation where it is offered.
+
     Raises:
-        PlantFileError: absent, not a zip, too large, no such model description, no co-simulation,
-            or no library for this platform.
+        PlantFileError: absent, not a zip, too large, no such model description, not offered in that
+            kind, or no library for this platform.
+    """
+    description = parse_description(file)
+    offered = kinds(description)
+    chosen = kind or next((k for k in KINDS if k in offered), None)
+    if chosen not in offered or chosen not in KINDS:
+        raise PlantFileError(
+            f"{file}: it does not offer {chosen or ' or '.join(KINDS)}, it offers "
+            f"{', '.join(offered) or 'nothing'}; export it as a co-simulation FMU"
+        )
+    library = library_name(description, chosen)
+    with zipfile.ZipFile(file) as archive:
+        names = archive.namelist()
+    if library not in names:
+        found = ", ".join(platforms(names)) or "none"
+        hint = "; it has sources: fmpy compile FILE builds it" if has_sources(names) else ""
+        raise PlantFileError(
+            f"{file}: it has no library for this platform ({library}); it offers {found}; export "
+            f"it for this platform{hint}"
+        )
+    return description, chosen
+
+
+def parse_description(file: Path) -> Any:
+    """Return FMPy's ``ModelDescription`` of any FMU; nothing of the FMU is run.
+
+    Raises:
+        PlantFileError: absent, not a zip, too large, or no model description that can be read.
     """
     _check_archive(file)
     try:
         description = fmpy.read_model_description(os.fspath(file), validate=False)
     except Exception as error:  # FMPy raises nothing narrower
         raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {error}") from error
-    if not description.fmiVersion.startswith(("2.", "3.")):
+    if not str(description.fmiVersion).startswith(("1.", "2.", "3.")):
         raise PlantFileError(
-            f"{file}: FMI {description.fmiVersion} is not supported; export it as FMI 2 or 3"
-        )
-    if description.coSimulation is None:
-        raise PlantFileError(
-            f"{file}: it offers no co-simulation; export it as a co-simulation FMU, "
-            "with its solver inside"
-        )
-    library = library_name(description)
-    with zipfile.ZipFile(file) as archive:
-        names = set(archive.namelist())
-    if library not in names:
-        offered = sorted({n.split("/")[1] for n in names if n.startswith("binaries/")} - {""})
-        raise PlantFileError(
-            f"{file}: it has no library for this platform ({library}); it offers "
-            f"{', '.join(offered) or 'none'}; export it for this platform"
+            f"{file}: FMI {description.fmiVersion} is not supported; export it as FMI 1, 2 or 3"
         )
     return description
 
 
-def library_name(description: Any) -> str:
+def kinds(description: Any) -> tuple[str, ...]:
+    """Return what an FMU offers: co-simulation, model exchange, scheduled execution."""
+    offers = {
+        CO_SIMULATION: description.coSimulation,
+        MODEL_EXCHANGE: description.modelExchange,
+        "scheduled execution": description.scheduledExecution,
+    }
+    return tuple(name for name, interface in offers.items() if interface is not None)
+
+
+def platforms(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the platforms that the entries of an FMU have libraries for, by its folders' names."""
+    folders = (n.split("/") for n in names if n.startswith("binaries/"))
+    return tuple(sorted({parts[1] for parts in folders if len(parts) > 2 and parts[2]}))
+
+
+def has_sources(names: Iterable[str]) -> bool:
+    """Whether an FMU carries C sources."""
+    return any(n.startswith("sources/") and n.endswith((".c", ".cpp")) for n in names)
+
+
+def library_name(description: Any, kind: str) -> str:
     """Return the path of this platform's library inside the FMU."""
-    folder = fmpy.platform if description.fmiVersion.startswith("2.") else fmpy.platform_tuple
-    identifier = description.coSimulation.modelIdentifier
-    return f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}"
+    folder = fmpy.platform_tuple if description.fmiVersion.startswith("3.") else fmpy.platform
+    interface = description.modelExchange if kind == MODEL_EXCHANGE else description.coSimulation
+    return f"binaries/{folder}/{interface.modelIdentifier}{fmpy.sharedLibraryExtension}"
 
 
 def extract_fmu(file: Path, folder: Path) -> None:

@@ -2,54 +2,33 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
+import functools
 import struct
 import tempfile
-from collections import deque
 from collections.abc import Mapping, Sequence
-from ctypes import byref
 from pathlib import Path
 from typing import Any
 
-from fmpy import calloc, fmi2, fmi3, free
+import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmpy.logging import addLoggerProxy
+from numpy.typing import ArrayLike, NDArray
 
 from .archive import extract_fmu, read_description
 from .errors import (
     PlantClosedError,
     PlantError,
-    PlantFileError,
     PlantInputError,
     PlantStepError,
 )
-from .plant import Plant, PlantInfo
+from .instances import CoSimulation, Instance, StoppedError, forget_words, last_words, load
+from .model_exchange import ModelExchange
+from .plant import Plant, PlantInfo, split_columns
 from .variables import VariableAccess
 
 __all__ = ["InProcessPlant"]
 
 _SNAPSHOT_HEAD = struct.Struct("<4sqd")
 _SNAPSHOT_MARK = b"FLP1"
-
-# FMPy's logger of FMI 2 is one pointer for the whole process: it must be a function that lives as
-# long as the process, so what the FMUs say is kept here for the next error message.
-_said: deque[str] = deque(maxlen=5)
-
-
-def _listen2(_environment: Any, _name: bytes, _status: int, _category: bytes, text: bytes) -> None:
-    _said.append(text.decode("utf-8", "replace"))
-
-
-def _listen3(_environment: Any, _status: int, _category: bytes, text: bytes) -> None:
-    _said.append(text.decode("utf-8", "replace"))
-
-
-_callbacks2 = fmi2.fmi2CallbackFunctions()
-_callbacks2.logger = fmi2.fmi2CallbackLoggerTYPE(_listen2)
-_callbacks2.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
-_callbacks2.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
-_ = addLoggerProxy(byref(_callbacks2))
 
 
 class InProcessPlant(Plant):
@@ -59,6 +38,8 @@ class InProcessPlant(Plant):
         file: the ``.fmu``.
         parameters: start values by name.
         period: seconds a step; None takes the FMU's default experiment.
+        kind: "co-simulation" or "model exchange"; None takes the first that it offers.
+        watch: names of further variables that come back with the outputs.
         folder: where to extract; None makes a temporary folder that `close` removes.
 
     Raises:
@@ -71,27 +52,30 @@ class InProcessPlant(Plant):
         *,
         parameters: Mapping[str, float],
         period: float | None = None,
+        kind: str | None = None,
+        watch: Sequence[str] = (),
         folder: Path | None = None,
     ) -> None:
-        self._fmu: Any = None
-        self._started = False
+        self._instance: Instance | None = None
         self._failure: str | None = None
         self._count = 0
-        description = read_description(file)
-        self._variables = VariableAccess(description)
-        self._fmi2 = description.fmiVersion.startswith("2.")
+        description, kind = read_description(file, kind)
+        self._variables = VariableAccess(description, watch)
         self._start = _start_time(description)
         roles = self._variables.roles
-        simulation = description.coSimulation
+        interface = (
+            description.modelExchange if kind == "model exchange" else description.coSimulation
+        )
         self._info = PlantInfo(
             name=description.modelName,
             fmi_version=description.fmiVersion,
+            kind=kind,
             period=_period(description, period, file),
             inputs=roles.inputs,
             tunable=roles.tunable,
-            outputs=roles.outputs,
+            outputs=(*roles.outputs, *self._variables.watched),
             parameters=roles.parameters,
-            can_restore=bool(simulation.canGetAndSetFMUstate and simulation.canSerializeFMUstate),
+            can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
         )
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if folder is None:
@@ -101,57 +85,27 @@ class InProcessPlant(Plant):
             folder = Path(self._folder.name)
         try:
             extract_fmu(file, folder)
-            self._open(description, folder)
-            self._begin(parameters)
+            fmu = load(description, kind, folder)
+            version = int(description.fmiVersion[0])
+            if kind == "model exchange":
+                self._instance = ModelExchange(fmu, version, description, self._info.period)
+            else:
+                self._instance = CoSimulation(fmu, version)
+            self._begin(self._instance, parameters)
         except BaseException:
             self.close()
             raise
 
-    def _open(self, description: Any, folder: Path) -> None:
-        kind = fmi2.FMU2Slave if self._fmi2 else fmi3.FMU3Slave
-        _said.clear()
+    def _begin(self, instance: Instance, parameters: Mapping[str, float]) -> None:
         try:
-            # FMPy changes the working directory to load the library, and stays there on failure.
-            with contextlib.chdir(os.curdir):
-                fmu = kind(
-                    guid=description.guid,
-                    modelIdentifier=description.coSimulation.modelIdentifier,
-                    unzipDirectory=str(folder),
-                    instanceName=description.modelName,
-                )
-        except Exception as error:  # FMPy raises nothing narrower
-            raise PlantFileError(
-                f"plant {self._info.name}: its library cannot be loaded: {error}; it is damaged, "
-                "incomplete, or needs a library that this machine lacks"
-            ) from error
-        try:
-            if self._fmi2:
-                fmu.instantiate(callbacks=_callbacks2)
-            else:
-                fmu.instantiate(logMessage=_listen3)
-        except Exception as error:  # as above
-            fmu.freeLibrary()
-            raise PlantFileError(
-                f"plant {self._info.name}: the FMU refused to be instantiated{_words()}"
-            ) from error
-        self._fmu = fmu
-
-    def _begin(self, parameters: Mapping[str, float]) -> None:
-        fmu = self._fmu
-        try:
-            self._variables.write(fmu, parameters, before_start=True)
-            if self._fmi2:
-                fmu.setupExperiment(startTime=self._start)
-                fmu.enterInitializationMode()
-            else:
-                fmu.enterInitializationMode(startTime=self._start)
-            fmu.exitInitializationMode()
-        except FMICallException as error:
-            raise PlantStepError(
-                f"plant {self._info.name} refused to start: {error}{_words()}"
-            ) from error
-        self._started = True
-        self._outputs = self._variables.read_outputs(fmu, self._start)
+            instance.start(
+                lambda: self._variables.write(instance.fmu, parameters, before_start=True),
+                self._start,
+            )
+        except (FMICallException, StoppedError) as error:
+            self._failure = f"plant {self._info.name} refused to start: {error}{last_words()}"
+            raise PlantStepError(self._failure) from error
+        self._outputs = self._variables.read_outputs(instance.fmu, self._start)
 
     @property
     def info(self) -> PlantInfo:
@@ -165,40 +119,34 @@ class InProcessPlant(Plant):
 
     def outputs(self) -> dict[str, float]:
         """Return the outputs at the present time."""
-        self._check_alive()
+        self._alive()
         return dict(self._outputs)
 
     def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
         """Apply inputs, advance one period, return all outputs."""
-        self._check_alive()
-        _said.clear()
+        instance = self._alive()
+        forget_words()
+        if inputs:
+            self._write(instance, inputs)
         try:
-            self._variables.write(self._fmu, inputs, before_start=False)
-        except FMICallException as error:
-            raise PlantInputError(
-                f"plant {self._info.name} at {self.time:g} s does not take {dict(inputs)}{_words()}"
-            ) from error
-        try:
-            self._advance()
+            instance.advance(self.time, self._info.period)
             self._count += 1
-            self._outputs = self._variables.read_outputs(self._fmu, self.time)
-        except FMICallException as error:
-            raise self._failed(f"{error}{_words()}") from error
+            self._outputs = self._variables.read_outputs(instance.fmu, self.time)
+        except (FMICallException, StoppedError) as error:
+            raise self._failed(f"{error}{last_words()}") from error
         except PlantStepError as error:
             self._failure = str(error)
             raise
         return dict(self._outputs)
 
-    def _advance(self) -> None:
-        period = self._info.period
-        if self._fmi2:
-            self._fmu.doStep(self.time, period)
-            return
-        _event, terminate, early, last = self._fmu.doStep(self.time, period)
-        if terminate:
-            raise self._failed(f"the FMU ended the simulation at {last:g} s")
-        if early:
-            raise self._failed(f"the FMU returned early, at {last:g} s, without leave")
+    def _write(self, instance: Instance, inputs: Mapping[str, float]) -> None:
+        try:
+            instance.change(lambda: self._variables.write(instance.fmu, inputs, before_start=False))
+        except (FMICallException, StoppedError) as error:
+            raise PlantInputError(
+                f"plant {self._info.name} at {self.time:g} s does not take {dict(inputs)}"
+                f"{last_words()}"
+            ) from error
 
     def _failed(self, what: str) -> PlantStepError:
         self._failure = (
@@ -207,24 +155,63 @@ class InProcessPlant(Plant):
         )
         return PlantStepError(self._failure)
 
+    def run(self, count: int, inputs: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
+        """Step ``count`` times; see `Plant.run`."""
+        instance = self._alive()
+        held, columns = split_columns(count, inputs)
+        forget_words()
+        if held:
+            self._write(instance, held)
+        variables, fmu, period, start = (
+            self._variables,
+            instance.fmu,
+            self._info.period,
+            self._start,
+        )
+        write = variables.column_writer(columns)
+        table = np.empty((count, len(self._info.outputs)))
+        done = 0
+        try:
+            for k in range(count):
+                if columns:
+                    instance.change(functools.partial(write, fmu, k))
+                instance.advance(start + self._count * period, period)
+                self._count += 1
+                variables.read_row(fmu, table[k])
+                done = k + 1
+        except (FMICallException, StoppedError) as error:
+            raise self._failed(f"{error}{last_words()}") from error
+        names = self._info.outputs
+        wrong = np.argwhere(~np.isfinite(table[:done]))
+        if wrong.size:
+            row, column = wrong[0]
+            moment = start + (self._count - count + row + 1) * period
+            self._failure = variables.not_finite(names[column], table[row, column], moment)
+            raise PlantStepError(self._failure)
+        if count:
+            self._outputs = dict(zip(names, table[-1].tolist(), strict=True))
+        return {name: table[:, i].copy() for i, name in enumerate(names)}
+
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Return what `step` returns for each of ``inputs``."""
         return [self.step(values) for values in inputs]
 
     def snapshot(self) -> bytes:
         """Return the plant's whole state."""
-        self._check_alive()
+        instance = self._alive()
         self._check_can_restore()
-        state = self._fmu.getFMUState()
+        forget_words()
         try:
-            content: bytes = self._fmu.serializeFMUState(state)
-        finally:
-            self._fmu.freeFMUState(state)
+            content = instance.save()
+        except FMICallException as error:
+            raise PlantStepError(
+                f"plant {self._info.name} could not save its state: {error}{last_words()}"
+            ) from error
         return _SNAPSHOT_HEAD.pack(_SNAPSHOT_MARK, self._count, self._info.period) + content
 
     def restore(self, snapshot: bytes) -> None:
         """Go back to a state that `snapshot` returned."""
-        self._check_open()
+        instance = self._opened()
         self._check_can_restore()
         head = snapshot[: _SNAPSHOT_HEAD.size]
         if len(head) < _SNAPSHOT_HEAD.size or head[:4] != _SNAPSHOT_MARK:
@@ -235,20 +222,16 @@ class InProcessPlant(Plant):
                 f"plant {self._info.name}: the snapshot was taken at a period of {period:g} s, "
                 f"the plant has {self._info.period:g} s; open it with that period"
             )
-        _said.clear()
+        forget_words()
         try:
-            state = self._fmu.deserializeFMUState(snapshot[_SNAPSHOT_HEAD.size :])
-        except FMICallException as error:
+            instance.restore(snapshot[_SNAPSHOT_HEAD.size :], self._start + count * period)
+        except (FMICallException, struct.error) as error:
             raise PlantInputError(
-                f"plant {self._info.name} cannot restore this snapshot{_words()}"
+                f"plant {self._info.name} cannot restore this snapshot{last_words()}"
             ) from error
-        try:
-            self._fmu.setFMUState(state)
-        finally:
-            self._fmu.freeFMUState(state)
         self._count = count
         self._failure = None
-        self._outputs = self._variables.read_outputs(self._fmu, self.time)
+        self._outputs = self._variables.read_outputs(instance.fmu, self.time)
 
     def _check_can_restore(self) -> None:
         if not self._info.can_restore:
@@ -256,31 +239,23 @@ class InProcessPlant(Plant):
                 f"plant {self._info.name}: its FMU offers no serialised state, so no snapshot"
             )
 
-    def _check_alive(self) -> None:
+    def _alive(self) -> Instance:
         if self._failure is not None:
             raise PlantClosedError(f"the plant failed before: {self._failure}")
-        self._check_open()
+        return self._opened()
 
-    def _check_open(self) -> None:
-        if self._fmu is None:
+    def _opened(self) -> Instance:
+        if self._instance is None:
             raise PlantClosedError(f"plant {self._info.name} is closed; open it again")
+        return self._instance
 
     def close(self) -> None:
         """End the instance, unload the library and remove the temporary folder."""
-        fmu, self._fmu = self._fmu, None
-        if fmu is not None:
-            if self._started and self._failure is None:
-                # An FMU that refuses to terminate is freed all the same: nothing depends on it.
-                with contextlib.suppress(FMICallException):
-                    fmu.terminate()
-            fmu.freeInstance()
+        instance, self._instance = self._instance, None
+        if instance is not None:
+            instance.close(healthy=self._failure is None)
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _words() -> str:
-    """Return what the FMU said since the last call began, as the end of a message."""
-    return f": {' / '.join(_said)}" if _said else ""
 
 
 def _start_time(description: Any) -> float:

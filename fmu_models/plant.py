@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-__all__ = ["Plant", "PlantInfo"]
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import PlantInputError
+
+__all__ = ["Plant", "PlantInfo", "split_columns"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,16 +23,18 @@ class PlantInfo:
     Attributes:
         name: the model's name.
         fmi_version: such as "2.0" or "3.0".
+        kind: "co-simulation" or "model exchange".
         period: seconds that one step advances.
         inputs: names that `Plant.step` takes.
         tunable: parameters that `Plant.step` takes too.
-        outputs: names that come back.
+        outputs: names that come back; those that are watched stand last.
         parameters: names that can be given when the plant is opened (start values of inputs too).
         can_restore: whether the FMU offers snapshots.
     """
 
     name: str
     fmi_version: str
+    kind: str
     period: float
     inputs: tuple[str, ...]
     tunable: tuple[str, ...]
@@ -74,6 +81,20 @@ class Plant(ABC):
         """Return what `step` returns for each of ``inputs`` in turn; one message for many steps."""
 
     @abstractmethod
+    def run(self, count: int, inputs: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
+        """Step ``count`` times and return every output as an array of shape ``(count,)``.
+
+        The same numbers as `steps`, several times as fast: arrays go in and come out.
+
+        Args:
+            count: of steps.
+            inputs: by name, a number that holds from the first step on or an array ``(count,)``.
+
+        Raises:
+            PlantError: as `step` does; values of the steps before are lost.
+        """
+
+    @abstractmethod
     def snapshot(self) -> bytes:
         """Return the plant's whole state, time included.
 
@@ -99,3 +120,29 @@ class Plant(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def split_columns(
+    count: int, inputs: Mapping[str, ArrayLike]
+) -> tuple[dict[str, float], dict[str, NDArray[np.float64]]]:
+    """Return the numbers and the arrays among ``inputs``.
+
+    Raises:
+        PlantInputError: an array of another length, or a count below zero.
+    """
+    if count < 0:
+        raise PlantInputError(f"the number of steps must not be negative; got {count}")
+    held: dict[str, float] = {}
+    columns: dict[str, NDArray[np.float64]] = {}
+    for name, given in inputs.items():
+        values = np.asarray(given, dtype=np.float64)
+        if values.ndim == 0:
+            held[name] = float(values)
+        elif values.shape == (count,):
+            columns[name] = np.ascontiguousarray(values)
+        else:
+            raise PlantInputError(
+                f"{name} has the shape {values.shape}; give a number or an array ({count},), one "
+                "value a step"
+            )
+    return held, columns

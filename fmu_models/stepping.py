@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,16 +22,20 @@ def open_plant(
     *,
     parameters: Mapping[str, float] = _NONE,
     period: float | None = None,
+    kind: str | None = None,
+    watch: Sequence[str] = (),
     isolated: bool = True,
     timeout: float = 30.0,
 ) -> Plant:
     """Open a plant; it stands at its start, at rest.
 
     Args:
-        model: a name of the catalogue, or the path of a co-simulation FMU (FMI 2 or 3). A string
-            that ends in ``.fmu`` is a path.
+        model: a name of the catalogue, or the path of an FMU (FMI 1, 2 or 3). A string that ends
+            in ``.fmu`` is a path.
         parameters: start values of parameters and inputs, by variable name.
         period: seconds that one step advances; None takes what the FMU recommends.
+        kind: "co-simulation" or "model exchange"; None takes co-simulation where it is offered.
+        watch: names of further variables to put out, such as ``der(tank.h)``.
         isolated: run it in a process of its own, so that a crash or an endless step of the FMU
             becomes a `PlantCrashError`. In this process steps are faster and crashes are fatal.
         timeout: seconds that an isolated plant may take to answer (a message carries up to a
@@ -47,8 +51,10 @@ def open_plant(
     """
     file = _file(model)
     if isolated:
-        return IsolatedPlant(file, parameters=parameters, period=period, timeout=timeout)
-    return InProcessPlant(file, parameters=parameters, period=period)
+        return IsolatedPlant(
+            file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout
+        )
+    return InProcessPlant(file, parameters=parameters, period=period, kind=kind, watch=watch)
 
 
 def _file(model: str | Path) -> Path:

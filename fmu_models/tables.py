@@ -125,7 +125,7 @@ def _with_shared_rows(rows: str, file: Path) -> str:
 def _with_defines(rows: str, text: str) -> str:
     """Put the model's own numbers and units where the rows name them."""
     for name, value in re.findall(r"^#define (\w+) (\S+)$", text, re.MULTILINE):
-        rows = re.sub(rf"\b{name}\b", lambda _, value=value: value, rows)
+        rows = re.sub(rf"\b{name}\b", value.replace("\\", r"\\"), rows)
     return rows
 
 

@@ -13,6 +13,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .errors import PlantError
 from .inprocess import InProcessPlant
 
@@ -29,8 +31,10 @@ def serve(connection: Connection, folder: Path) -> None:
     _limit_core_dumps()
     plant: InProcessPlant | None = None
     while True:
+        numbers: bytes | None = None
         try:
             action, argument = json.loads(connection.recv_bytes())
+            content = connection.recv_bytes() if action == "run" else b""
         except (EOFError, ConnectionError):
             return
         try:
@@ -39,9 +43,14 @@ def serve(connection: Connection, folder: Path) -> None:
                     Path(argument["file"]),
                     parameters=argument["parameters"],
                     period=argument["period"],
+                    kind=argument["kind"],
+                    watch=argument["watch"],
                     folder=folder,
                 )
                 answer: dict[str, Any] = {"ok": asdict(plant.info)}
+            elif action == "run":
+                numbers = _run(plant, argument, content)
+                answer = {"ok": None, "numbers": True}
             else:
                 answer = {"ok": _answer(plant, action, argument)}
         except PlantError as error:
@@ -49,8 +58,18 @@ def serve(connection: Connection, folder: Path) -> None:
         if plant is not None:
             answer["time"] = plant.time
         connection.send_bytes(json.dumps(answer).encode())
+        if numbers is not None:
+            connection.send_bytes(numbers)
         if plant is None or action == "close":
             return
+
+
+def _run(plant: InProcessPlant, argument: Any, content: bytes) -> bytes:
+    names = argument["names"]
+    table = np.frombuffer(content).reshape(-1, len(names)) if names else np.empty((0, 0))
+    columns = {name: table[:, i] for i, name in enumerate(names)}
+    outputs = plant.run(argument["count"], {**argument["held"], **columns})
+    return np.column_stack([outputs[name] for name in plant.info.outputs]).tobytes()
 
 
 def _answer(plant: InProcessPlant, action: str, argument: Any) -> Any:

@@ -123,12 +123,22 @@ def test_no_library_for_this_platform(altered: Alter) -> None:
         open_plant(file)
 
 
-def test_model_exchange_only(altered: Alter) -> None:
-    def change(_name: str, content: bytes) -> bytes:
-        return content.replace(b"CoSimulation", b"ModelExchange")
+@pytest.mark.parametrize("isolated", [True, False])
+def test_library_that_lacks_functions(altered: Alter, isolated: bool) -> None:
+    """It says that it offers model exchange, and has none of its functions."""
 
-    with pytest.raises(PlantFileError, match="offers no co-simulation"):
-        open_plant(altered(fmu_path("example1", 2), change))
+    def change(name: str, content: bytes) -> bytes:
+        return (
+            content.replace(b"CoSimulation", b"ModelExchange") if name.endswith("xml") else content
+        )
+
+    with pytest.raises(PlantFileError, match=r"library cannot be loaded.*fmi2\w+.*incomplete"):
+        open_plant(altered(fmu_path("example1", 2), change), isolated=isolated)
+
+
+def test_kind_that_is_not_offered() -> None:
+    with pytest.raises(PlantFileError, match="does not offer model exchange, it offers co-simul"):
+        open_plant("example1", kind="model exchange")
 
 
 def test_description_that_is_no_xml(altered: Alter) -> None:
