@@ -1,128 +1,123 @@
-"""Verdicts on recorded loops beside their published labels: ``python -m benchmarks.industrial``.
+"""Recorded loops: verdicts beside labels, the paper's Table 1, thresholds and one valve's course.
 
-Reads the labelled loops beside the repository (``../shared/data`` or ``--data``): the plant's
-windows with the confidence of the plant's own monitoring tool, and loops of the International
-Stiction Data Base.
+    python -m benchmarks.industrial [--out docs/benchmarks] [--images docs/images]
+    python -m benchmarks.industrial --isdb isdb10.mat --sacac FOLDER
+
+Reads the labelled loops beside the repository (``../shared/data`` or ``--data``) and, for whoever
+has them, the International Stiction Data Base as its one MATLAB file and the SACAC collection as a
+folder of CSV files.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from benchmarks.labelled_report import labelled_report
+from benchmarks.readers import RecordedLoop, isdb_loops, read_isdb, read_sacac
+from benchmarks.recorded import DATA, Judged, judged, labelled_loops
+from benchmarks.report import keep, machine, table
+from benchmarks.roc import plot_roc
+from benchmarks.table1 import CASES, our_rows, table_of
+from benchmarks.valve_course import course_of, longest_loop, plot_course
+from estimator import identify, warm_up
 
-from benchmarks.report import machine, table
-from estimator import Identification, Verdict, identify, warm_up
-
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
-
-
-def read_loop(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """OP and PV of a recorded loop, shape ``(n,)`` each."""
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return (
-        np.array([float(row["op"] or "nan") for row in rows]),
-        np.array([float(row["pv"] or "nan") for row in rows]),
-    )
+__all__ = ["main"]
 
 
-def roc_auc(scores: np.ndarray, sticky: np.ndarray) -> float:
-    """Area under the ROC curve: how often a sticky loop scores above a healthy one."""
-    ahead = scores[sticky][:, None] - scores[~sticky]
-    if ahead.size == 0:
-        return float("nan")
-    return float((ahead > 0).mean() + 0.5 * (ahead == 0).mean())
+def _table1(loops: dict[str, RecordedLoop], starts: int) -> tuple[str, dict[str, Any]]:
+    """The cases of Table 1 whose loop is at hand."""
+    parts, figures = [], {}
+    for case in CASES:
+        loop = loops.get(case.isdb)
+        if loop is None:
+            parts.append(f"### {case.name}: give the published file, --isdb FILE.mat")
+            continue
+        rows = our_rows(case, loop.op, loop.pv, starts=starts)
+        parts.append(table_of(case, rows))
+        figures[case.name] = [asdict(row) for row in rows]
+    return "## Table 1 of the paper\n\n" + "\n\n".join(parts), figures
 
 
-def _row(label: dict[str, str], result: Identification) -> dict[str, Any]:
-    return {
-        "file": label["file"],
-        "type": label["loop_type"],
-        "loop": label.get("loop", label["file"]),
-        "label": label["label"],
-        "published_index": float(label["published_index"]) if "published_index" in label else None,
-        **{
-            key: value
-            for key, value in result.to_dict().items()
-            if key in ("verdict", "score", "stick_band", "slip_jump", "fit", "criterion", "seconds")
-        },
-        "reasons": [reason.code.value for reason in result.reasons],
-    }
-
-
-def _judge(folder: Path, labels: Path, period: float) -> list[dict[str, Any]]:
-    with labels.open(newline="") as file:
-        listed = list(csv.DictReader(file))
-    return [
-        _row(label, identify(*read_loop(folder / label["file"]), period=period)) for label in listed
-    ]
-
-
-def _print(title: str, rows: list[dict[str, Any]]) -> None:
-    header = ("file", "label", "verdict", "score", "S", "S low", "S high", "J", "fit", "healthy")
-    lines = [
-        (
-            row["file"],
-            row["label"],
-            row["verdict"]
-            if row["verdict"] != Verdict.NOT_ASSESSABLE
-            else f"not assessable: {', '.join(row['reasons'])}",
-            row["score"],
-            *(_float(row["stick_band"][key]) for key in ("value", "low", "high")),
-            _float(row["slip_jump"]["value"]),
-            _float(row["fit"]["r2"]),
-            _float(row["fit"]["r2_healthy_valve"]),
+def _unlabelled(title: str, loops: Sequence[RecordedLoop]) -> str:
+    """What the estimator says of loops whose files hold no label."""
+    header = ("loop", "samples", "verdict", "score", "S", "low", "high", "J", "comment or reason")
+    rows = []
+    for loop in loops:
+        result = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period_s or 1.0)
+        s = result.stick_band
+        said = loop.comments or ", ".join(reason.code.value for reason in result.reasons)
+        rows.append(
+            (
+                loop.name,
+                loop.op.size,
+                result.verdict.value,
+                result.score,
+                *(s.value, s.low, s.high),
+                result.slip_jump.value,
+                said[:60],
+            )
         )
-        for row in rows
-    ]
-    print(f"\n## {title}\n\n{table(header, lines)}")
+    return f"## {title}\n\n{table(header, rows)}"
 
 
-def _float(value: float | None) -> float:
-    return float("nan") if value is None else value
+def _chem10(isdb: Sequence[Judged]) -> dict[str, RecordedLoop]:
+    """CHEM 10 from the labelled loops, under the name it has in the data base."""
+    name = "chemicals.loop10"
+    for w in (one.window for one in isdb):
+        if w.file == "CHEM10.csv":
+            return {name: RecordedLoop(name, w.op, w.pv, None, None, "")}
+    return {}
 
 
-def _summary(plant: list[dict[str, Any]], isdb: list[dict[str, Any]]) -> dict[str, Any]:
-    judged = [row for row in plant if row["verdict"] != Verdict.NOT_ASSESSABLE]
-    sticky = np.array([row["label"] == "stiction" for row in judged])
-    return {
-        "plant_windows": len(plant),
-        "plant_not_assessable": len(plant) - len(judged),
-        "plant_verdicts_right": sum(row["verdict"] == row["label"] for row in judged),
-        "plant_auc": roc_auc(np.array([row["score"] for row in judged]), sticky),
-        "plant_auc_published_index": roc_auc(
-            np.array([row["published_index"] for row in judged]), sticky
-        ),
-        "isdb_loops": len(isdb),
-        "isdb_verdicts_right": sum(row["verdict"] == row["label"] for row in isdb),
-        "seconds_median": float(np.median([row["seconds"] for row in (*judged, *isdb)])),
-    }
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=DATA, help="folder of the recorded loops")
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
-    options = parser.parse_args()
-    if not options.data.is_dir():
-        print(f"no recorded loops at {options.data}: give --data FOLDER", file=sys.stderr)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark and print its tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of the labelled loops")
+    parser.add_argument("--isdb", type=Path, metavar="FILE.mat", help="the published data base")
+    parser.add_argument("--sacac", type=Path, metavar="FOLDER", help="the published CSV files")
+    parser.add_argument(
+        "--starts", type=int, default=7, help="M of the paper's optimisation in Table 1; 0: none"
+    )
+    parser.add_argument("--images", type=Path, help="folder for roc.png and valve-course.png")
+    parser.add_argument("--out", type=Path, help="folder for industrial.md and industrial.json")
+    options = parser.parse_args(arguments)
+    if not options.data.is_dir() and options.isdb is None and options.sacac is None:
+        print(
+            f"no recorded loops at {options.data}: give --data, --isdb or --sacac", file=sys.stderr
+        )
         return 2
     warm_up()
-    plant = _judge(options.data / "plant", options.data / "plant_labels.csv", 10.0)
-    isdb = _judge(options.data / "isdb", options.data / "isdb_labels.csv", 1.0)
-    summary = _summary(plant, isdb)
-    _print("Plant", plant)
-    _print("International Stiction Data Base", isdb)
-    print(f"\n{table(('figure', 'value'), list(summary.items()))}")
-    if options.json is not None:
-        figures = {"machine": machine(), "summary": summary, "plant": plant, "isdb": isdb}
-        options.json.write_text(json.dumps(figures, indent=2) + "\n")
+    parts: list[str] = []
+    figures: dict[str, Any] = {"machine": machine()}
+    loops: dict[str, RecordedLoop] = {}
+    if options.data.is_dir():
+        plant = judged(labelled_loops(options.data, "plant"))
+        isdb = judged(labelled_loops(options.data, "isdb"))
+        report = labelled_report(plant, isdb)
+        parts.append(report.text)
+        course = course_of(plant, longest_loop(plant))
+        parts.append(f"## S of {course.loop} over time\n\n{course.markdown()}")
+        figures |= {**report.figures, "course": course.to_dict()}
+        loops |= _chem10(isdb)
+        if options.images is not None:
+            plot_roc(report.curves, options.images / "roc.png")
+            plot_course(course, options.images / "valve-course.png")
+    if options.isdb is not None:
+        every = [read_isdb(options.isdb, name) for name in isdb_loops(options.isdb)]
+        loops |= {loop.name: loop for loop in every}
+        parts.append(_unlabelled(f"All loops of {options.isdb.name}", every))
+    if options.sacac is not None:
+        files = sorted(options.sacac.glob("*.csv"))
+        parts.append(_unlabelled("SACAC", [read_sacac(file) for file in files]))
+    text, rows = _table1(loops, options.starts)
+    parts.append(text)
+    print("\n\n".join(parts))
+    keep(options.out, "industrial", "\n\n".join(parts), {**figures, "table1": rows})
     return 0
 
 

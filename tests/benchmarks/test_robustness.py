@@ -1,97 +1,103 @@
-"""Random loops: drawn from the seed, physically sensible, and judged with honest arithmetic."""
+"""The arithmetic of the robustness tables, on made-up judgements, and one small run."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from benchmarks.loops import KarnoppValve, Loop, draw_loop, record
-from benchmarks.robustness import Judgement, group
-from estimator.valves import HeValve
+from benchmarks.judgement import Judgement, Share, coverage
+from benchmarks.loops import Loop
+from benchmarks.robustness import main
+from benchmarks.robustness_table import STICKY_HEADER, sticky_row, tables
+
+LOOP = Loop(
+    seed=1,
+    plant="first order",
+    controller="PI",
+    physics="He",
+    noise_kind="white",
+    stick_band=4.0,
+    slip_jump=1.0,
+    noise=0.05,
+    disturbance=0.0,
+    sampling=0.2,
+    dead_time=0,
+    aggressive=1.0,
+    trouble="none",
+)
+HEALTHY = replace(LOOP, stick_band=0.0, slip_jump=0.0, physics="healthy")
 
 
-def _loop(**changes) -> Loop:
-    base = Loop(
-        seed=1,
-        process="first order",
-        controller="PI",
-        physics="He",
-        noise_kind="white",
-        stick_band=4.0,
-        slip_jump=1.0,
-        noise=0.05,
-        disturbance=0.0,
-        sampling=0.2,
-        dead_time=0,
-        aggressive=1.0,
-        trouble="none",
+def _judged(loop, verdict, value=float("nan"), low=0.0, high=0.0, turns=9):
+    return Judgement(
+        loop=loop,
+        verdict=verdict,
+        reasons=("made_up",),
+        score=1.0,
+        stick_band=(value, low, high),
+        slip_jump=(1.2, 0.5, 2.0),
+        fit=(0.9, 0.8),
+        turns=turns,
+        seconds=0.1,
     )
-    return replace(base, **changes)
 
 
-def test_a_seed_gives_one_loop_and_one_window():
-    assert draw_loop(5, healthy=False) == draw_loop(5, healthy=False)
-    loop = draw_loop(6, healthy=False)
-    np.testing.assert_array_equal(record(loop, samples=300).pv, record(loop, samples=300).pv)
+JUDGED = [
+    _judged(LOOP, "stiction", 4.4, 4.1, 5.0),
+    _judged(LOOP, "stiction", 3.8, 3.7, 4.1),
+    _judged(LOOP, "no_stiction", 0.1, 0.0, 0.2),
+    _judged(LOOP, "not_assessable"),
+]
 
 
-def test_draws_cover_every_kind_and_stay_in_range():
-    loops = [draw_loop(seed, healthy=False) for seed in range(200)]
-    assert {loop.physics for loop in loops} == {"He", "Kano", "Choudhury", "Karnopp"}
-    assert len({loop.process for loop in loops}) == 4
-    assert all(0.5 <= loop.stick_band <= 10.0 for loop in loops)
-    assert all(0.0 <= loop.slip_jump <= loop.stick_band for loop in loops)
-    assert all(0.05 <= loop.sampling <= 1.0 for loop in loops)
-    assert all(draw_loop(seed, healthy=True).is_healthy for seed in range(20))
+def test_a_row_counts_verdicts_and_measures_what_was_found():
+    row = dict(zip(STICKY_HEADER, sticky_row("made up", JUDGED), strict=True))
+    assert row["n"] == 4
+    assert row["missed %"] == 25.0
+    assert row["not assessable %"] == 25.0
+    assert row["bias S %"] == pytest.approx(2.5)
+    assert row["|error| S %"] == pytest.approx(7.5)
+    assert row["|error| J, % of S"] == pytest.approx(5.0)
+    assert row["cover S %"] == 50.0
+    assert row["cover J %"] == 100.0
 
 
-@pytest.mark.parametrize("physics", ["He", "Kano", "Karnopp"])
-@pytest.mark.parametrize("process", ["first order", "second order", "dead time", "integrating"])
-def test_a_sticky_loop_cycles_and_its_stem_stays_within_the_friction(physics, process):
-    loop = _loop(physics=physics, process=process, dead_time=3 * (process == "dead time"))
-    window = record(loop, samples=600)
-    assert window.turns >= 4
-    assert np.abs(window.op - window.stem).max() <= 2.5 + 0.05  # fS = (S + J) / 2
+def test_choudhurys_band_counts_for_verdicts_and_in_its_own_row_only():
+    found = _judged(replace(LOOP, physics="Choudhury"), "stiction", 12.0, 11.0, 13.0)
+    mixed = dict(zip(STICKY_HEADER, sticky_row("mixed", [*JUDGED, found]), strict=True))
+    assert mixed["n"] == 5
+    assert mixed["bias S %"] == pytest.approx(2.5)
+    own = sticky_row("valve: Choudhury", [found], any_physics=True)
+    assert own[4] == pytest.approx(200.0)
 
 
-def test_karnopps_valve_ends_every_slip_where_hes_does():
-    """A stem with more than critical damping stops where spring and dynamic friction balance."""
-    rng = np.random.default_rng(2)
-    op = 50.0 + np.cumsum(rng.normal(0.0, 1.5, 300))
-    karnopp = KarnoppValve(4.0, 1.0)
-    moved = np.empty(op.size)
-    stem = 50.0
-    for k, value in enumerate(op):
-        stem = karnopp(stem, float(value))
-        moved[k] = stem
-    he = HeValve(4.0, 1.0).simulate(op, 50.0)
-    assert np.mean(np.abs(moved - he) < 0.1) > 0.9
-    assert np.mean(np.diff(moved) == 0.0) > 0.3
+def test_summary_counts_false_alarms_misses_and_names_them():
+    unseen = _judged(LOOP, "no_stiction", turns=1)
+    alarm = _judged(replace(HEALTHY, seed=8), "stiction", 1.0, 0.9, 1.1)
+    text, figures = tables([*JUDGED, unseen, alarm, _judged(HEALTHY, "no_stiction")], samples=1000)
+    summary = figures["summary"]
+    assert summary["false alarms on healthy valves"] == {"hits": 1, "count": 2}
+    assert summary["misses, S >= 2 % of OP, moderate noise"] == {"hits": 1, "count": 4}
+    assert "--loop h8" in text
+    assert "| s1 " in text
 
 
-def test_a_healthy_valve_follows_op():
-    window = record(draw_loop(3, healthy=True), samples=300)
-    np.testing.assert_array_equal(window.stem, window.op)
+def test_share_gives_the_exact_interval():
+    # Clopper and Pearson: no event in 10 leaves 1 - 0.05**(1/10) open.
+    assert Share(0, 10).interval == pytest.approx((0.0, 1.0 - 0.05**0.1))
+    assert Share(10, 10).interval == pytest.approx((0.05**0.1, 1.0))
+    assert coverage(JUDGED[:2], "stick_band") == Share(1, 2)
 
 
-def test_group_counts_verdicts_and_covers():
-    def judged(verdict, value, low, high):
-        return Judgement(_loop(), verdict, (), 1.0, (value, low, high), (1.0, 0.5, 2.0), 9, 0.1)
-
-    row = group(
-        "made up",
-        [
-            judged("stiction", 4.4, 4.0, 5.0),
-            judged("stiction", 3.8, 3.7, 3.9),
-            judged("no_stiction", 0.1, 0.0, 0.2),
-            judged("not_assessable", float("nan"), 0.0, 0.0),
-        ],
-    )
-    name, count, found, missed, unknown, bias, _, error, jump, cover_s, cover_j = row
-    assert (name, count, found, missed, unknown) == ("made up", 4, 0.5, 0.25, 0.25)
-    assert bias == pytest.approx(0.025)
-    assert error == pytest.approx(0.075)
-    assert jump == 0.0
-    assert (cover_s, cover_j) == (0.5, 1.0)
+def test_a_small_run_writes_tables_and_figures(tmp_path, capsys):
+    options = ["--runs", "1", "--seed", "3", "--samples", "300", "--jobs", "1"]
+    assert main([*options, "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "robustness.md").read_text() == capsys.readouterr().out
+    figures = json.loads((tmp_path / "robustness.json").read_text())
+    assert [loop["name"] for loop in figures["loops"]] == ["s3", "h3"]
+    assert main(["--loop", "s3", "--samples", "300", "--csv", str(tmp_path / "s3.csv")]) == 0
+    shown = json.loads(capsys.readouterr().out.rsplit("}", 1)[0] + "}")
+    assert shown["verdict"] == figures["loops"][0]["verdict"]
+    assert (tmp_path / "s3.csv").read_text().startswith("op,pv,sp,stem\n")
