@@ -142,7 +142,9 @@ class InProcessPlant(Plant):
     def _write(self, instance: Instance, inputs: Mapping[str, float]) -> None:
         try:
             instance.change(lambda: self._variables.write(instance.fmu, inputs, before_start=False))
-        except (FMICallException, StoppedError) as error:
+        except StoppedError as error:
+            raise self._failed(f"{error}{last_words()}") from error
+        except FMICallException as error:
             raise PlantInputError(
                 f"plant {self._info.name} at {self.time:g} s does not take {dict(inputs)}"
                 f"{last_words()}"
@@ -224,7 +226,7 @@ class InProcessPlant(Plant):
             )
         forget_words()
         try:
-            instance.restore(snapshot[_SNAPSHOT_HEAD.size :], self._start + count * period)
+            instance.restore(snapshot[_SNAPSHOT_HEAD.size :])
         except (FMICallException, struct.error) as error:
             raise PlantInputError(
                 f"plant {self._info.name} cannot restore this snapshot{last_words()}"

@@ -12,7 +12,7 @@ import os
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from ctypes import byref
+from ctypes import byref, c_int
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,15 @@ __all__ = ["CoSimulation", "Instance", "StoppedError", "forget_words", "last_wor
 # lives as long as the process, so what the FMUs say is kept here for the next error message.
 _said: deque[str] = deque(maxlen=5)
 _DISCARD = 2
+# FMPy declares these as returning text and would read a status as an address.
+_STATUS_FUNCTIONS = [
+    f"fmi1{name}"
+    for name in (
+        *("InitializeSlave", "DoStep", "CancelStep", "GetStatus", "GetRealStatus"),
+        *("GetIntegerStatus", "GetBooleanStatus", "GetStringStatus"),
+        *("SetRealInputDerivatives", "GetRealOutputDerivatives"),
+    )
+]
 
 
 def _listen2(_environment: Any, _name: bytes, _status: int, _category: bytes, text: bytes) -> None:
@@ -109,8 +118,8 @@ class Instance(ABC):
             self.fmu.freeFMUState(state)
         return content
 
-    def restore(self, content: bytes, time: float) -> None:  # noqa: ARG002  (model exchange needs it)
-        """Go back to a state that `save` returned, of ``time`` seconds."""
+    def restore(self, content: bytes) -> None:
+        """Go back to a state that `save` returned."""
         state = self.fmu.deserializeFMUState(content)
         try:
             self.fmu.setFMUState(state)
@@ -205,6 +214,9 @@ def load(description: Any, kind: str, folder: Path) -> Any:
             f"plant {description.modelName}: its library cannot be loaded: {error}; it is damaged, "
             "incomplete, or needs a library that this machine lacks"
         ) from error
+    if version == 1 and not exchange:
+        for name in _STATUS_FUNCTIONS:
+            fmu._functions[name].restype = c_int
     try:
         if version == 1:
             fmu.instantiate(functions=_callbacks1)

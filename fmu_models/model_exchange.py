@@ -19,7 +19,7 @@ from .instances import Instance, StoppedError
 
 __all__ = ["ModelExchange"]
 
-_EVENT = struct.Struct("<d")
+_CLOCK = struct.Struct("<dd")  # time and next time event, to the last bit
 _MAX_EVENTS = 10_000
 """In one step; more is taken for chattering."""
 _MAX_EVENT_ITERATIONS = 1000
@@ -207,16 +207,15 @@ class ModelExchange(Instance):
     def save(self) -> bytes:
         """See `Instance.save`."""
         content = super().save()
-        self._solver.reset(self._time)
-        return _EVENT.pack(self._next_event) + content
+        self._solver = self._make_solver(self._time)
+        return _CLOCK.pack(self._time, self._next_event) + content
 
-    def restore(self, content: bytes, time: float) -> None:
+    def restore(self, content: bytes) -> None:
         """See `Instance.restore`."""
-        super().restore(content[_EVENT.size :], time)
-        (self._next_event,) = _EVENT.unpack(content[: _EVENT.size])
-        self._time = time
-        self.fmu.setTime(time)
-        self._solver.reset(time)
+        super().restore(content[_CLOCK.size :])
+        self._time, self._next_event = _CLOCK.unpack(content[: _CLOCK.size])
+        self.fmu.setTime(self._time)
+        self._solver = self._make_solver(self._time)
 
     def close(self, *, healthy: bool) -> None:
         """See `Instance.close`; the solver goes first, it calls the FMU."""

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from fmu_models.packing import build_source
+from tests.fmu_models.mini_fmus import make
 
 SOURCES = Path(__file__).with_name("sources")
 
@@ -48,3 +49,9 @@ def program_environment(tmp_path: Path) -> dict[str, str]:
     folder = tmp_path / "temporary"
     folder.mkdir()
     return {**os.environ, "TMPDIR": str(folder)}
+
+
+@pytest.fixture(scope="session")
+def mini_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """FMUs without our wrapper: ``fmi1-cs``, ``fmi1-me``, ``fmi2`` (co-simulation and exchange)."""
+    return make(tmp_path_factory.mktemp("mini"))
