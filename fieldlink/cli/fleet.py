@@ -84,7 +84,7 @@ def run(
     configure_logging()
     loaded = load_site(site)
     stepped = {
-        name: loaded.devices[name].link != "modbus-tcp"
+        name: not loaded.devices[name].is_modbus
         for name in {loop.device for loop in loaded.loops.values()}
     }
     if all(stepped.values()):

@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from fieldlink.links.errors import LinkError
 
@@ -32,6 +32,7 @@ class Quality(Enum):
     ABOVE_RANGE = (3, "above the map's high: check the sensor, the scaling or the range")
     NOT_READ = (4, "the request failed: see the link's errors")
     QUARANTINED = (5, "the register answered with an exception and is left out for a while")
+    INVALID = (7, "the register holds the value that the map declares to mean invalid")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
     def __init__(self, code: int, advice: str) -> None:
@@ -39,8 +40,7 @@ class Quality(Enum):
         self.advice = advice
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """One tag in one scan.
 
     Attributes:
@@ -48,17 +48,23 @@ class Reading:
         quality: what the value is worth.
         monotonic: seconds of the link's clock when the reply arrived.
         utc: seconds since 1970 when the reply arrived.
+        text: what a string holds; its ``value`` is NaN.
     """
 
     value: float
     quality: Quality
     monotonic: float
     utc: float
+    text: str | None = None
 
     @property
     def good(self) -> bool:
         """Whether the value may enter a window."""
         return self.quality is Quality.GOOD
+
+    def age(self, now: float) -> float:
+        """Return the seconds since the reply arrived, at ``now`` of the link's clock."""
+        return now - self.monotonic
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +94,9 @@ class Scan:
 
     @property
     def answered(self) -> bool:
-        """Whether any tag was read, well or badly."""
-        return not self.readings or any(
-            reading.quality is not Quality.NOT_READ for reading in self.readings.values()
-        )
+        """Whether any tag was read in this scan, well or badly, or none had to be."""
+        asked = [r for r in self.readings.values() if r.monotonic >= self.monotonic]
+        return not asked or any(reading.quality is not Quality.NOT_READ for reading in asked)
 
 
 class LinkState(Enum):

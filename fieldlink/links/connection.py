@@ -1,20 +1,21 @@
-"""One Modbus connection: requests one at a time, own reconnects, every reply checked.
+"""The connection of one device: requests in turn, own pauses, every reply checked.
 
-pymodbus frames and sends; what to do when a device is silent, late or wrong is decided here. After
-a time-out or a reply that does not fit, the connection is dropped: whatever still arrives on it can
-then never be taken for the answer to a later request. The next request connects again, after a
-pause that grows with every failure in a row.
+`Wire` sends and judges bytes; what to do when a device is silent, late or wrong is decided here.
+
+- Where replies name their transaction (TCP, TLS), a time-out or a reply that does not fit drops the
+  wire: whatever still arrives can never be the answer to a later request.
+- RTU framing has no transaction id, a gateway may deliver a late reply into a new connection, and
+  other devices share the line. There the connection remembers which replies are still owed, and
+  before the device is asked for anything else it has to answer a probe (see `late`).
+
+A device that has failed is left alone for a while that grows with every failure in a row. Requests
+of other devices on the same line go on meanwhile.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
-
-from pymodbus.client.base import ModbusBaseClient
-from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
-from pymodbus.pdu import ModbusPDU
+from collections.abc import Sequence
 
 from fieldlink.links.backoff import Backoff
 from fieldlink.links.clock import Clock
@@ -25,28 +26,35 @@ from fieldlink.links.errors import (
     LinkUnreachableError,
     ReplyMismatchError,
 )
-from fieldlink.links.turns import Turns
+from fieldlink.links.frames import (
+    Request,
+    read_request,
+    write_coils_request,
+    write_many_request,
+    write_one_request,
+)
+from fieldlink.links.late import LateReplies, proves
+from fieldlink.links.line import Line, Lines, LineSettings
+from fieldlink.links.wire import Wire, WireLostError, WrongReplyError
 from fieldlink.registers import Table
 
-__all__ = ["ClientFactory", "ModbusConnection"]
+__all__ = ["ModbusConnection"]
 
-ClientFactory = Callable[[Callable[[bool], None]], ModbusBaseClient]
-"""Builds a fresh client; the argument is pymodbus' ``trace_connect``."""
-
-_Send = Callable[[ModbusBaseClient], Awaitable[ModbusPDU]]
-_Fits = Callable[[ModbusPDU], bool]
+_LINES = Lines()
 
 
 class ModbusConnection:
-    """A connection to one device that heals itself.
+    """A connection to one unit that heals itself.
 
     Args:
         device: the device's name, for messages.
         where: its address as people write it, for messages.
         unit: the unit id.
-        make_client: builds a client with ``retries=0`` and ``reconnect_delay=0``.
+        line: what its requests travel on.
+        timeout: seconds to wait for a reply.
         backoff: the pauses between attempts.
         clock: for the pauses.
+        probes: whether a time-out is followed by a probe; always so without transaction ids.
     """
 
     def __init__(
@@ -54,136 +62,86 @@ class ModbusConnection:
         device: str,
         where: str,
         unit: int,
-        make_client: ClientFactory,
+        line: LineSettings,
+        timeout: float,
         backoff: Backoff,
         clock: Clock,
+        *,
+        probes: bool = False,
     ) -> None:
         self._device = device
         self._where = where
         self._unit = unit
-        self._make_client = make_client
+        self._settings = line
+        self._timeout = timeout
         self._backoff = backoff
         self._clock = clock
-        self._turns = Turns()
-        self._client: ModbusBaseClient | None = None
-        self._waiting_for_reply = False
+        self._line: Line | None = None
+        self._late = LateReplies() if probes or not line.numbered else None
         self._last_error = "not tried yet"
         self.requests = 0
-        self.connects = 0
+        self.late_replies = 0
 
-    async def read(self, table: Table, address: int, count: int) -> list[int]:
-        """Read ``count`` registers or bits (as 0 and 1) of ``table``.
+    @property
+    def connects(self) -> int:
+        """How often the line was opened."""
+        return 0 if self._line is None else self._line.connects
+
+    async def read(self, table: Table, address: int, count: int) -> bytes:
+        """Read ``count`` registers (two bytes each) or bits (eight a byte, first in bit 0).
 
         Raises:
             LinkError: see `fieldlink.links.errors`.
         """
-
-        def send(client: ModbusBaseClient) -> Awaitable[ModbusPDU]:
-            method = {
-                Table.HOLDING: client.read_holding_registers,
-                Table.INPUT: client.read_input_registers,
-                Table.COIL: client.read_coils,
-                Table.DISCRETE: client.read_discrete_inputs,
-            }[table]
-            return method(address, count=count, device_id=self._unit)
-
-        def fits(reply: ModbusPDU) -> bool:
-            if reply.function_code != table.read_function:
-                return False
-            if table.is_bits:
-                # Bits come in whole bytes.
-                return count <= len(reply.bits) < count + 8
-            return len(reply.registers) == count
-
-        reply = await self._request(f"reading {_span(table, address, count)}", send, fits)
-        if table.is_bits:
-            return [int(bit) for bit in reply.bits[:count]]
-        return list(reply.registers)
+        return (await self._request(read_request(table, address, count)))[2:]
 
     async def write_many(self, address: int, words: Sequence[int]) -> None:
         """Write holding registers with one FC16; overtakes waiting reads, is never repeated."""
-        values = list(words)
-        await self._request(
-            f"writing {_span(Table.HOLDING, address, len(values))}",
-            lambda client: client.write_registers(address, values, device_id=self._unit),
-            lambda reply: (
-                reply.function_code == 16
-                and reply.address == address
-                and reply.count == len(values)
-            ),
-            urgent=True,
-        )
+        await self._request(write_many_request(address, words), urgent=True)
 
     async def write_one(self, address: int, word: int) -> None:
         """Write one holding register with FC6; overtakes waiting reads, is never repeated."""
-        await self._request(
-            f"writing {_span(Table.HOLDING, address, 1)}",
-            lambda client: client.write_register(address, word, device_id=self._unit),
-            lambda reply: (
-                reply.function_code == 6
-                and reply.address == address
-                and list(reply.registers) == [word]
-            ),
-            urgent=True,
-        )
+        await self._request(write_one_request(address, word), urgent=True)
+
+    async def write_coils(self, address: int, bits: Sequence[int]) -> None:
+        """Write coils (FC5, FC15); overtakes waiting reads, is never repeated."""
+        await self._request(write_coils_request(address, bits), urgent=True)
+
+    async def hang_up(self) -> None:
+        """Close the wire between two requests; the next one opens it again without a pause."""
+        if self._line is not None:
+            async with self._line.turns.take():
+                self._line.drop()
 
     async def close(self) -> None:
-        """Drop the connection; a later request would open it again."""
-        self._drop()
+        """Let go of the line; a later request would take it up again."""
+        line, self._line = self._line, None
+        if line is not None:
+            line.leave()
         await asyncio.sleep(0)
 
-    async def _request(
-        self, what: str, send: _Send, fits: _Fits, *, urgent: bool = False
-    ) -> ModbusPDU:
-        async with self._turns.take(urgent=urgent):
-            client = await self._connected()
-            self.requests += 1
-            self._waiting_for_reply = True
-            try:
-                reply = await send(client)
-            except ConnectionException as error:
-                raise self._failed(
-                    LinkUnreachableError(
-                        self._device,
-                        f"{self._where} dropped the connection while {what}",
-                        "it is tried again by itself; look at the device if it persists",
-                    )
-                ) from error
-            except ModbusIOException as error:
-                raise self._failed(
-                    LinkTimeoutError(
-                        self._device,
-                        f"{self._where} did not answer within "
-                        f"{client.comm_params.timeout_connect:g} s while {what}",
-                        "check the unit id, or raise the device's timeout",
-                    )
-                ) from error
-            except ModbusException as error:
-                raise self._failed(
-                    ReplyMismatchError(
-                        self._device, f"{what}: {error}", "check the device's protocol"
-                    )
-                ) from error
-            except asyncio.CancelledError:
-                # The reply may still come: nobody must find it on this connection.
-                self._drop()
-                raise
-            finally:
-                self._waiting_for_reply = False
-            # pymodbus lets transaction id 0 pass for any request.
-            if reply.transaction_id != client.ctx.request_transaction_id:
-                raise self._mismatch(f"{what} got the answer to another request")
-            self._backoff.succeeded()
-            if reply.isError():
-                raise ExceptionReplyError(self._device, what, reply.exception_code)
-            if not fits(reply):
-                raise self._mismatch(f"{what} got an answer of the wrong kind or length")
-            return reply
+    async def _request(self, request: Request, *, urgent: bool = False) -> bytes:
+        if self._line is None:
+            self._line = _LINES.line(self._settings, self._clock)
+            self._line.join()
+        line = self._line
+        await line.turns.acquire(urgent=urgent)
+        try:
+            self._wait_over()
+            wire = await self._open(line)
+            if self._late:
+                await self._probe(line, wire, request)
+                wire = await self._open(line)
+            pdu = await self._exchange(line, wire, request)
+        finally:
+            line.turns.release()
+        if request.is_exception(pdu):
+            raise ExceptionReplyError(self._device, request.text, pdu[1])
+        return pdu
 
-    async def _connected(self) -> ModbusBaseClient:
-        if self._client is not None and self._client.connected:
-            return self._client
-        self._drop()
+    def _wait_over(self) -> None:
+        if not self._backoff.failures:
+            return
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
             raise LinkUnreachableError(
@@ -191,55 +149,92 @@ class ModbusConnection:
                 f"{self._where}: {self._last_error}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
             )
-        client = self._make_client(self._on_connection)
-        self._client = client
+
+    async def _open(self, line: Line) -> Wire:
         try:
-            connected = await client.connect()
-        except BaseException:
-            self._drop()
-            raise
-        if not connected:
+            return await line.wire()
+        except WireLostError as error:
             raise self._failed(
                 LinkUnreachableError(
                     self._device,
-                    f"no connection to {self._where}",
-                    "check that the device is on, its host and port, and the network between",
+                    f"no connection to {self._where}: {error}",
+                    "check that the device is on, its address, and the cable or network between",
+                )
+            ) from error
+
+    async def _exchange(self, line: Line, wire: Wire, request: Request) -> bytes:
+        self.requests += 1
+        late = self._late
+        try:
+            pdu = await wire.exchange(
+                self._unit, request, self._timeout, late.recognise if late else None
+            )
+        except WireLostError as error:
+            line.drop()
+            self._owe(request)
+            raise self._failed(
+                LinkUnreachableError(
+                    self._device,
+                    f"{self._where}: {error} while {request.text}",
+                    "it is tried again by itself; look at the device if it persists",
+                )
+            ) from error
+        except TimeoutError as error:
+            line.unanswered()
+            self._owe(request)
+            raise self._failed(
+                LinkTimeoutError(
+                    self._device,
+                    f"{self._where} did not answer within {self._timeout:g} s while {request.text}",
+                    "check the unit id, or raise the device's timeout",
+                )
+            ) from error
+        except WrongReplyError as error:
+            line.drop()
+            self._owe(request)
+            raise self._failed(
+                ReplyMismatchError(
+                    self._device,
+                    f"{self._where}: {request.text} got {error}",
+                    "the connection is opened anew; if it persists, look for a second master or a "
+                    "faulty gateway",
+                )
+            ) from error
+        except asyncio.CancelledError:
+            # The reply may still come: nobody must take it for another's.
+            if self._late is None:
+                line.drop()
+            self._owe(request)
+            raise
+        line.answered()
+        self._backoff.succeeded()
+        return pdu
+
+    async def _probe(self, line: Line, wire: Wire, request: Request) -> None:
+        """Ask for what can only be answered now, and pass over what is still owed."""
+        assert self._late is not None
+        self._late.forget(self._clock.monotonic())
+        if not self._late:
+            return
+        probe = self._late.probe_for(request)
+        pdu = await self._exchange(line, wire, probe)
+        if not proves(probe, pdu):
+            self._owe(probe)
+            raise self._failed(
+                LinkUnreachableError(
+                    self._device,
+                    f"{self._where} refused {probe.text}, which was to prove that no late reply "
+                    "is on its way",
+                    "another probe is tried, and none is needed after a minute",
                 )
             )
-        self.connects += 1
-        return client
+        self.late_replies += self._late.settled()
 
-    def _mismatch(self, what: str) -> LinkError:
-        return self._failed(
-            ReplyMismatchError(
-                self._device,
-                f"{self._where}: {what}",
-                "the connection is opened anew; if it persists, look for a second master or a "
-                "faulty gateway",
-            )
-        )
+    def _owe(self, request: Request) -> None:
+        if self._late is not None:
+            self._late.owe(request, self._clock.monotonic())
 
     def _failed(self, error: LinkError) -> LinkError:
         self._last_error = error.what
         self._backoff.failed(self._clock.monotonic())
-        self._drop()
         return error
-
-    def _drop(self) -> None:
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()
-
-    def _on_connection(self, connected: bool) -> None:
-        """Wake a request whose connection is lost; pymodbus would let it run into its time-out."""
-        if connected or not self._waiting_for_reply or self._client is None:
-            return
-        reply = self._client.ctx.response_future
-        with suppress(asyncio.InvalidStateError):
-            reply.set_exception(ConnectionException("connection lost while waiting for a reply"))
-
-
-def _span(table: Table, address: int, count: int) -> str:
-    if count == 1:
-        return f"{table} {address}"
-    return f"{table} {address} to {address + count - 1}"

@@ -1,12 +1,11 @@
-"""The Modbus TCP link: a device's tags by a precomputed read plan, and guarded writes."""
+"""The Modbus link: a device's tags by a precomputed read plan, and guarded writes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-
-from pymodbus.client import AsyncModbusTcpClient
-from pymodbus.client.base import ModbusBaseClient
+from pathlib import Path
 
 from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Scan
@@ -14,84 +13,94 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.connection import ModbusConnection
 from fieldlink.links.errors import AccessRefusedError
 from fieldlink.links.plan_reader import PlanReader
+from fieldlink.links.transports import line_settings
 from fieldlink.registers import ReadRequest, Table
-from fieldlink.site import Site
+from fieldlink.site import Device, Site
 
-__all__ = ["ModbusTcpLink", "ModbusTcpSettings"]
+__all__ = ["ModbusLink", "ModbusSettings"]
 
 WRITE_LIMIT = 123
 """The most registers one FC16 request may write (Modbus application protocol 1.1b3)."""
 
+COIL_WRITE_LIMIT = 1968
+"""The most coils one FC15 request may write (same source)."""
+
 WRITTEN_PARTS = frozenset({"heartbeat", "commit", "bank_a", "bank_b"})
 """The parts of an exchange area that are Fieldlink's to write; the others are the PLC's."""
 
+Ranges = tuple[tuple[int, int], ...]
+
 
 @dataclass(frozen=True, slots=True)
-class ModbusTcpSettings:
-    """Where a device is and how patient to be with it.
+class ModbusSettings:
+    """How a device is treated.
 
     Attributes:
-        device: its name in the site file.
-        host, port, unit: its address.
-        timeout: seconds for connecting and for every reply.
-        backoff: pauses after failures.
+        name: its name in the site file.
+        device: how it is reached, and its quirks.
+        site: the site that the device's certificates belong to; None without one.
+        backoff: pauses after failures; from the device unless given.
         quarantine: seconds until a register that answered with an exception is tried again.
         writable: holding registers (first, last) that may be written; nothing by default.
+        writable_coils: coils (first, last) that may be written; nothing by default.
     """
 
-    device: str
-    host: str
-    port: int = 502
-    unit: int = 1
-    timeout: float = 0.5
-    backoff: BackoffSettings = field(default_factory=BackoffSettings)
+    name: str
+    device: Device
+    site: Site | None = None
+    backoff: BackoffSettings | None = None
     quarantine: float = 60.0
-    writable: tuple[tuple[int, int], ...] = ()
+    writable: Ranges = ()
+    writable_coils: Ranges = field(default=())
 
 
-class ModbusTcpLink:
-    """A `Link` with `RegisterAccess` over one TCP connection.
+class ModbusLink:
+    """A `Link` with `RegisterAccess` to one unit, on any transport.
 
     Args:
         settings: the device.
         plan: its read plan.
         clock: stamps the readings and times the pauses.
+
+    Raises:
+        TlsFilesError: the device's certificates cannot be read.
     """
 
-    def __init__(
-        self, settings: ModbusTcpSettings, plan: Sequence[ReadRequest], clock: Clock
-    ) -> None:
+    def __init__(self, settings: ModbusSettings, plan: Sequence[ReadRequest], clock: Clock) -> None:
         self._settings = settings
+        device = settings.device
+        first = min(0.1, device.retry_after_max)
+        backoff = settings.backoff or BackoffSettings(first=first, cap=device.retry_after_max)
+        resolve = Path if settings.site is None else settings.site.resolve
         self._connection = ModbusConnection(
-            settings.device,
-            f"{settings.host}:{settings.port} unit {settings.unit}",
-            settings.unit,
-            self._make_client,
-            Backoff(settings.backoff),
+            settings.name,
+            device.where,
+            device.unit,
+            line_settings(device, settings.name, resolve),
+            device.timeout,
+            Backoff(backoff),
             clock,
+            probes=device.quirks.probe_after_timeout,
         )
         self._reader = PlanReader(plan, self._connection.read, clock, settings.quarantine)
 
     @classmethod
-    def of_site(cls, site: Site, device: str, clock: Clock) -> ModbusTcpLink:
+    def of_site(cls, site: Site, device: str, clock: Clock) -> ModbusLink:
         """Build the link of a device of the site file.
 
         Writable are the registers that Fieldlink has in the exchange areas of loops whose
         write-back is enabled, and nothing else.
         """
-        settings = site.devices[device]
         layouts = [
             loop.writeback.exchange
             for loop in site.loops_of(device).values()
             if loop.writeback.enabled
         ]
         return cls(
-            ModbusTcpSettings(
-                device=device,
-                host=settings.host or "",
-                port=settings.port,
-                unit=settings.unit,
-                timeout=settings.timeout,
+            ModbusSettings(
+                name=device,
+                device=site.devices[device],
+                site=site,
                 writable=tuple(
                     (first, last)
                     for layout in layouts
@@ -111,23 +120,48 @@ class ModbusTcpLink:
 
     @property
     def requests(self) -> int:
-        """Requests sent since the link was made, reads and writes."""
+        """Requests sent since the link was made: reads, writes, and probes after time-outs."""
         return self._connection.requests
+
+    @property
+    def connects(self) -> int:
+        """How often the device's line was opened."""
+        return self._connection.connects
+
+    @property
+    def late_replies(self) -> int:
+        """Replies that came after their time-out and were recognised and passed over."""
+        return self._connection.late_replies
+
+    @property
+    def quarantined(self) -> tuple[str, ...]:
+        """The tags that are left out for now because their registers answer with an exception."""
+        return self._reader.quarantined
 
     async def open(self) -> None:
         """Nothing to prepare: the first request connects, and an absent device is tried again."""
 
     async def scan(self) -> Scan:
-        """Read every tag of the plan once."""
-        return await self._reader.scan()
+        """Read every tag of the plan that is due once."""
+        scan = await self._reader.scan()
+        if self._settings.device.quirks.close_after_scan:
+            await self._connection.hang_up()
+        return scan
 
     async def close(self) -> None:
         """Close the connection."""
         await self._connection.close()
 
+    async def read(self, table: Table, address: int, count: int) -> list[int]:
+        """Read registers, or bits as 0 and 1, of any table in one request."""
+        payload = await self._connection.read(table, address, count)
+        if table.is_bits:
+            return [payload[i // 8] >> i % 8 & 1 for i in range(count)]
+        return list(struct.unpack(f">{count}H", payload))
+
     async def read_registers(self, address: int, count: int) -> list[int]:
         """Read holding registers in one request (FC3)."""
-        return await self._connection.read(Table.HOLDING, address, count)
+        return await self.read(Table.HOLDING, address, count)
 
     async def write_registers(self, address: int, words: Sequence[int]) -> None:
         """Write registers in one request (FC16).
@@ -137,38 +171,34 @@ class ModbusTcpLink:
             LinkError: the device did not confirm; after a `LinkTimeoutError` the write
                 may have been carried out.
         """
-        self._guard(address, len(words))
+        self._guard(Table.HOLDING, address, len(words))
         await self._connection.write_many(address, words)
 
     async def write_register(self, address: int, word: int) -> None:
         """Write one register (FC6); errors as `write_registers`."""
-        self._guard(address, 1)
+        self._guard(Table.HOLDING, address, 1)
         await self._connection.write_one(address, word)
 
-    def _guard(self, address: int, count: int) -> None:
+    async def write_coils(self, address: int, bits: Sequence[int]) -> None:
+        """Write coils in one request (FC5 for one, FC15 for more); errors as `write_registers`."""
+        self._guard(Table.COIL, address, len(bits))
+        await self._connection.write_coils(address, bits)
+
+    def _guard(self, table: Table, address: int, count: int) -> None:
+        coils = table is Table.COIL
+        limit = COIL_WRITE_LIMIT if coils else WRITE_LIMIT
+        ranges = self._settings.writable_coils if coils else self._settings.writable
         last = address + count - 1
-        if not 1 <= count <= WRITE_LIMIT:
+        if not 1 <= count <= limit:
             raise AccessRefusedError(
-                self._settings.device,
-                f"writing {count} registers in one request",
-                f"write between 1 and {WRITE_LIMIT}",
+                self._settings.name,
+                f"writing {count} {'coils' if coils else 'registers'} in one request",
+                f"write between 1 and {limit}",
             )
-        if not any(first <= address and last <= end for first, end in self._settings.writable):
-            allowed = ", ".join(f"{first} to {end}" for first, end in self._settings.writable)
+        if not any(first <= address and last <= end for first, end in ranges):
+            allowed = ", ".join(f"{first} to {end}" for first, end in ranges)
             raise AccessRefusedError(
-                self._settings.device,
-                f"writing holding {address} to {last} is not allowed by the site file",
+                self._settings.name,
+                f"writing {table} {address} to {last} is not allowed by the site file",
                 f"allowed: {allowed or 'nothing (write-back is off)'}",
             )
-
-    def _make_client(self, on_connection: Callable[[bool], None]) -> ModbusBaseClient:
-        return AsyncModbusTcpClient(
-            self._settings.host,
-            port=self._settings.port,
-            name=self._settings.device,
-            timeout=self._settings.timeout,
-            retries=0,
-            reconnect_delay=0,
-            reconnect_delay_max=0,
-            trace_connect=on_connection,
-        )

@@ -5,6 +5,9 @@ alone. Those are quarantined and tried again now and then; the rest goes on in r
 the device accepts. A device that does not answer at all ends the scan at once, so that a scan never
 costs more than one time-out; the next scan begins behind the request that failed, so that one that
 always times out cannot starve the others.
+
+A request of tags with a rate of their own (``every``) is sent when it is due; between, its tags
+keep the last reading, with the time at which that arrived, until it is two intervals old.
 """
 
 from __future__ import annotations
@@ -21,13 +24,18 @@ from fieldlink.links.errors import (
     LinkError,
     LinkUnreachableError,
 )
+from fieldlink.registers import BlockDecoder, ReadRequest, Table, Tag
 from fieldlink.registers import Quality as TagQuality
-from fieldlink.registers import ReadRequest, Table, Tag
 
 __all__ = ["PlanReader", "ReadBlock"]
 
-ReadBlock = Callable[[Table, int, int], Awaitable[list[int]]]
-"""Reads ``count`` addresses of a table from an address on; raises `LinkError`."""
+ReadBlock = Callable[[Table, int, int], Awaitable[bytes]]
+"""Reads ``count`` addresses of a table from an address on, as on the wire; raises `LinkError`."""
+
+EARLY = 0.1
+"""The share of an interval by which a request may be early: scans jitter."""
+
+KEPT_DECODERS = 1000
 
 _QUALITY = {quality: Quality[quality.name] for quality in TagQuality}
 
@@ -41,7 +49,7 @@ class _Quarantined:
 @dataclass(frozen=True, slots=True)
 class _Piece:
     request: ReadRequest
-    words: list[int]
+    payload: bytes
 
 
 class PlanReader:
@@ -62,11 +70,15 @@ class PlanReader:
         retry_after: float = 60.0,
     ) -> None:
         self._planned = tuple(plan)
+        self._tags = sum(len(request.tags) for request in self._planned)
         self._plan = list(plan)
         self._read = read
         self._clock = clock
         self._retry_after = retry_after
         self._quarantine: dict[str, _Quarantined] = {}
+        self._decoders: dict[int, BlockDecoder] = {}
+        self._slow: dict[str, Reading] = {}
+        self._due: dict[str, float] = {}
         self._requests = 0
         self.state = LinkState.CLOSED
 
@@ -84,18 +96,38 @@ class PlanReader:
         try:
             await self._retry_quarantined()
             for request in list(self._plan):
-                await self._read_request(request, readings, failures)
+                if self._is_due(request, began):
+                    await self._read_request(request, readings, failures)
         except LinkError as error:
             failures.append(error)
-        for request in self._planned:
-            for tag in request.tags:
-                if tag.name not in readings:
-                    quarantined = tag.name in self._quarantine
-                    quality = Quality.QUARANTINED if quarantined else Quality.NOT_READ
-                    readings[tag.name] = Reading(math.nan, quality, began, began_utc)
+        if len(readings) < self._tags:
+            self._fill(readings, began, began_utc)
         scan = Scan(readings, began, began_utc, self._requests - before, tuple(failures))
         self.state = self._judge(scan)
         return scan
+
+    def _is_due(self, request: ReadRequest, now: float) -> bool:
+        return not request.every or now >= self._due.get(request.tags[0].name, now)
+
+    def _note_slow(self, request: ReadRequest, readings: dict[str, Reading]) -> None:
+        """Keep the readings of tags with a rate of their own, and say when they are due again."""
+        for tag in request.tags:
+            reading = self._slow[tag.name] = readings[tag.name]
+            self._due[tag.name] = reading.monotonic + (1.0 - EARLY) * tag.every
+
+    def _fill(self, readings: dict[str, Reading], began: float, began_utc: float) -> None:
+        """Give a reading to every tag that this scan brought none for."""
+        for request in self._planned:
+            for tag in request.tags:
+                if tag.name in readings:
+                    continue
+                kept = self._slow.get(tag.name)
+                if kept is not None and kept.age(began) <= 2.0 * tag.every:
+                    readings[tag.name] = kept
+                    continue
+                quarantined = tag.name in self._quarantine
+                quality = Quality.QUARANTINED if quarantined else Quality.NOT_READ
+                readings[tag.name] = Reading(math.nan, quality, began, began_utc)
 
     def _judge(self, scan: Scan) -> LinkState:
         if not scan.answered:
@@ -183,9 +215,9 @@ class PlanReader:
         at = self._plan.index(request)
         self._plan = [*self._plan[at + 1 :], *self._plan[: at + 1]]
 
-    async def _ask(self, request: ReadRequest) -> list[int]:
+    async def _ask(self, request: ReadRequest) -> bytes:
         try:
-            words = await self._read(request.table, request.address, request.count)
+            payload = await self._read(request.table, request.address, request.count)
         except LinkUnreachableError:
             # Nothing went out, or nothing came back: no request that a device has seen.
             raise
@@ -193,16 +225,27 @@ class PlanReader:
             self._requests += 1
             raise
         self._requests += 1
-        return words
+        return payload
 
     def _keep(self, pieces: Sequence[_Piece], readings: dict[str, Reading]) -> None:
         now, utc = self._clock.monotonic(), self._clock.utc()
         for piece in pieces:
-            for tag in piece.request.tags:
-                found = tag.decode(piece.request.words_of(tag, piece.words))
-                quality = _QUALITY[found.quality]
-                value = found.value if quality is Quality.GOOD else math.nan
-                readings[tag.name] = Reading(value, quality, now, utc)
+            for name, value, found, text in self._decoder(piece.request).decode(piece.payload):
+                if found is TagQuality.GOOD:
+                    readings[name] = Reading(value, Quality.GOOD, now, utc, text)
+                else:
+                    readings[name] = Reading(math.nan, _QUALITY[found], now, utc, text)
+            if piece.request.every:
+                self._note_slow(piece.request, readings)
+
+    def _decoder(self, request: ReadRequest) -> BlockDecoder:
+        # By identity, as hashing a request means hashing its tags; a decoder keeps its request.
+        decoder = self._decoders.get(id(request))
+        if decoder is None:
+            if len(self._decoders) > KEPT_DECODERS:
+                self._decoders.clear()
+            decoder = self._decoders[id(request)] = BlockDecoder(request)
+        return decoder
 
 
 def _can_be_split(error: ExceptionReplyError) -> bool:
@@ -212,7 +255,7 @@ def _can_be_split(error: ExceptionReplyError) -> bool:
 def _request_for(tags: Sequence[Tag]) -> ReadRequest:
     ordered = tuple(sorted(tags, key=lambda tag: (tag.address, tag.name)))
     start, end = ordered[0].address, max(tag.end for tag in ordered)
-    return ReadRequest(ordered[0].table, start, end - start, ordered)
+    return ReadRequest(ordered[0].table, start, end - start, ordered, ordered[0].every)
 
 
 def _lies_between(bad: Sequence[Tag], left: ReadRequest, right: ReadRequest) -> bool:

@@ -18,10 +18,10 @@ LinkFactory = Callable[["Site", str, Clock], Link]
 """Builds the link of one device: the site, the device's name, the clock that stamps readings."""
 
 
-def _modbus_tcp(site: Site, device: str, clock: Clock) -> Link:
-    from fieldlink.links.modbus import ModbusTcpLink
+def _modbus(site: Site, device: str, clock: Clock) -> Link:
+    from fieldlink.links.modbus import ModbusLink
 
-    return ModbusTcpLink.of_site(site, device, clock)
+    return ModbusLink.of_site(site, device, clock)
 
 
 def _recording(site: Site, device: str, clock: Clock) -> Link:
@@ -30,7 +30,14 @@ def _recording(site: Site, device: str, clock: Clock) -> Link:
     return RecordedLink(site, device, clock)
 
 
-_FACTORIES: dict[str, LinkFactory] = {"modbus-tcp": _modbus_tcp, "recording": _recording}
+_FACTORIES: dict[str, LinkFactory] = {
+    "modbus-tcp": _modbus,
+    "modbus-rtu": _modbus,
+    "modbus-rtu-tcp": _modbus,
+    "modbus-udp": _modbus,
+    "modbus-tls": _modbus,
+    "recording": _recording,
+}
 
 
 def register_link(kind: str, factory: LinkFactory) -> None:

@@ -26,13 +26,14 @@ class Turns:
     @asynccontextmanager
     async def take(self, *, urgent: bool = False) -> AsyncIterator[None]:
         """Wait for the turn, hold it inside the block, hand it on afterwards."""
-        await self._acquire(urgent)
+        await self.acquire(urgent=urgent)
         try:
             yield
         finally:
-            self._hand_on()
+            self.release()
 
-    async def _acquire(self, urgent: bool) -> None:
+    async def acquire(self, *, urgent: bool = False) -> None:
+        """Wait for the turn; `release` has to follow. `take` does both, a little slower."""
         if not self._busy:
             self._busy = True
             return
@@ -43,10 +44,11 @@ class Turns:
         except asyncio.CancelledError:
             if turn.done() and not turn.cancelled():
                 # The turn came in the very moment of the cancellation: it must not be lost.
-                self._hand_on()
+                self.release()
             raise
 
-    def _hand_on(self) -> None:
+    def release(self) -> None:
+        """Hand the turn on."""
         while self._waiting:
             turn = heapq.heappop(self._waiting)[2]
             if not turn.done():

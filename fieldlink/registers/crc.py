@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-__all__ = ["crc16"]
+__all__ = ["crc16", "crc16_bytes"]
 
 
 def _table_entry(byte: int) -> int:
@@ -26,4 +26,12 @@ def crc16(words: Iterable[int]) -> int:
     for word in words:
         crc = (crc >> 8) ^ _TABLE[(crc ^ (word >> 8)) & 0xFF]
         crc = (crc >> 8) ^ _TABLE[(crc ^ word) & 0xFF]
+    return crc
+
+
+def crc16_bytes(data: bytes) -> int:
+    """Return the CRC of ``data``; on a serial line its low byte is sent first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = (crc >> 8) ^ _TABLE[(crc ^ byte) & 0xFF]
     return crc

@@ -36,7 +36,7 @@ class _Layer:
 
 
 class BlockDecoder:
-    """Decodes replies to one read request of a table of registers.
+    """Decodes replies to one read request.
 
     Args:
         request: what is asked for.
@@ -44,17 +44,19 @@ class BlockDecoder:
 
     def __init__(self, request: ReadRequest) -> None:
         self._request = request
-        self._size = 2 * request.count
         plain = [tag for tag in request.tags if _is_plain(tag)]
         self._others = tuple(tag for tag in request.tags if not _is_plain(tag))
         self._layers = tuple(_layers(plain, request))
 
-    def decode(self, payload: bytes) -> Iterator[Decoded]:
-        """Yield what the registers in ``payload`` (two bytes each, as on the wire) hold.
+    def decode(self, payload: bytes) -> list[Decoded]:
+        """Return what ``payload`` holds: two bytes a register or eight bits a byte, as on the wire.
 
         Raises:
             struct.error: ``payload`` is not as long as the request asks for.
         """
+        if self._request.table.is_bits:
+            return [self._bit(tag, payload) for tag in self._request.tags]
+        found: list[Decoded] = []
         for layer in self._layers:
             ordered = _reorder(payload, layer.word_order, layer.byte_order)
             values = layer.layout.unpack(ordered)
@@ -63,18 +65,25 @@ class BlockDecoder:
             ):
                 value = scale * raw + offset
                 if low <= value <= high:
-                    yield name, value, Quality.GOOD, None
+                    quality = Quality.GOOD
                 elif value < low and value != -_INFINITE:
-                    yield name, value, Quality.BELOW_RANGE, None
+                    quality = Quality.BELOW_RANGE
                 elif value > high and value != _INFINITE:
-                    yield name, value, Quality.ABOVE_RANGE, None
+                    quality = Quality.ABOVE_RANGE
                 else:
-                    yield name, value, Quality.NOT_A_NUMBER, None
+                    quality = Quality.NOT_A_NUMBER
+                found.append((name, value, quality, None))
         if self._others:
             words = struct.unpack(f">{self._request.count}H", payload)
             for tag in self._others:
                 reading = tag.decode(self._request.words_of(tag, words))
-                yield tag.name, reading.value, reading.quality, reading.text
+                found.append((tag.name, reading.value, reading.quality, reading.text))
+        return found
+
+    def _bit(self, tag: Tag, payload: bytes) -> Decoded:
+        place = tag.address - self._request.address
+        reading = tag.judge(float(payload[place // 8] >> place % 8 & 1))
+        return tag.name, reading.value, reading.quality, None
 
 
 def _is_plain(tag: Tag) -> bool:

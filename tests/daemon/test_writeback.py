@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback import WriteBack
 from fieldlink.links import LinkError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
-from fieldlink.links.modbus import WRITTEN_PARTS, ModbusTcpLink, ModbusTcpSettings
+from fieldlink.links.modbus import WRITTEN_PARTS, ModbusLink, ModbusSettings
 from fieldlink.registers import (
     BLOCK_REGISTERS,
     Bank,
@@ -24,8 +25,8 @@ from fieldlink.registers import (
     Order,
     Status,
 )
+from fieldlink.site import Device, WriteLimits
 from fieldlink.site import WriteBack as Settings
-from fieldlink.site import WriteLimits
 
 Make = Callable[..., Findings]
 WINDOW_END = 1_795_262_400.0
@@ -80,12 +81,16 @@ async def bench(
         word_order: Order = "big",
         **settings: Any,
     ) -> Bench:
-        link = ModbusTcpLink(
-            ModbusTcpSettings(
+        link = ModbusLink(
+            ModbusSettings(
                 "plc",
-                "127.0.0.1",
-                device.port,
-                timeout=0.15,
+                Device(
+                    link="modbus-tcp",
+                    host="127.0.0.1",
+                    port=device.port,
+                    timeout=0.15,
+                    register_map=Path("map.csv"),
+                ),
                 backoff=BackoffSettings(first=1e-6, cap=1e-6),
                 writable=tuple((a, b) for part, a, b in layout.spans() if part in WRITTEN_PARTS),
             ),

@@ -7,6 +7,7 @@ import math
 import struct
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -22,13 +23,15 @@ from fieldlink.links import (
     SystemClock,
 )
 from fieldlink.links.backoff import BackoffSettings
-from fieldlink.links.modbus import ModbusTcpLink, ModbusTcpSettings
+from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
+from fieldlink.site import Device, Quirks
 
 if TYPE_CHECKING:
     from tests.links.fake_device import FakeDevice
 
 TIMEOUT = 0.15
+QUIRKS = Quirks()
 SOON = BackoffSettings(first=0.01, cap=0.05)
 
 
@@ -41,11 +44,26 @@ FOUR = [words_tag(f"T{i}", 10 + i) for i in range(4)]
 
 @asynccontextmanager
 async def link_to(
-    device: FakeDevice, tags: Sequence[Tag] = FOUR, max_gap: int = 8, **settings: Any
-) -> AsyncIterator[ModbusTcpLink]:
-    options = {"timeout": TIMEOUT, "backoff": SOON} | settings
-    link = ModbusTcpLink(
-        ModbusTcpSettings("plc", "127.0.0.1", device.port, **options),
+    device: FakeDevice,
+    tags: Sequence[Tag] = FOUR,
+    max_gap: int = 8,
+    timeout: float = TIMEOUT,
+    quirks: Quirks = QUIRKS,
+    **settings: Any,
+) -> AsyncIterator[ModbusLink]:
+    link = ModbusLink(
+        ModbusSettings(
+            "plc",
+            Device(
+                link="modbus-tcp",
+                host="127.0.0.1",
+                port=device.port,
+                timeout=timeout,
+                register_map=Path("map.csv"),
+                quirks=quirks,
+            ),
+            **{"backoff": SOON} | settings,
+        ),
         plan_reads(tags, max_gap),
         SystemClock(),
     )
@@ -56,7 +74,7 @@ async def link_to(
         await link.close()
 
 
-async def scan_until_good(link: ModbusTcpLink, tries: int = 100) -> None:
+async def scan_until_good(link: ModbusLink, tries: int = 100) -> None:
     for _ in range(tries):
         scan = await link.scan()
         if not scan.failures:
@@ -162,7 +180,7 @@ async def test_a_lost_connection_is_noticed_before_the_time_out(device: FakeDevi
     async with link_to(device, timeout=60.0) as link:
         scan = await link.scan()
     assert isinstance(scan.failures[0], LinkUnreachableError)
-    assert "dropped the connection" in str(scan.failures[0])
+    assert "connection was dropped" in str(scan.failures[0])
 
 
 async def test_a_late_reply_is_never_another_requests_value(device: FakeDevice) -> None:

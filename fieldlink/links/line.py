@@ -1,0 +1,142 @@
+"""A line: what carries the requests of one or several devices, one request at a time.
+
+A network device has a line of its own. Devices on one serial port, or behind one gateway with RTU
+framing, share a line: there is one wire, and they take turns.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary, WeakValueDictionary
+
+from fieldlink.links.clock import Clock
+from fieldlink.links.turns import Turns
+from fieldlink.links.wire import Wire
+
+__all__ = ["Line", "LineSettings", "Lines"]
+
+MakeWire = Callable[[], Wire]
+
+SILENT_LIMIT = 3
+"""Time-outs in a row, of whatever unit, after which a shared line is opened anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """How a line is opened and paced.
+
+    Attributes:
+        make_wire: makes a wire that is not open yet; called in a running event loop.
+        numbered: whether replies name their transaction (not on RTU framing).
+        keeps_open: whether a time-out leaves the wire open, because late replies can be told.
+        key: what identifies the medium where devices share it; None for a line of one device.
+        timeout: seconds for opening.
+        pause_after_connect: seconds between opening and the first request.
+        gap: least seconds from the end of a reply to the next request.
+    """
+
+    make_wire: MakeWire
+    numbered: bool
+    keeps_open: bool
+    key: Hashable = None
+    timeout: float = 0.5
+    pause_after_connect: float = 0.0
+    gap: float = 0.0
+
+
+class Line:
+    """One medium and its wire.
+
+    Args:
+        settings: how it is opened and paced.
+        clock: for the pauses.
+    """
+
+    def __init__(self, settings: LineSettings, clock: Clock) -> None:
+        self.settings = settings
+        self.turns = Turns()
+        self.connects = 0
+        self._clock = clock
+        self._wire: Wire | None = None
+        self._free_at = 0.0
+        self._silent = 0
+        self._users = 0
+
+    def join(self) -> None:
+        """Note one more device that uses the line."""
+        self._users += 1
+
+    def leave(self) -> None:
+        """Note that a device has gone; the last one closes the wire."""
+        self._users = max(0, self._users - 1)
+        if self._users == 0:
+            self.drop()
+
+    async def wire(self) -> Wire:
+        """Return the open wire; opens it, and keeps the pauses. The caller has the turn.
+
+        Raises:
+            WireLostError: it cannot be opened.
+        """
+        if self._wire is not None and self._wire.is_open:
+            await self._pause_until(self._free_at)
+            return self._wire
+        self.drop()
+        wire = self.settings.make_wire()
+        self._wire = wire
+        try:
+            await wire.open(self.settings.timeout)
+        except BaseException:
+            self.drop()
+            raise
+        self.connects += 1
+        await self._pause_until(self._clock.monotonic() + self.settings.pause_after_connect)
+        return wire
+
+    def answered(self) -> None:
+        """Note that something was answered."""
+        self._silent = 0
+        self._begin_gap()
+
+    def unanswered(self) -> None:
+        """Note a time-out: drop a wire on which a late reply could not be told from others."""
+        self._silent += 1
+        self._begin_gap()
+        if not self.settings.keeps_open or self._silent >= SILENT_LIMIT:
+            self._silent = 0
+            self.drop()
+
+    def drop(self) -> None:
+        """Close the wire; the next request opens one."""
+        wire, self._wire = self._wire, None
+        if wire is not None:
+            wire.close()
+
+    def _begin_gap(self) -> None:
+        if self.settings.gap:
+            self._free_at = self._clock.monotonic() + self.settings.gap
+
+    async def _pause_until(self, moment: float) -> None:
+        if moment > self._clock.monotonic():
+            await self._clock.sleep_until(moment)
+
+
+class Lines:
+    """The shared lines of each event loop, by what identifies their medium."""
+
+    def __init__(self) -> None:
+        self._lines: WeakKeyDictionary[
+            asyncio.AbstractEventLoop, WeakValueDictionary[Hashable, Line]
+        ] = WeakKeyDictionary()
+
+    def line(self, settings: LineSettings, clock: Clock) -> Line:
+        """Return the line of a device; the first to ask for a shared one decides its settings."""
+        if settings.key is None:
+            return Line(settings, clock)
+        lines = self._lines.setdefault(asyncio.get_running_loop(), WeakValueDictionary())
+        line = lines.get(settings.key)
+        if line is None:
+            line = lines[settings.key] = Line(settings, clock)
+        return line

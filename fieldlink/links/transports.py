@@ -1,0 +1,120 @@
+"""From a device of the site file to the line that its requests travel on."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Callable
+from pathlib import Path
+
+from pymodbus.transport import CommParams, CommType
+
+from fieldlink.links.errors import LinkError
+from fieldlink.links.frames import Framing, MbapFraming, RtuFraming
+from fieldlink.links.line import LineSettings
+from fieldlink.links.wire import Wire
+from fieldlink.site import Device, Tls
+
+__all__ = ["TlsFilesError", "client_tls", "line_settings"]
+
+SHORTEST_RTU_GAP = 0.00175
+"""Seconds between frames above 19200 baud (Modbus over serial line V1.02, 2.5.1.1)."""
+
+_NETWORK = {
+    "modbus-tcp": CommType.TCP,
+    "modbus-rtu-tcp": CommType.TCP,
+    "modbus-udp": CommType.UDP,
+    "modbus-tls": CommType.TLS,
+}
+
+
+class TlsFilesError(LinkError):
+    """The certificates of a device cannot be used."""
+
+
+def line_settings(
+    device: Device,
+    name: str = "",
+    resolve: Callable[[str | Path], Path] = Path,
+    *,
+    timeout: float | None = None,
+) -> LineSettings:
+    """Return how the line of a Modbus device is opened and paced.
+
+    Args:
+        device: the device.
+        name: its name, for messages.
+        resolve: turns a path of the site file into one that can be opened.
+        timeout: seconds for opening, instead of the device's.
+
+    Raises:
+        TlsFilesError: a certificate cannot be read.
+    """
+    seconds = device.timeout if timeout is None else timeout
+    quirks = device.quirks
+    framing: Framing = RtuFraming() if device.is_rtu else MbapFraming()
+    gap = quirks.pause_between_requests
+    if device.link == "modbus-rtu":
+        gap = max(gap, SHORTEST_RTU_GAP, 3.5 * 11 / device.baud)
+        params = CommParams(
+            comm_type=CommType.SERIAL,
+            comm_name=name,
+            host=device.serial_port or "",
+            baudrate=device.baud,
+            bytesize=device.data_bits,
+            parity=device.parity[0].upper(),
+            stopbits=device.stop_bits,
+            timeout_connect=seconds,
+        )
+    else:
+        params = CommParams(
+            comm_type=_NETWORK[device.link],
+            comm_name=name,
+            host=device.host or "",
+            port=device.port,
+            timeout_connect=seconds,
+            sslctx=None if device.tls is None else client_tls(device.tls, name, resolve),
+        )
+    server_name = None if device.tls is None else device.tls.server_name
+    return LineSettings(
+        make_wire=lambda: Wire(params, framing, server_name),
+        numbered=framing.numbered,
+        keeps_open=device.is_rtu or device.link == "modbus-udp",
+        key=_medium(device),
+        timeout=seconds,
+        pause_after_connect=quirks.pause_after_connect,
+        gap=gap,
+    )
+
+
+def client_tls(tls: Tls, name: str, resolve: Callable[[str | Path], Path] = Path) -> ssl.SSLContext:
+    """Return the client's side of Modbus Security: TLS 1.2 or newer, both sides proved.
+
+    Raises:
+        TlsFilesError: a file cannot be read or does not fit.
+    """
+    try:
+        context = ssl.create_default_context(cafile=resolve(tls.ca))
+        if tls.cert is not None and tls.key is not None:
+            context.load_cert_chain(resolve(tls.cert), resolve(tls.key), password=_no_password)
+    except (OSError, ValueError) as error:
+        files = ", ".join(str(path) for path in (tls.ca, tls.cert, tls.key) if path is not None)
+        raise TlsFilesError(
+            name,
+            f"the certificates ({files}) cannot be used: {error}",
+            "give PEM files that belong together, and a key without a password",
+        ) from error
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    return context
+
+
+def _no_password() -> str:
+    raise ValueError("the key is protected by a password")
+
+
+def _medium(device: Device) -> tuple[object, ...] | None:
+    """Return what devices share that take turns; None for a device with a line of its own."""
+    if device.link == "modbus-rtu":
+        return ("serial", device.serial_port)
+    if device.link == "modbus-rtu-tcp":
+        return ("gateway", device.host, device.port)
+    return None

@@ -1,0 +1,187 @@
+"""One open transport, and one request at a time on it.
+
+pymodbus' transport layer opens the socket, datagram endpoint, TLS session or serial port; the
+transactions are ours, because on a plant network every byte that arrives has to be judged by the
+request that is waiting: a reply of another transaction, unit, function or length is refused, a
+stray one is never kept for later, and nothing that arrives can raise inside the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from pymodbus.transport import CommParams, CommType, ModbusProtocol
+
+from fieldlink.links.frames import Frame, Framing, FramingError, Request
+
+__all__ = ["Wire", "WireLostError", "WrongReplyError"]
+
+Late = Callable[[bytes], bool]
+"""Whether a PDU of the right unit is the late reply to an earlier request."""
+
+
+class WireLostError(Exception):
+    """The transport cannot be opened or is gone; the text says why."""
+
+
+class WrongReplyError(Exception):
+    """Something came back that is no answer to the request; the text says what."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    request: Request
+    unit: int
+    transaction: int
+    late: Late | None
+    reply: asyncio.Future[bytes]
+
+
+class Wire(ModbusProtocol):
+    """A client's end of a transport.
+
+    Args:
+        params: what to open; needs a running event loop.
+        framing: how PDUs travel on it.
+        server_name: name that a TLS server has to prove, where that is not its host.
+    """
+
+    def __init__(
+        self, params: CommParams, framing: Framing, server_name: str | None = None
+    ) -> None:
+        super().__init__(params, False)
+        if params.sslctx is not None and server_name is not None:
+            create: Callable[..., Any] = self.call_create
+            self.call_create = partial(create, server_hostname=server_name)
+        self._framing = framing
+        self._datagrams = params.comm_type is CommType.UDP
+        self._transaction = 0
+        self._buffer = b""
+        self._waiting: _Waiting | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether requests can be sent."""
+        return self.transport is not None and not self.is_closing
+
+    async def open(self, within: float) -> None:
+        """Open the transport ``within`` seconds.
+
+        Raises:
+            WireLostError: it cannot be opened.
+        """
+        self.is_closing = False
+        try:
+            self.transport, _ = await asyncio.wait_for(self.call_create(), within)
+        except TimeoutError as error:
+            raise WireLostError(f"no connection within {within:g} s") from error
+        except (OSError, ValueError) as error:
+            # ValueError: a host name or a serial setting that the system does not take.
+            raise WireLostError(_reason(error)) from error
+
+    async def exchange(
+        self, unit: int, request: Request, within: float, late: Late | None = None
+    ) -> bytes:
+        """Send one request and return the PDU of its answer, regular or exception.
+
+        Args:
+            unit: the unit id.
+            request: what to ask.
+            within: seconds to wait.
+            late: recognises late replies to other requests, which are passed over.
+
+        Raises:
+            TimeoutError: no answer in time.
+            WireLostError: the transport was lost meanwhile.
+            WrongReplyError: what came is no answer to this request.
+        """
+        if not self.is_open:
+            raise WireLostError("the connection is closed")
+        self._transaction = self._transaction % 0xFFFF + 1
+        reply: asyncio.Future[bytes] = self.loop.create_future()
+        self._waiting = _Waiting(request, unit, self._transaction, late, reply)
+        timer = self.loop.call_later(within, self._fail, TimeoutError())
+        try:
+            self._buffer = b""
+            self._send(self._framing.encode(unit, self._transaction, request.pdu))
+            return await reply
+        finally:
+            timer.cancel()
+            self._waiting = None
+
+    def callback_new_connection(self) -> ModbusProtocol:
+        """Part of pymodbus' transport: of servers only."""
+        raise NotImplementedError("a wire is a client's end")
+
+    def callback_connected(self) -> None:
+        """Part of pymodbus' transport: nothing to do."""
+
+    def callback_disconnected(self, exc: Exception | None) -> None:
+        """Part of pymodbus' transport: wake a request whose connection is lost."""
+        reason = f" ({_reason(exc)})" if exc is not None else ""
+        self._fail(WireLostError(f"the connection was dropped{reason}"))
+
+    def error_received(self, exc: Exception) -> None:
+        """Part of pymodbus' transport: a datagram came back as undeliverable."""
+        self._fail(WireLostError(_reason(exc)))
+
+    def data_received(self, data: bytes) -> None:
+        """Called by the event loop: judge what has arrived, keep the beginning of a frame."""
+        self._buffer += data
+        while self._waiting is not None and not self._waiting.reply.done():
+            try:
+                used, frame = self._framing.decode(self._buffer)
+            except FramingError as error:
+                self._fail(WrongReplyError(str(error)))
+                break
+            self._buffer = self._buffer[used:]
+            if frame is None:
+                return
+            self._judge(self._waiting, frame)
+        # Nobody waits for what is left.
+        self._buffer = b""
+
+    def datagram_received(self, data: bytes, addr: tuple[Any, ...] | None) -> None:  # noqa: ARG002
+        """Called by the event loop: a datagram is a whole frame, or it is none."""
+        self._buffer = b""
+        self.data_received(data)
+        self._buffer = b""
+
+    def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:  # noqa: ARG002
+        """Part of pymodbus' transport, which `data_received` goes past."""
+        return len(data)
+
+    def _send(self, frame: bytes) -> None:
+        if self._datagrams:
+            self.transport.sendto(frame)  # type: ignore[attr-defined]
+        else:
+            self.transport.write(frame)  # type: ignore[attr-defined]
+
+    def _judge(self, waiting: _Waiting, frame: Frame) -> None:
+        if self._framing.numbered and frame.transaction != waiting.transaction:
+            # A late datagram is harmless; on a stream somebody has lost count.
+            if not self._datagrams:
+                self._fail(WrongReplyError("the answer to another request"))
+        elif frame.unit != waiting.unit and waiting.unit != 0:
+            # On a shared line it is the late answer of another unit.
+            if self._framing.numbered:
+                self._fail(WrongReplyError(f"an answer of unit {frame.unit}"))
+        elif waiting.request.is_regular(frame.pdu) or waiting.request.is_exception(frame.pdu):
+            waiting.reply.set_result(frame.pdu)
+        elif waiting.late is None or not waiting.late(frame.pdu):
+            self._fail(WrongReplyError("an answer of the wrong kind or length"))
+
+    def _fail(self, error: Exception) -> None:
+        if self._waiting is not None:
+            with suppress(asyncio.InvalidStateError):
+                self._waiting.reply.set_exception(error)
+
+
+def _reason(error: Exception) -> str:
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return str(text).rstrip(".")
