@@ -1,0 +1,149 @@
+"""Errors, coverage and ratios of every method over the windows of one example."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.examples import Example
+from benchmarks.paper_methods import Band, Estimate, poles_of
+from loop_model import LoopModel, ProcessModel
+
+__all__ = ["HEADER", "Summary", "published", "summarise"]
+
+_NO_WORSE = 1e-3
+"""A cost is no worse within this share: a tenth of a percent, to which the search refines S."""
+
+HEADER = (
+    "example", "method", "windows", "stiction", "fS %", "fD %", "S %", "S %, p90", "J %", "gain %",
+    "slowest pole %", "poles", "cover S", "cover J", "cover gain", "search no worse",
+    "search/method cost, worst", "core seconds", "time over search",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """One method over all windows of one example, in the order of `HEADER`.
+
+    Errors are medians of absolute errors, in percent of the truth; ``poles`` is the median of the
+    largest distance from a true pole to the nearest found. ``cover_*`` is the share of intervals
+    that hold the truth. ``no_worse`` is the share of windows in which the search's cost is at most
+    the method's (within a thousandth), ``worst_cost`` the largest ratio of the two.
+    """
+
+    example: str
+    method: str
+    windows: int
+    stiction: float
+    static_friction: float
+    dynamic_friction: float
+    stick_band: float
+    stick_band_p90: float
+    slip_jump: float
+    gain: float
+    slowest_pole: float
+    poles: float
+    cover_stick_band: float
+    cover_slip_jump: float
+    cover_gain: float
+    no_worse: float
+    worst_cost: float
+    seconds: float
+    time_ratio: float
+
+
+def _error(values: Sequence[float], truth: float, share: float = 0.5) -> float:
+    errors = [100.0 * abs(v - truth) / abs(truth) for v in values if math.isfinite(v)]
+    return float(np.quantile(errors, share)) if errors else math.nan
+
+
+def _coverage(bands: Sequence[Band | None], truth: float) -> float:
+    known = [band for band in bands if band is not None and math.isfinite(band[0])]
+    return sum(low <= truth <= high for low, high in known) / len(known) if known else math.nan
+
+
+def _farthest(found: Sequence[complex], truth: Sequence[complex]) -> float:
+    """Largest distance from a true pole to the nearest found."""
+    if not found:
+        return math.nan
+    return max(min(abs(pole - other) for other in found) for pole in truth)
+
+
+def _row(
+    example: str, truth: LoopModel, found: Sequence[Estimate], search: Sequence[Estimate]
+) -> Summary:
+    bands, jumps = [one.stick_band for one in found], [one.slip_jump for one in found]
+    true_poles = poles_of(truth.process)
+    slowest = [abs(one.poles[0]) for one in found if one.poles]
+    farthest = [_farthest(one.poles, true_poles) for one in found if one.poles]
+    ratios = [base.cost / one.cost for base, one in zip(search, found, strict=True)]
+    verdicts = [one.verdict == "stiction" for one in found if one.verdict]
+    seconds = float(np.median([one.seconds for one in found]))
+    return Summary(
+        example=example,
+        method=found[0].method,
+        windows=len(found),
+        stiction=sum(verdicts) / len(verdicts) if verdicts else math.nan,
+        static_friction=_error(
+            [0.5 * (s + j) for s, j in zip(bands, jumps, strict=True)], truth.valve.static_friction
+        ),
+        dynamic_friction=_error(
+            [0.5 * (s - j) for s, j in zip(bands, jumps, strict=True)], truth.valve.dynamic_friction
+        ),
+        stick_band=_error(bands, truth.valve.stick_band),
+        stick_band_p90=_error(bands, truth.valve.stick_band, 0.9),
+        slip_jump=_error(jumps, truth.valve.slip_jump),
+        gain=_error([one.gain for one in found], truth.process.gain),
+        slowest_pole=_error(slowest, abs(true_poles[0])),
+        poles=float(np.median(farthest)) if farthest else math.nan,
+        cover_stick_band=_coverage(
+            [one.stick_band_interval for one in found], truth.valve.stick_band
+        ),
+        cover_slip_jump=_coverage([one.slip_jump_interval for one in found], truth.valve.slip_jump),
+        cover_gain=_coverage([one.gain_interval for one in found], truth.process.gain),
+        # A window that the search could not judge has no cost, and counts against it.
+        no_worse=float(np.mean([ratio <= 1.0 + _NO_WORSE for ratio in ratios])),
+        worst_cost=max(math.inf if math.isnan(ratio) else ratio for ratio in ratios),
+        seconds=seconds,
+        time_ratio=seconds / float(np.median([one.seconds for one in search])),
+    )
+
+
+def summarise(
+    example: str, truth: LoopModel, windows: Sequence[Sequence[Estimate]]
+) -> list[Summary]:
+    """A row for every method; the first estimate of a window is the search's."""
+    rows = []
+    for method in dict.fromkeys(one.method for window in windows for one in window):
+        pairs = [(one, window[0]) for window in windows for one in window if one.method == method]
+        rows.append(_row(example, truth, [one for one, _ in pairs], [base for _, base in pairs]))
+    return rows
+
+
+def published(example: Example) -> Summary:
+    """The paper's own figures as a row; its seconds are those of its machine."""
+    said = example.published
+    half = len(said.theta) // 2
+    theta = ProcessModel(said.theta[:half], said.theta[half:], 1, 0.0, 1.0)
+    frictions = (said.static_friction, said.dynamic_friction)
+    fit = Estimate(
+        method=f"the paper ({frictions[0]:g}/{frictions[1]:g}, its machine)",
+        stick_band=sum(frictions),
+        slip_jump=frictions[0] - frictions[1],
+        gain=said.gain,
+        poles=poles_of(theta),
+        cost=math.nan,
+        seconds=said.seconds,
+        stem0=math.nan,
+    )
+    truth = LoopModel(example.valve, example.process)
+    row: dict[str, Any] = {
+        name: getattr(_row(example.name, truth, [fit], [fit]), name)
+        for name in Summary.__dataclass_fields__
+    }
+    nothing = dict.fromkeys(("stick_band_p90", "no_worse", "worst_cost", "time_ratio"), math.nan)
+    return Summary(**{**row, **nothing})
