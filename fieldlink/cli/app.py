@@ -11,7 +11,7 @@ import sys
 
 import typer
 
-from fieldlink.cli import demo, fleet, identify, site
+from fieldlink.cli import demo, fleet, identify, rehearse, site
 
 __all__ = ["app", "main"]
 
@@ -28,6 +28,7 @@ app.command("check")(site.check)
 app.command("schema")(site.schema)
 app.command("plant")(fleet.plant)
 app.command("run")(fleet.run)
+app.command("rehearse")(rehearse.rehearse)
 app.command("warm-up")(identify.warm_up)
 
 

@@ -1,0 +1,289 @@
+"""What a rehearsal plays on: a plant that outlives its PLC, wears, and is disturbed and repaired.
+
+`Stage.program` is what the simulated PLC runs for the loop. A PLC that restarts asks for a new one;
+the plant behind it goes on meanwhile, as plants do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator import HybridSettings, SupervisorSettings
+from fieldlink.plc import Commands, ControlledLoop, CycleRecord, LoopProgram, LoopSetup
+from fieldlink.rehearse.course import at
+from fieldlink.rehearse.defects import Defect
+from fieldlink.rehearse.errors import ScenarioError
+from fieldlink.rehearse.models import Manual, Repair, Scenario
+from fieldlink.rehearse.sensor import Transmitter
+from fieldlink.site import Site
+from fmu_models import Plant, PlantInfo
+
+__all__ = ["Moment", "Stage", "Trend"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What really was in one scan of the loop; the signals are those of `CycleRecord`.
+
+    ``pv`` is the true one, ``measured`` what the transmitter made of it; ``stick_band`` and
+    ``slip_jump`` are the valve's. NaN where nobody knows.
+    """
+
+    time: float
+    op: float
+    pv: float
+    measured: float
+    sp: float
+    stem: float
+    stick_band: float
+    slip_jump: float
+    automatic: bool
+    compensated: bool
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """`Moment`s as arrays of one length; ``reason`` says why the compensator was withdrawn."""
+
+    time: Array
+    op: Array
+    pv: Array
+    measured: Array
+    sp: Array
+    stem: Array
+    stick_band: Array
+    slip_jump: Array
+    automatic: NDArray[np.bool_]
+    compensated: NDArray[np.bool_]
+    reason: tuple[str, ...]
+
+    @classmethod
+    def of(cls, moments: Sequence[Moment]) -> Trend:
+        """Put moments side by side."""
+        columns = {f.name: [getattr(m, f.name) for m in moments] for f in fields(Moment)}
+        reason = tuple(columns.pop("reason"))
+        flags = {name: np.array(columns.pop(name), bool) for name in ("automatic", "compensated")}
+        return cls(**{name: np.array(c) for name, c in columns.items()}, **flags, reason=reason)
+
+
+class Stage:
+    """One plant and its surroundings through a rehearsal.
+
+    Args:
+        scenario: what happens.
+        site, loop: the site that stands for it, and its loop.
+        defect: what is broken on purpose.
+
+    Raises:
+        PlcError: the plant cannot be started, or its controller does not fit.
+        ScenarioError: the plant lacks a variable that the scenario needs.
+    """
+
+    def __init__(self, scenario: Scenario, site: Site, loop: str, defect: Defect | None) -> None:
+        self._scenario = scenario
+        self._defect = defect
+        self._setup = LoopSetup.of(site, loop)
+        self._plant = _WornPlant(self._setup.open(), scenario)
+        self._op = self._setup.op
+        self._start_pv = self._plant.true_pv
+        self.moments: list[Moment] = []
+
+    @property
+    def time(self) -> float:
+        """Plant seconds since the start."""
+        return len(self.moments) * self._scenario.plant.period
+
+    def program(self, site: Site, loop: str) -> LoopProgram:  # noqa: ARG002
+        """Return the loop's program for a PLC that starts now."""
+        limits = self._setup.limits
+        forgiving = 1e9 if self._defect is Defect.NO_FALL_BACK else 1.3
+        supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits), worse_by=forgiving)
+        return _Program(self, self._setup.control(self._plant, supervision, op=self._op))
+
+    def coast(self) -> None:
+        """Let a period pass without a PLC: OP stays where it is."""
+        time, pv, measured = self.time, self._plant.true_pv, self._plant.measured_pv
+        stem = self._plant.step({"op": self._op}).get("stem", math.nan)
+        self._note(
+            time, pv, measured, CycleRecord(self._op, math.nan, math.nan, stem, False, False)
+        )
+
+    def close(self) -> None:
+        """End the plant."""
+        self._plant.end()
+
+    def play(self, inner: ControlledLoop, commands: Commands) -> CycleRecord:
+        """Run one scan of the loop with what happens at its time."""
+        time, pv, measured = self.time, self._plant.true_pv, self._plant.measured_pv
+        course = self._scenario.setpoint
+        sp = self._start_pv if course is None else at(course, time)
+        automatic, op = commands.automatic, self._op
+        for event in self._scenario.maintenance:
+            if isinstance(event, Manual) and event.covers(time):
+                automatic = False
+                op = self._op if event.op is None else at(event.op, time)
+        block = None if self._defect is Defect.NO_COMPENSATION else commands.block
+        record = inner.cycle(Commands(automatic, op, sp, block))
+        self._op = record.op
+        supervisor = inner.supervisor
+        reason = "" if supervisor is None else supervisor.reason.name.lower()
+        self._note(time, pv, measured, record, reason)
+        return record
+
+    def _note(
+        self, time: float, pv: float, measured: float, record: CycleRecord, reason: str = ""
+    ) -> None:
+        S, J = self._plant.valve(time)
+        self.moments.append(
+            Moment(
+                time=time,
+                op=record.op,
+                pv=pv,
+                measured=measured,
+                sp=record.sp,
+                stem=record.stem,
+                stick_band=S,
+                slip_jump=J,
+                automatic=record.automatic,
+                compensated=record.compensated,
+                reason=reason,
+            )
+        )
+
+
+class _Program:
+    """The loop's program of one life of the PLC; the stage keeps the plant."""
+
+    def __init__(self, stage: Stage, inner: ControlledLoop) -> None:
+        self._stage = stage
+        self._inner = inner
+
+    @property
+    def op(self) -> float:
+        return self._inner.op
+
+    @property
+    def pv(self) -> float:
+        return self._inner.pv
+
+    def cycle(self, commands: Commands) -> CycleRecord:
+        return self._stage.play(self._inner, commands)
+
+    def close(self) -> None:
+        """The plant outlives the PLC."""
+
+
+class _WornPlant(Plant):
+    """A plant whose valve wears, whose load varies and whose transmitter may fail.
+
+    Outward it has input ``op`` and outputs ``pv`` (measured) and ``stem``, whatever the FMU calls
+    them.
+    """
+
+    def __init__(self, plant: Plant, scenario: Scenario) -> None:
+        self._plant = plant
+        self._scenario = scenario
+        self._names = scenario.plant.variables
+        self._transmitter = Transmitter(scenario.sensor, scenario.scenario.seed)
+        try:
+            self._require()
+            self._outputs = self._measured(plant.outputs())
+        except BaseException:
+            plant.close()
+            raise
+
+    def _require(self) -> None:
+        info, names, wanted = self._plant.info, self._names, []
+        if self._scenario.valve is not None:
+            wanted = [names.stick_band, names.slip_jump]
+        if self._loaded:
+            wanted.append(names.load)
+        changeable = (*info.inputs, *info.tunable)
+        for name in wanted:
+            if name not in changeable:
+                raise ScenarioError(
+                    f"plant {info.name} has nothing that can be changed while it runs by the name "
+                    f"{name!r}; it has {', '.join(changeable) or 'nothing'}: name it in "
+                    "[plant.variables] or remove [valve] or [load]"
+                )
+
+    @property
+    def _loaded(self) -> bool:
+        load = self._scenario.load
+        return bool(load.sinusoids) or any(value for _, value in load.points)
+
+    @property
+    def info(self) -> PlantInfo:
+        return self._plant.info
+
+    @property
+    def time(self) -> float:
+        return self._plant.time
+
+    def valve(self, time: float) -> tuple[float, float]:
+        """Return S and J at ``time``; NaN where the scenario leaves them to the FMU."""
+        wear = self._scenario.valve
+        repairs = [
+            event
+            for event in self._scenario.maintenance
+            if isinstance(event, Repair) and event.at <= time
+        ]
+        if repairs:
+            last = max(repairs, key=lambda event: event.at)
+            return last.stick_band, last.slip_jump
+        if wear is None:
+            return math.nan, math.nan
+        S = max(0.0, at(wear.stick_band, time))
+        return S, min(S, max(0.0, at(wear.slip_jump, time)))
+
+    def outputs(self) -> dict[str, float]:
+        return self._outputs
+
+    def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
+        time = self.time
+        given = {self._names.op: inputs["op"]}
+        S, J = self.valve(time)
+        if math.isfinite(S):
+            given |= {self._names.stick_band: S, self._names.slip_jump: J}
+        if self._loaded:
+            given[self._names.load] = self._load(time)
+        self._outputs = self._measured(self._plant.step(given))
+        return self._outputs
+
+    def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+        return [self.step(one) for one in inputs]
+
+    def snapshot(self) -> bytes:
+        return self._plant.snapshot()
+
+    def restore(self, snapshot: bytes) -> None:
+        self._plant.restore(snapshot)
+
+    def close(self) -> None:
+        """A PLC that goes away leaves the plant where it is; see `end`."""
+
+    def end(self) -> None:
+        """End the plant."""
+        self._plant.close()
+
+    def _measured(self, outputs: Mapping[str, float]) -> dict[str, float]:
+        self.true_pv = outputs[self._names.pv]
+        self.measured_pv = self._transmitter.measure(self.time, self.true_pv)
+        return {"pv": self.measured_pv, "stem": outputs.get(self._names.stem, math.nan)}
+
+    def _load(self, time: float) -> float:
+        load = self._scenario.load
+        swings = sum(
+            s.amplitude * math.sin(2.0 * math.pi * (time - s.begin) / s.period)
+            for s in load.sinusoids
+            if s.covers(time)
+        )
+        return at(load.points, time) + swings
