@@ -11,7 +11,7 @@ import sys
 
 import typer
 
-from fieldlink.cli import demo, fleet, identify, rehearse, site
+from fieldlink.cli import demo, fleet, history, identify, rehearse, site
 
 __all__ = ["app", "main"]
 
@@ -29,6 +29,8 @@ app.command("schema")(site.schema)
 app.command("plant")(fleet.plant)
 app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
+app.command("backup")(history.backup)
+app.command("export")(history.export)
 app.command("warm-up")(identify.warm_up)
 
 

@@ -1,15 +1,18 @@
 """The daemon: scans into windows, windows into findings, findings into the PLC's blocks."""
 
 from fieldlink.daemon.estimating import Estimate, EstimateOutcome, Findings, Interval
+from fieldlink.daemon.lateness import BOUNDS as LATENESS_BOUNDS
+from fieldlink.daemon.lateness import LatenessReport
 from fieldlink.daemon.lockstep import LockstepRun
 from fieldlink.daemon.logs import configure_logging
 from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
-from fieldlink.daemon.pool import PoolSettings
+from fieldlink.daemon.pool import PoolReport, PoolSettings
 from fieldlink.daemon.service import Daemon
 from fieldlink.daemon.signals import stop_on_signals
 from fieldlink.daemon.status import DaemonStatus, DeviceStatus, LoopStatus
 
 __all__ = [
+    "LATENESS_BOUNDS",
     "Attempt",
     "Daemon",
     "DaemonStatus",
@@ -18,8 +21,10 @@ __all__ = [
     "EstimateOutcome",
     "Findings",
     "Interval",
+    "LatenessReport",
     "LockstepRun",
     "LoopStatus",
+    "PoolReport",
     "PoolSettings",
     "WritebackOutcome",
     "configure_logging",

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from fieldlink.daemon.device import DeviceRunner
 from fieldlink.daemon.journal import Journal
+from fieldlink.daemon.pipeline import LoopCounts
+from fieldlink.daemon.pool import PoolReport
 from fieldlink.daemon.status import DaemonStatus
 from fieldlink.links import Clock, Link, open_link
 from fieldlink.site import Site
@@ -40,18 +42,23 @@ class Assembly:
         links: OpenLink = open_link,
     ) -> None:
         self.journal = Journal(put, clock)
+        self._clock = clock
+        self._read_only = read_only
+        self._live = live
+        self._links = links
         used = dict.fromkeys(loop.device for loop in site.loops.values())
-        self.runners = {
-            name: DeviceRunner(
-                site,
-                name,
-                links(site, name, clock),
-                self.journal,
-                read_only=read_only,
-                live=live,
-            )
-            for name in used
-        }
+        self.runners = {name: self.runner(site, name) for name in used}
+
+    def runner(self, site: Site, name: str) -> DeviceRunner:
+        """Build the runner of a device; its link is not open yet."""
+        return DeviceRunner(
+            site,
+            name,
+            self._links(site, name, self._clock),
+            self.journal,
+            read_only=self._read_only,
+            live=self._live,
+        )
 
     async def open(self) -> None:
         """Open every link.
@@ -67,7 +74,30 @@ class Assembly:
         for runner in self.runners.values():
             await runner.link.close()
 
-    def status(self, store: StoreReport, pool_rebuilt: int = 0) -> DaemonStatus:
+    def runner_of(self, loop: str) -> DeviceRunner | None:
+        """Return the runner of a loop; None when the site has no such loop any more."""
+        for runner in self.runners.values():
+            if loop in runner.pipelines:
+                return runner
+        return None
+
+    def counts(self) -> dict[str, LoopCounts]:
+        """Return what became of every loop's samples."""
+        return {
+            loop: pipeline.counts
+            for runner in self.runners.values()
+            for loop, pipeline in runner.pipelines.items()
+        }
+
+    def status(
+        self,
+        store: StoreReport,
+        pool: PoolReport | None = None,
+        *,
+        clock_steps: int = 0,
+        reloads: int = 0,
+        refused: int = 0,
+    ) -> DaemonStatus:
         """Return a snapshot."""
         return DaemonStatus(
             devices={name: runner.status() for name, runner in self.runners.items()},
@@ -77,5 +107,8 @@ class Assembly:
                 for loop in runner.pipelines
             },
             store=store,
-            pool_rebuilt=pool_rebuilt,
+            pool=pool or PoolReport(),
+            clock_steps=clock_steps,
+            reloads=reloads,
+            refused=refused,
         )

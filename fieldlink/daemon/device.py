@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from functools import partial
+from typing import TypeVar
 
 from fieldlink.daemon.estimating import Estimate
 from fieldlink.daemon.exchange import Exchange
 from fieldlink.daemon.journal import Journal
+from fieldlink.daemon.lateness import Lateness
 from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.pipeline import LoopPipeline
+from fieldlink.daemon.reload import same_samples
 from fieldlink.daemon.status import DeviceStatus, LoopStatus
 from fieldlink.daemon.writeback import WriteBack
 from fieldlink.errors import FieldlinkError
@@ -31,6 +35,8 @@ from fieldlink.links import (
 from fieldlink.site import Loop, Site
 
 __all__ = ["DeviceRunner", "poll_period"]
+
+T = TypeVar("T")
 
 SILENT_AFTER = 20
 """Periods without a new sample after which a loop is said to be silent."""
@@ -60,8 +66,12 @@ class DeviceRunner:
     ) -> None:
         self.name = name
         self.link = link
+        self.site = site
         self.speed = site.devices[name].speed if live else 1.0
-        self.pipelines = {loop: LoopPipeline.of_site(site, loop) for loop in site.loops_of(name)}
+        self.lateness = Lateness()
+        self.pipelines = {
+            loop: LoopPipeline.of_site(site, loop, self.speed) for loop in site.loops_of(name)
+        }
         self.ended = False
         self.late = 0
         self._journal = journal
@@ -76,7 +86,7 @@ class DeviceRunner:
         self._estimate_counts = dict.fromkeys(self.pipelines, 0)
         self._attempts: dict[str, Attempt] = {}
         self._accepted: dict[str, Attempt] = {}
-        self._attempt_counts = dict.fromkeys(self.pipelines, 0)
+        self._attempt_counts = {loop: Counter[str]() for loop in self.pipelines}
         self._writebacks = {
             loop: self._writeback(site, loop, read_only=read_only, live=live)
             for loop, pipeline in self.pipelines.items()
@@ -93,17 +103,24 @@ class DeviceRunner:
             return self.link.scan_period
         return poll_period([pipeline.loop for pipeline in self.pipelines.values()])
 
-    async def poll(self, now: float) -> None:
-        """Scan once; ``now`` is the plant second at which that was due."""
+    async def poll(self, now: float, due: float | None = None) -> None:
+        """Scan once.
+
+        Args:
+            now: the plant second at which that was due.
+            due: the same moment in seconds of the link's clock; None where nothing can be late.
+        """
         scan = await self.link.scan()
         self._now = now
         self._polls += 1
         self._requests += scan.requests
         self._watch(scan)
         for pipeline in self.pipelines.values():
-            record = pipeline.take(scan, now)
+            record = pipeline.take(scan, now, due)
             if record is not None:
                 self._journal.sample(record)
+                if record.late_ms is not None:
+                    self.lateness.note(0.001 * record.late_ms)
             self._watch_loop(pipeline, now, sampled=record is not None)
 
     def accept(self, estimate: Estimate) -> None:
@@ -142,6 +159,7 @@ class DeviceRunner:
             failures=self._failures,
             last_failure=self._last_failure,
             plant_time=self._now,
+            lateness=self.lateness.report(),
         )
 
     def loop_status(self, loop: str) -> LoopStatus:
@@ -155,10 +173,42 @@ class DeviceRunner:
             latest=pipeline.latest,
             estimates=self._estimate_counts[loop],
             last_estimate=self._estimates.get(loop),
-            attempts=self._attempt_counts[loop],
+            attempts=self._attempt_counts[loop].total(),
             last_attempt=self._attempts.get(loop),
             last_accepted=self._accepted.get(loop),
+            outcomes=dict(self._attempt_counts[loop]),
+            idle=self._now - self._sampled_at.get(loop, self._now),
         )
+
+    def mark_clock(self, steps: int) -> None:
+        """Mark the samples from here on with the number of steps of the wall clock."""
+        for pipeline in self.pipelines.values():
+            pipeline.clock_steps = steps
+
+    def inherit(self, old: DeviceRunner) -> None:
+        """Take over from a runner what a change of the site file leaves as it is.
+
+        The windows and write-backs of loops whose samples mean the same go on.
+        """
+        self._now, self._state = old._now, old._state
+        for loop in self.pipelines:
+            settings = self.site.loops[loop]
+            if not same_samples(old.site, self.site, loop):
+                continue
+            pipeline = old.pipelines[loop]
+            pipeline.resettle(settings)
+            self.pipelines[loop] = pipeline
+            self._estimate_counts[loop] = old._estimate_counts[loop]
+            self._attempt_counts[loop] = old._attempt_counts[loop]
+            _carry(loop, old._sampled_at, self._sampled_at)
+            _carry(loop, old._estimates, self._estimates)
+            _carry(loop, old._attempts, self._attempts)
+            _carry(loop, old._accepted, self._accepted)
+            if loop in old._silent:
+                self._silent.add(loop)
+            before, after = old._writebacks.get(loop), self._writebacks.get(loop)
+            if before is not None and after is not None:
+                after.inherit(before)
 
     def _watch(self, scan: Scan) -> None:
         self._failures += len(scan.failures)
@@ -208,7 +258,7 @@ class DeviceRunner:
 
     def _note_attempt(self, loop: str, attempt: Attempt) -> None:
         self._attempts[loop] = attempt
-        self._attempt_counts[loop] += 1
+        self._attempt_counts[loop][attempt.outcome.code] += 1
         if attempt.outcome is WritebackOutcome.ACCEPTED:
             self._accepted[loop] = attempt
             self.pipelines[loop].restart_window()
@@ -241,6 +291,11 @@ class DeviceRunner:
             pause=pause,
             report=partial(self._note_attempt, loop),
         )
+
+
+def _carry(loop: str, old: dict[str, T], new: dict[str, T]) -> None:
+    if loop in old:
+        new[loop] = old[loop]
 
 
 def poll_period(loops: list[Loop]) -> float:

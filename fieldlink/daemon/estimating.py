@@ -46,6 +46,8 @@ class EstimateOutcome(Enum):
     ESTIMATED = ("estimated", "")
     REFUSED = ("refused", "the window is no input for the estimator: check the loop's tags")
     TIMED_OUT = ("timed_out", "shorten the window, or give the machine more time or cores")
+    OUT_OF_MEMORY = ("out_of_memory", "shorten the window, or raise estimation.memory_megabytes")
+    FAILED = ("failed", "a defect of the estimator: report it with the window's samples")
     WORKER_DIED = ("worker_died", "look for a memory limit or a killed process; it is tried again")
 
     def __init__(self, code: str, advice: str) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from fieldlink.daemon.assembly import Assembly, OpenLink
 from fieldlink.daemon.device import DeviceRunner
 from fieldlink.daemon.estimating import Estimator, InlineEstimator
+from fieldlink.daemon.settings import retention_of
 from fieldlink.daemon.status import DaemonStatus
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Link, SteppedLink, VirtualClock, open_link
@@ -50,7 +51,9 @@ class LockstepRun:
     ) -> None:
         self._site = site
         self._clock = VirtualClock(start_utc)
-        self._historian = Historian(site.historian_url) if store else None
+        self._historian = (
+            Historian(site.historian_url, retention=retention_of(site)) if store else None
+        )
         self._on_record = on_record
         self._estimator = estimator or InlineEstimator()
         self._assembly = Assembly(

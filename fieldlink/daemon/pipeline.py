@@ -18,6 +18,9 @@ from fieldlink.store import SampleRecord
 
 __all__ = ["LoopCounts", "LoopPipeline"]
 
+LATE_SHARE = 0.1
+"""Share of a period by which a reply may come later than due and still be in time."""
+
 _NOT_THERE = frozenset({Quality.NOT_READ, Quality.QUARANTINED, Quality.UNKNOWN_TAG})
 
 
@@ -30,6 +33,8 @@ class LoopCounts:
         read: slots filled with good OP and PV.
         bad: slots filled with a value of bad quality.
         missed: slots left empty.
+        late: slots read (good or bad) whose reply came more than a tenth of a period after it was
+            due.
         duplicates: readings of a sample that was there already.
         restarts: times the controller's cycle counter began anew.
     """
@@ -38,6 +43,7 @@ class LoopCounts:
     read: int = 0
     bad: int = 0
     missed: int = 0
+    late: int = 0
     duplicates: int = 0
     restarts: int = 0
 
@@ -49,11 +55,17 @@ class LoopPipeline:
         name: the loop's name.
         loop: its settings.
         counter: the tag of its cycle counter, None when it has none.
+        speed: plant seconds per second of the wall clock.
+
+    Attributes:
+        clock_steps: how often the wall clock has stepped so far; marks the samples' time stamps.
     """
 
-    def __init__(self, name: str, loop: Loop, counter: Tag | None) -> None:
+    def __init__(self, name: str, loop: Loop, counter: Tag | None, speed: float = 1.0) -> None:
         self.name = name
         self.loop = loop
+        self.clock_steps = 0
+        self._late_after = LATE_SHARE * loop.period / speed
         self._placer = _placer(loop, counter)
         self._window = Window(
             loop.window, has_sp=loop.sp is not None, has_auto=loop.mode is not None
@@ -64,11 +76,16 @@ class LoopPipeline:
         self.latest: SampleRecord | None = None
 
     @classmethod
-    def of_site(cls, site: Site, name: str) -> LoopPipeline:
+    def of_site(cls, site: Site, name: str, speed: float = 1.0) -> LoopPipeline:
         """Build the pipeline of a loop of the site file."""
         loop = site.loops[name]
         counter = None if loop.scan is None else site.maps.get(loop.device, {}).get(loop.scan)
-        return cls(name, loop, counter)
+        return cls(name, loop, counter, speed)
+
+    def resettle(self, loop: Loop) -> None:
+        """Go on with changed settings of estimation or write-back, and with the window."""
+        self.loop = loop
+        self._every = max(1, round(loop.estimate_period / loop.period))
 
     @property
     def filled(self) -> float:
@@ -86,12 +103,13 @@ class LoopPipeline:
             missing = max(missing, self._estimated_at + self._every - self._window.last_slot)
         return max(0, missing)
 
-    def take(self, scan: Scan, now: float) -> SampleRecord | None:
+    def take(self, scan: Scan, now: float, due: float | None = None) -> SampleRecord | None:
         """Put the loop's part of a scan into the window.
 
         Args:
             scan: all tags of the loop's device.
             now: plant seconds at which the scan was due.
+            due: the same moment in seconds of the link's clock; None where nothing can be late.
 
         Returns:
             What to store; None when the scan has nothing new of this loop.
@@ -112,6 +130,7 @@ class LoopPipeline:
         sample = self._sample(scan, op, pv)
         skipped = self._window.put(placed.slot, sample)
         good = sample.quality == 0
+        late = None if due is None else max(0.0, pv.monotonic - due)
         counts = self.counts
         self.counts = replace(
             counts,
@@ -119,9 +138,10 @@ class LoopPipeline:
             read=counts.read + good,
             bad=counts.bad + (not good),
             missed=counts.missed + skipped,
+            late=counts.late + (late is not None and late > self._late_after),
             restarts=counts.restarts + (placed.place is Place.RESTARTED),
         )
-        self.latest = self._record(placed.slot, sample)
+        self.latest = self._record(placed.slot, sample, late)
         return self.latest
 
     def restart_window(self) -> None:
@@ -152,7 +172,7 @@ class LoopPipeline:
         quality = max(op.quality.code, pv.quality.code)
         return LoopSample(op.value, pv.value, sp, auto, pv.utc, quality)
 
-    def _record(self, slot: int, sample: LoopSample) -> SampleRecord:
+    def _record(self, slot: int, sample: LoopSample, late: float | None) -> SampleRecord:
         return SampleRecord(
             loop=self.name,
             utc_ms=round(sample.utc * 1000.0),
@@ -162,6 +182,8 @@ class LoopPipeline:
             sp=None if self.loop.sp is None else sample.sp,
             auto=None if math.isnan(sample.auto) else bool(sample.auto),
             quality=sample.quality,
+            late_ms=None if late is None else round(1000.0 * late),
+            clock_steps=self.clock_steps,
         )
 
 

@@ -2,7 +2,8 @@
 
 A worker that exceeds its time ends itself (a watchdog thread in C, which no computation can hold
 up) and leaves the place where it hung on stderr. A dead worker breaks its pool: a new pool takes
-over, and the windows that were only bystanders are judged again.
+over, and the windows that were only bystanders are judged again. A worker gets no more memory than
+it is given, and an error in it, whatever it is, is an outcome of its window.
 """
 
 from __future__ import annotations
@@ -12,11 +13,14 @@ import faulthandler
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ParamSpec, TypeVar
 
 import structlog
@@ -29,7 +33,7 @@ from fieldlink.daemon.estimating import (
     estimate,
 )
 
-__all__ = ["EstimatorPool", "PoolSettings"]
+__all__ = ["EstimatorPool", "PoolReport", "PoolSettings"]
 
 _log = structlog.get_logger(__name__)
 
@@ -45,11 +49,34 @@ class PoolSettings:
         workers: processes; one core is left to the daemon by default.
         limit: seconds that one window may take in a worker.
         grace: seconds beyond the limits of all windows ahead before a worker counts as lost.
+        memory: bytes of data that a worker may hold; no bound when None.
     """
 
     workers: int = max(1, (os.cpu_count() or 2) - 1)
     limit: float = 60.0
     grace: float = 10.0
+    memory: int | None = 1_500_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class PoolReport:
+    """What the pool has done.
+
+    Attributes:
+        judged: windows by outcome code.
+        rebuilt: times the processes were replaced.
+        waiting: windows that are being judged or wait for it.
+        workers: processes that run now.
+    """
+
+    judged: Mapping[str, int] = field(default_factory=dict)
+    rebuilt: int = 0
+    waiting: int = 0
+    workers: int = 0
+
+
+class _PoolGoneError(Exception):
+    """The pool that a window was meant for has been replaced."""
 
 
 class EstimatorPool:
@@ -73,6 +100,7 @@ class EstimatorPool:
         self._pool = self._new_pool()
         self._in_flight = 0
         self._second_attempts = asyncio.Lock()
+        self._judged: Counter[str] = Counter()
         self.rebuilt = 0
 
     async def warm_up(self) -> None:
@@ -87,12 +115,20 @@ class EstimatorPool:
 
     async def run(self, request: EstimateRequest) -> Estimate:
         """Judge a window; a window whose worker dies is judged once more in a new pool."""
-        first = await self._attempt(request)
-        if first.outcome is not EstimateOutcome.WORKER_DIED:
-            return first
-        # One at a time: the window that killed the worker must not take a bystander along again.
-        async with self._second_attempts:
-            return await self._attempt(request)
+        estimate = await self._attempt(request)
+        if estimate.outcome is EstimateOutcome.WORKER_DIED:
+            # One at a time: the window that killed the worker must not take a bystander along
+            # again.
+            async with self._second_attempts:
+                estimate = await self._attempt(request)
+        self._judged[estimate.outcome.code] += 1
+        return estimate
+
+    def report(self) -> PoolReport:
+        """Return the counts up to now."""
+        return PoolReport(
+            dict(self._judged), self.rebuilt, self._in_flight, len(_processes(self._pool))
+        )
 
     async def _attempt(self, request: EstimateRequest) -> Estimate:
         pool, limit = self._pool, self._settings.limit
@@ -109,7 +145,7 @@ class EstimatorPool:
             return Estimate.failed(
                 request, EstimateOutcome.TIMED_OUT, f"no result within {bound:g} s"
             )
-        except BrokenProcessPool:
+        except (BrokenProcessPool, _PoolGoneError):
             self._replace(pool, kill=False)
             return Estimate.failed(
                 request,
@@ -130,7 +166,11 @@ class EstimatorPool:
 
     async def _submit(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         # In a thread: the first submission waits until the fork server has loaded the estimator.
-        future = await asyncio.to_thread(self._pool.submit, function, *args, **kwargs)
+        try:
+            future = await asyncio.to_thread(self._pool.submit, function, *args, **kwargs)
+        except RuntimeError as error:
+            # It was replaced between the choice and the submission.
+            raise _PoolGoneError from error
         return await asyncio.wrap_future(future)
 
     def _new_pool(self) -> ProcessPoolExecutor:
@@ -138,7 +178,7 @@ class EstimatorPool:
             self._settings.workers,
             mp_context=_context(),
             initializer=_begin,
-            initargs=(self._prepare,),
+            initargs=(self._prepare, self._settings.memory),
         )
 
     def _replace(self, broken: ProcessPoolExecutor, *, kill: bool) -> None:
@@ -174,8 +214,12 @@ def _kill(pool: ProcessPoolExecutor) -> None:
         process.kill()
 
 
-def _begin(prepare: Callable[[], None]) -> None:
+def _begin(prepare: Callable[[], None], memory: int | None) -> None:
     """First thing in a worker: the daemon alone decides when it ends; then the kernels."""
+    if memory is not None and sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     threading.Thread(target=_die_with_parent, name="parent", daemon=True).start()
@@ -196,6 +240,12 @@ def _bounded(
     faulthandler.dump_traceback_later(limit, exit=True)
     try:
         return work(request)
+    except MemoryError as error:
+        return Estimate.failed(request, EstimateOutcome.OUT_OF_MEMORY, str(error) or "no memory")
+    except Exception as error:  # noqa: BLE001  (it is reported; the daemon must not end by it)
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{frame.filename}:{frame.lineno} in {frame.name}"
+        return Estimate.failed(request, EstimateOutcome.FAILED, f"{error!r} at {where}")
     finally:
         faulthandler.cancel_dump_traceback_later()
 

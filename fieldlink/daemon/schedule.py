@@ -1,4 +1,8 @@
-"""What is measured in minutes: jobs on APScheduler, in UTC, one at a time each, never piled up."""
+"""What is measured in minutes: jobs on APScheduler, in UTC, one at a time each, never piled up.
+
+APScheduler compares wall-clock times: after a step back of the clock by an hour its jobs would wait
+an hour too long. So whoever notices a step says so, and every job is moved along with the clock.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +35,36 @@ class Schedule:
         self._scheduler.add_listener(self._on_error, EVENT_JOB_ERROR)
 
     def every(self, seconds: float, name: str, job: Callable[[], Awaitable[None]]) -> None:
-        """Run ``job`` every so many seconds, the first time after the first interval."""
-        self._scheduler.add_job(job, "interval", seconds=max(seconds, _SHORTEST), id=name)
+        """Run ``job`` every so many seconds, the first time after the first interval.
+
+        A job of the same name is replaced.
+        """
+        self._scheduler.add_job(
+            job, "interval", seconds=max(seconds, _SHORTEST), id=name, replace_existing=True
+        )
 
     def postpone(self, name: str, seconds: float) -> None:
         """Let the next run of a job be ``seconds`` from now; the interval counts from there."""
         due = datetime.now(UTC) + timedelta(seconds=max(seconds, _SHORTEST))
         if self._scheduler.get_job(name) is not None:
             self._scheduler.modify_job(name, next_run_time=due)
+
+    def remove(self, name: str) -> None:
+        """Run a job no more; one that does not exist is no error."""
+        if self._scheduler.get_job(name) is not None:
+            self._scheduler.remove_job(name)
+
+    def clock_stepped(self, seconds: float) -> None:
+        """Move every job along with a wall clock that has stepped by ``seconds``."""
+        latest = datetime.now(UTC)
+        for job in self._scheduler.get_jobs():
+            due = job.next_run_time
+            if due is None:
+                continue
+            moved = due + timedelta(seconds=seconds)
+            # After a step forward, a job that ran meanwhile is ahead of the clock already.
+            if seconds < 0.0 or moved - latest <= job.trigger.interval:
+                job.modify(next_run_time=moved)
 
     def start(self) -> None:
         """Begin."""

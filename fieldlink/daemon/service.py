@@ -1,32 +1,43 @@
 """The live daemon: polls on monotonic deadlines, judges windows, writes back, until told to stop.
 
-Every device has two tasks of its own, one that polls and one that writes back, so a silent device
-delays nobody else and a slow write delays no poll. Windows are judged in other processes on the
-scheduler's beat; records go to a thread. The event loop itself only waits.
+Every device has two tasks of its own (`fieldlink.daemon.tasks`), so a silent device delays nobody
+else and a slow write delays no poll. Windows are judged in other processes on the scheduler's beat;
+records go to a thread. The event loop itself only waits. A changed site file is taken over while
+all this runs, device by device.
 """
 
 from __future__ import annotations
 
 import asyncio
-import math
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from functools import partial
 
+from fieldlink.daemon.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.assembly import Assembly
+from fieldlink.daemon.clock_watch import CHECK_EVERY, ClockWatch
 from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.pipeline import LoopPipeline
-from fieldlink.daemon.pool import EstimatorPool, PoolSettings
+from fieldlink.daemon.pool import EstimatorPool, PoolReport, PoolSettings
+from fieldlink.daemon.reload import FileWatch, SiteChange
 from fieldlink.daemon.schedule import Schedule
+from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.daemon.status import DaemonStatus
-from fieldlink.links import Clock, SystemClock
-from fieldlink.site import Site
+from fieldlink.daemon.tasks import DeviceTasks, spawn, wait_for
+from fieldlink.errors import FieldlinkError
+from fieldlink.links import Clock, SteppedLink, SystemClock
+from fieldlink.site import Site, load_site
 from fieldlink.store import Historian, HistorianSettings
 
 __all__ = ["Daemon"]
 
 STOP_GRACE = 5.0
 """Seconds that windows being judged and writes under way have to finish when the daemon stops."""
+
+WATCH_EVERY = 1.0
+"""Seconds between two looks at the site's files."""
+
+TIDY_EVERY = 3600.0
+"""Seconds between two applications of the store's retention."""
 
 
 class Daemon:
@@ -36,8 +47,13 @@ class Daemon:
         site: the site.
         read_only: never write to any device, whatever the site file says.
         store: sizes and patience of the historian.
-        pool: size and patience of the estimator's processes.
+        pool: size and patience of the estimator's processes; the site file's unless given.
         clock: stamps readings and gives the deadlines.
+        reread: gives the site anew for a reload; reads its file unless given.
+        watch_files: reload by itself when a file of the site has changed.
+
+    Attributes:
+        started: set once the devices are being polled.
     """
 
     def __init__(
@@ -48,23 +64,50 @@ class Daemon:
         store: HistorianSettings | None = None,
         pool: PoolSettings | None = None,
         clock: Clock | None = None,
+        reread: Callable[[], Site] | None = None,
+        watch_files: bool = False,
     ) -> None:
         self._site = site
         self._clock = clock or SystemClock()
-        self._historian = Historian(
-            site.historian_url, store, retention_days=site.historian.retention_days
-        )
+        self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._assembly = Assembly(
             site, self._clock, self._historian.put, read_only=read_only, live=True
         )
-        self._pool_settings = pool
+        self._pool_settings = pool or pool_settings_of(site)
         self._pool: EstimatorPool | None = None
+        self._reread = reread or partial(load_site, site.path)
+        self._watch_files = watch_files
+        self._wanted = asyncio.Event()
         self._judging: set[asyncio.Task[None]] = set()
+        # Windows are copied when their turn is near, not all at once.
+        self._turns = asyncio.Semaphore(2 * self._pool_settings.workers)
+        self._devices: dict[str, DeviceTasks] = {}
+        self._stopping = False
+        self._failed: asyncio.Future[None] | None = None
+        self._clock_watch = ClockWatch(self._clock)
+        self._reloads = self._refused = 0
+        self.started = asyncio.Event()
 
     def status(self) -> DaemonStatus:
         """Return a snapshot; may be called at any time."""
-        rebuilt = 0 if self._pool is None else self._pool.rebuilt
-        return self._assembly.status(self._historian.report(), rebuilt)
+        return self._assembly.status(
+            self._historian.report(),
+            PoolReport() if self._pool is None else self._pool.report(),
+            clock_steps=self._clock_watch.steps,
+            reloads=self._reloads,
+            refused=self._refused,
+        )
+
+    def stuck(self) -> tuple[str, ...]:
+        """Name what should be at work and is not; empty while all is well."""
+        names = [f"device {name}" for name, tasks in self._devices.items() if tasks.stuck]
+        if self.started.is_set() and not self._historian.alive:
+            names.append("store")
+        return tuple(names)
+
+    def reload_soon(self) -> None:
+        """Let the site file be read again; returns at once. What comes of it is an event."""
+        self._wanted.set()
 
     async def run(
         self, duration: float | None = None, stop: asyncio.Event | None = None
@@ -85,6 +128,7 @@ class Daemon:
             try:
                 await self._assembly.open()
                 async with self._at_work() as failures:
+                    self.started.set()
                     await _until(stop, duration, failures)
             finally:
                 await self._assembly.close()
@@ -102,119 +146,194 @@ class Daemon:
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
         """Start everything; yield what must not end by itself; end it in order."""
         assert self._pool is not None
-        ending = asyncio.Event()
+        self._failed = asyncio.get_running_loop().create_future()
         schedule = Schedule()
-        warming = _spawn(self._pool.warm_up(), "warm-up")
-        forever: list[asyncio.Task[None]] = []
-        for runner in self._assembly.runners.values():
-            polled = asyncio.Event()
-            forever.append(_spawn(self._poll(runner, polled, ending), f"poll {runner.name}"))
-            if runner.writes:
-                forever.append(
-                    _spawn(self._service(runner, polled, ending), f"write {runner.name}")
-                )
-            for pipeline in runner.pipelines.values():
-                seconds = pipeline.loop.estimate_period / runner.speed
-                schedule.every(
-                    seconds, pipeline.name, partial(self._judge, schedule, runner, pipeline, ending)
-                )
+        accounts = SlotAccounts(self._historian.put, self._clock)
+        warming = spawn(self._pool.warm_up(), "warm-up")
+        self._begin_devices(schedule)
+        schedule.every(ACCOUNT_EVERY, "slot accounts", self._do(self._account, accounts))
+        schedule.every(TIDY_EVERY, "retention", self._do(self._historian.tidy))
+        self._historian.tidy()
         schedule.start()
+        watching = [
+            spawn(self._watch_clock(schedule), "clock"),
+            spawn(self._watch_site(schedule), "site"),
+        ]
         try:
-            yield [schedule.failed, *forever]
+            yield [schedule.failed, self._failed, *watching]
         finally:
-            ending.set()
+            self._stopping = True
             schedule.pause()
-            warming.cancel()
-            unfinished = await self._finish(forever)
-            for task in unfinished:
-                self._assembly.journal.event(
-                    "daemon.unfinished", "daemon", f"{task.get_name()} was given up", bad=True
-                )
+            for task in (warming, *watching):
                 task.cancel()
-            await asyncio.gather(warming, *unfinished, return_exceptions=True)
+            await asyncio.gather(warming, *watching, return_exceptions=True)
+            await self._end(self._devices.values(), self._judging)
+            self._account(accounts)
             schedule.stop()
+            self._failed.cancel()
 
-    async def _finish(self, tasks: list[asyncio.Task[None]]) -> set[asyncio.Task[None]]:
-        """Wait for tasks and for windows being judged; return those that were not done in time."""
+    def _begin_devices(self, schedule: Schedule) -> None:
+        runners = self._assembly.runners.values()
+        now = self._clock.monotonic()
+        for number, runner in enumerate(runners):
+            # Devices with the same period are not all asked in the same moment.
+            beat = runner.scan_period / runner.speed
+            self._begin(runner, now + beat * number / len(runners), schedule)
+
+    def _begin(self, runner: DeviceRunner, begin: float, schedule: Schedule) -> None:
+        runner.mark_clock(self._clock_watch.steps)
+        tasks = DeviceTasks(runner, self._clock, begin)
+        tasks.start()
+        self._devices[runner.name] = tasks
+        for task in tasks.running:
+            task.add_done_callback(self._note_end)
+        for pipeline in runner.pipelines.values():
+            seconds = pipeline.loop.estimate_period / runner.speed
+            name = _job(pipeline.name)
+            schedule.every(seconds, name, partial(self._judge, schedule, pipeline.name))
+
+    def _note_end(self, task: asyncio.Task[None]) -> None:
+        """Let an error of a device's task end the daemon: going on without it would be silent."""
+        if task.cancelled() or self._failed is None or self._failed.done():
+            return
+        if (error := task.exception()) is not None:
+            self._failed.set_exception(error)
+
+    async def _end(
+        self, devices: Iterable[DeviceTasks], others: Iterable[asyncio.Task[None]] = ()
+    ) -> None:
+        """End devices and wait for what is under way; what takes too long is given up."""
+        ending = list(devices)
+        for tasks in ending:
+            tasks.end()
         deadline = self._clock.monotonic() + STOP_GRACE
         while True:
             # A turn for jobs that have been started and have not run yet.
             await asyncio.sleep(0)
-            left = {task for task in (*tasks, *self._judging) if not task.done()}
+            running = (task for tasks in ending for task in tasks.running)
+            left = {task for task in (*running, *others) if not task.done()}
             seconds = deadline - self._clock.monotonic()
             if not left or seconds <= 0.0:
-                return left
+                break
             await asyncio.wait(left, timeout=seconds)
+        for task in left:
+            self._assembly.journal.event(
+                "daemon.unfinished", "daemon", f"{task.get_name()} was given up", bad=True
+            )
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
 
-    async def _poll(
-        self, runner: DeviceRunner, polled: asyncio.Event, ending: asyncio.Event
-    ) -> None:
-        """Scan at every deadline; a deadline that passed during the scan before is skipped."""
-        period = runner.scan_period
-        beat = period / runner.speed
-        begin = self._clock.monotonic()
-        slot = 0
-        while not await _wait(ending, begin + slot * beat - self._clock.monotonic()):
-            await runner.poll(slot * period)
-            polled.set()
-            reached = math.floor((self._clock.monotonic() - begin) / beat)
-            following = max(slot + 1, reached)
-            runner.late += following - slot - 1
-            slot = following
-
-    async def _service(
-        self, runner: DeviceRunner, polled: asyncio.Event, ending: asyncio.Event
-    ) -> None:
-        """Let the write-backs run after polls; one that is still at it skips some."""
-        begin = self._clock.monotonic()
-        while not ending.is_set():
-            if not await _wait(polled, 1.0):
+    async def _watch_clock(self, schedule: Schedule) -> None:
+        while True:
+            await asyncio.sleep(CHECK_EVERY)
+            step = self._clock_watch.look()
+            if step == 0.0:
                 continue
-            polled.clear()
-            await runner.service((self._clock.monotonic() - begin) * runner.speed)
+            schedule.clock_stepped(step)
+            for runner in self._assembly.runners.values():
+                runner.mark_clock(self._clock_watch.steps)
+            self._assembly.journal.event(
+                "clock.stepped",
+                "daemon",
+                f"the wall clock stepped by {step:+.1f} s; sampling goes on, samples from here on "
+                f"are marked clock_steps = {self._clock_watch.steps}",
+                bad=True,
+            )
 
-    async def _judge(
-        self,
-        schedule: Schedule,
-        runner: DeviceRunner,
-        pipeline: LoopPipeline,
-        ending: asyncio.Event,
-    ) -> None:
-        if ending.is_set():
-            return
-        missing = pipeline.samples_until_estimate
-        if missing:
-            schedule.postpone(pipeline.name, missing * pipeline.loop.period / runner.speed)
-            return
-        task = asyncio.current_task()
-        assert task is not None
-        assert self._pool is not None
-        self._judging.add(task)
+    async def _watch_site(self, schedule: Schedule) -> None:
+        """Take over the site file when that is asked for, or when a file has changed."""
+        watch = FileWatch(self._site)
+        while True:
+            asked = await wait_for(self._wanted, WATCH_EVERY)
+            self._wanted.clear()
+            changed = self._watch_files and watch.changed()
+            if asked or changed:
+                watch.accept()
+                await self._reload(schedule)
+                watch.follow(self._site)
+
+    async def _reload(self, schedule: Schedule) -> None:
+        """Read the site anew and take over what has changed; the old one stays if it is wrong."""
+        journal = self._assembly.journal
+        opened: dict[str, DeviceRunner] = {}
         try:
-            runner.accept(await self._pool.run(pipeline.request()))
-        finally:
-            self._judging.discard(task)
+            site = await asyncio.to_thread(self._reread)
+            change = SiteChange.between(self._site, site)
+            for name in (*change.changed, *change.added):
+                opened[name] = self._assembly.runner(site, name)
+                if isinstance(opened[name].link, SteppedLink):
+                    raise FieldlinkError(
+                        f"device {name!r} runs in virtual time and the daemon by the clock; "
+                        "give it a site file of its own"
+                    )
+                await opened[name].link.open()
+        except Exception as error:  # noqa: BLE001  (said, and the site that works stays in force)
+            self._refused += 1
+            for runner in opened.values():
+                await runner.link.close()
+            said = str(error) if isinstance(error, FieldlinkError) else repr(error)
+            journal.event("site.refused", "daemon", f"the old site stays: {said}", bad=True)
+            return
+        leaving = {name: self._devices.pop(name) for name in (*change.changed, *change.removed)}
+        await self._end(leaving.values())
+        for name, tasks in leaving.items():
+            await tasks.runner.link.close()
+            for loop in tasks.runner.pipelines:
+                schedule.remove(_job(loop))
+            del self._assembly.runners[name]
+        for name, runner in opened.items():
+            self._assembly.runners[name] = runner
+            begin = self._clock.monotonic()
+            if (before := leaving.get(name)) is not None:
+                runner.inherit(before.runner)
+                begin = before.begin
+            self._begin(runner, begin, schedule)
+        self._site = site
+        self._reloads += 1
+        journal.event("site.reloaded", "daemon", str(change))
+
+    def _account(self, accounts: SlotAccounts) -> None:
+        accounts.close(self._assembly.counts())
+
+    def _do(self, work: Callable[..., None], *arguments: object) -> Callable[[], Awaitable[None]]:
+        async def job() -> None:
+            work(*arguments)
+
+        return job
+
+    async def _judge(self, schedule: Schedule, loop: str) -> None:
+        async with self._turns:
+            runner = self._assembly.runner_of(loop)
+            if runner is None or self._stopping:
+                return
+            pipeline = runner.pipelines[loop]
+            missing = pipeline.samples_until_estimate
+            if missing:
+                schedule.postpone(_job(loop), missing * pipeline.loop.period / runner.speed)
+                return
+            task = asyncio.current_task()
+            assert task is not None
+            assert self._pool is not None
+            self._judging.add(task)
+            try:
+                estimate = await self._pool.run(pipeline.request())
+                # The site file may have been changed meanwhile.
+                now_with = self._assembly.runner_of(loop)
+                if now_with is not None:
+                    now_with.accept(estimate)
+            finally:
+                self._judging.discard(task)
 
 
-def _spawn(work: Coroutine[object, object, None], name: str) -> asyncio.Task[None]:
-    return asyncio.create_task(work, name=name)
-
-
-async def _wait(event: asyncio.Event, seconds: float) -> bool:
-    """Wait for an event for at most so many seconds; return whether it is set."""
-    try:
-        async with asyncio.timeout(max(0.0, seconds)):
-            await event.wait()
-    except TimeoutError:
-        return False
-    return True
+def _job(loop: str) -> str:
+    return f"estimate {loop}"
 
 
 async def _until(
     stop: asyncio.Event | None, duration: float | None, failures: list[asyncio.Future[None]]
 ) -> None:
     """Wait for the end; raise when something ended that must not."""
-    asked = _spawn(_forever(stop), "stop")
+    asked = spawn(_forever(stop), "stop")
     try:
         done, _ = await asyncio.wait(
             [asked, *failures], timeout=duration, return_when=asyncio.FIRST_COMPLETED

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fieldlink.daemon.estimating import Estimate
+from fieldlink.daemon.lateness import LatenessReport
 from fieldlink.daemon.outcomes import Attempt
 from fieldlink.daemon.pipeline import LoopCounts
+from fieldlink.daemon.pool import PoolReport
 from fieldlink.links import LinkState
 from fieldlink.store import SampleRecord, StoreReport
 
@@ -26,8 +28,9 @@ class LoopStatus:
         latest: the newest sample, None before the first.
         estimates: estimates made.
         last_estimate: the newest one.
-        attempts: write-back attempts and decisions.
+        attempts: write-back attempts and decisions; outcomes: how many came to what, by code.
         last_attempt: the newest one; last_accepted: the newest block that the PLC acknowledged.
+        idle: plant seconds since the newest sample, or since the first poll.
     """
 
     device: str
@@ -40,6 +43,8 @@ class LoopStatus:
     attempts: int
     last_attempt: Attempt | None
     last_accepted: Attempt | None
+    outcomes: Mapping[str, int] = field(default_factory=dict)
+    idle: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,7 @@ class DeviceStatus:
         requests: requests sent, those of the write-back included.
         failures: errors met while scanning; last_failure: the newest, empty when there was none.
         plant_time: plant seconds since the start.
+        lateness: of the replies that carried samples.
     """
 
     state: LinkState
@@ -61,6 +67,7 @@ class DeviceStatus:
     failures: int
     last_failure: str
     plant_time: float
+    lateness: LatenessReport = field(default_factory=LatenessReport)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +77,23 @@ class DaemonStatus:
     Attributes:
         devices, loops: by name.
         store: what became of the records.
-        pool_rebuilt: times the estimator's processes were replaced.
+        pool: what the estimator's processes have done.
+        clock_steps: times the wall clock was seen to step.
+        reloads: site files taken over while running; refused: those that were wrong.
     """
 
     devices: Mapping[str, DeviceStatus]
     loops: Mapping[str, LoopStatus]
     store: StoreReport
-    pool_rebuilt: int = 0
+    pool: PoolReport = field(default_factory=PoolReport)
+    clock_steps: int = 0
+    reloads: int = 0
+    refused: int = 0
+
+    @property
+    def pool_rebuilt(self) -> int:
+        """Times the estimator's processes were replaced."""
+        return self.pool.rebuilt
 
     @property
     def requests(self) -> int:

@@ -104,6 +104,16 @@ class WriteBack:
         """Requests made so far."""
         return self._exchange.requests
 
+    def inherit(self, other: WriteBack) -> None:
+        """Go on where another write-back of the same loop was: its settings may have differed."""
+        self._agreement = other._agreement
+        self._pending, self._said = other._pending, other._said
+        self._awaiting = other._awaiting
+        self._last_seq = other._last_seq
+        self._written_at = other._written_at
+        self._not_before = other._not_before
+        self._next_beat = other._next_beat
+
     def submit(self, findings: Findings, end_utc: float) -> None:
         """Judge new findings; what passes waits for its turn and takes the place of what waited."""
         candidate = Candidate(findings, end_utc, self._agreement.count(findings))

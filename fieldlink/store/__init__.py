@@ -1,11 +1,16 @@
 """The historian: append-only tables, written by a thread, read as pandas frames."""
 
+from fieldlink.store.backup import Backup, back_up
 from fieldlink.store.errors import StoreError
+from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.historian import Historian, HistorianSettings, StoreReport
+from fieldlink.store.housekeeping import Retention
 from fieldlink.store.queries import (
+    read_averages,
     read_estimates,
     read_events,
     read_samples,
+    read_slots,
     read_writebacks,
 )
 from fieldlink.store.records import (
@@ -13,21 +18,31 @@ from fieldlink.store.records import (
     EventRecord,
     Record,
     SampleRecord,
+    SlotRecord,
     WritebackRecord,
 )
 
 __all__ = [
+    "EXPORTED_TABLES",
+    "Backup",
     "EstimateRecord",
     "EventRecord",
+    "Export",
     "Historian",
     "HistorianSettings",
     "Record",
+    "Retention",
     "SampleRecord",
+    "SlotRecord",
     "StoreError",
     "StoreReport",
     "WritebackRecord",
+    "back_up",
+    "export",
+    "read_averages",
     "read_estimates",
     "read_events",
     "read_samples",
+    "read_slots",
     "read_writebacks",
 ]

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import os
 from pathlib import Path
 
 from sqlalchemy import Engine, create_engine, event, insert, select
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
-from fieldlink.store.errors import StoreError
+from fieldlink.store.damage import is_corruption, was_a_database
+from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.records import EventRecord
-from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION
+from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
 
-__all__ = ["open_for_reading", "open_for_writing"]
+__all__ = ["cause_of", "file_of", "open_for_reading", "open_for_writing", "shown"]
+
+FOLDER_MODE = 0o750
+FILE_MODE = 0o640
+"""The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
 
 
 def open_for_writing(url: str, opened: EventRecord, busy_timeout: float = 5.0) -> Engine:
@@ -22,36 +29,26 @@ def open_for_writing(url: str, opened: EventRecord, busy_timeout: float = 5.0) -
     samples that it cannot keep.
 
     Raises:
+        StoreCorruptError: the file was a historian and is damaged.
         StoreError: the address is wrong, the folder or file cannot be written, the file is no
             database, or it was made by another release.
     """
     address = _address(url)
-    file = _file_of(address)
+    file = file_of(url)
     if file is not None:
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StoreError(
-                f"the data directory {file.parent} cannot be made: {error.strerror}; "
-                "make it, or set data_dir to a folder that this user may write"
-            ) from error
+        _make_file(file)
     engine = _engine(address, busy_timeout)
     try:
-        METADATA.create_all(engine)
-        with engine.begin() as connection:
-            version = connection.scalar(select(META.c.value).where(META.c.key == "schema"))
-            if version is None:
-                connection.execute(insert(META), {"key": "schema", "value": str(SCHEMA_VERSION)})
-            elif version != str(SCHEMA_VERSION):
-                raise StoreError(
-                    f"{_shown(address)} has schema {version}, this release writes schema "
-                    f"{SCHEMA_VERSION}; move it away or set historian.url to a new file"
-                )
-            connection.execute(insert(opened.table), opened.row())
+        _prepare(engine, opened)
     except SQLAlchemyError as error:
         engine.dispose()
+        if file is not None and is_corruption(error) and was_a_database(file):
+            raise StoreCorruptError(
+                f"the historian {shown(url)} is damaged: {cause_of(error)}; "
+                "it has to be set aside, sqlite3's .recover may save what is in it"
+            ) from error
         raise StoreError(
-            f"the historian {_shown(address)} cannot be written: {_cause(error)}; check the "
+            f"the historian {shown(url)} cannot be written: {cause_of(error)}; check the "
             "folder's permissions, the free space, and that no other program holds the file"
         ) from error
     except BaseException:
@@ -67,7 +64,7 @@ def open_for_reading(url: str) -> Engine:
         StoreError: there is no such file, or the address is wrong.
     """
     address = _address(url)
-    file = _file_of(address)
+    file = file_of(url)
     if file is not None and not file.is_file():
         raise StoreError(
             f"there is no historian at {file}; run the daemon first, or check data_dir"
@@ -75,37 +72,85 @@ def open_for_reading(url: str) -> Engine:
     return _engine(address, busy_timeout=5.0)
 
 
-def _address(url: str) -> URL:
-    try:
-        return make_url(url)
-    except ArgumentError as error:
-        raise StoreError(
-            f"historian.url = {url!r} is no database address; write sqlite:///history.sqlite"
-        ) from error
-
-
-def _file_of(address: URL) -> Path | None:
+def file_of(url: str) -> Path | None:
+    """Return the file of an SQLite address; None in memory and for any other database."""
+    address = _address(url)
     in_memory = address.database in (None, "", ":memory:")
     if address.get_backend_name() != "sqlite" or in_memory:
         return None
     return Path(str(address.database))
 
 
-def _shown(address: URL) -> str:
-    return address.render_as_string(hide_password=True)
+def shown(url: str) -> str:
+    """Return the address as it may be shown: without its password."""
+    return _address(url).render_as_string(hide_password=True)
 
 
-def _cause(error: SQLAlchemyError) -> str:
-    return str(getattr(error, "orig", None) or error)
+def cause_of(error: SQLAlchemyError) -> str:
+    """Return what the database itself said, in one line."""
+    return " ".join(str(getattr(error, "orig", None) or error).split())
+
+
+def _address(url: str) -> URL:
+    try:
+        address = make_url(url)
+    except ArgumentError as error:
+        # Not the text itself: a password may be in it.
+        raise StoreError(
+            "historian.url is no database address; write sqlite:///history.sqlite or "
+            "postgresql://USER@HOST/DATABASE"
+        ) from error
+    if address.drivername == "postgresql":
+        address = address.set(drivername="postgresql+psycopg")
+    return address
+
+
+def _make_file(file: Path) -> None:
+    try:
+        file.parent.mkdir(mode=FOLDER_MODE, parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(
+            f"the data directory {file.parent} cannot be made: {error.strerror}; "
+            "make it, or set data_dir to a folder that this user may write"
+        ) from error
+    try:
+        os.close(os.open(file, os.O_CREAT | os.O_RDWR, FILE_MODE))
+    except OSError as error:
+        raise StoreError(
+            f"the historian {file} cannot be written: {error.strerror}; check the folder's "
+            "permissions and the free space"
+        ) from error
+
+
+def _prepare(engine: Engine, opened: EventRecord) -> None:
+    METADATA.create_all(engine)
+    with engine.begin() as connection:
+        version = connection.scalar(select(META.c.value).where(META.c.key == "schema"))
+        if version is None:
+            connection.execute(insert(META), {"key": "schema", "value": str(SCHEMA_VERSION)})
+        elif not version.isdecimal() or not 1 <= int(version) <= SCHEMA_VERSION:
+            raise StoreError(
+                f"{engine.url.render_as_string()} has schema {version}, this release writes schema "
+                f"{SCHEMA_VERSION}; move it away or set historian.url to a new one"
+            )
+        elif int(version) < SCHEMA_VERSION:
+            upgrade(connection, int(version))
+        connection.execute(insert(opened.table), opened.row())
 
 
 def _engine(address: URL, busy_timeout: float) -> Engine:
     sqlite = address.get_backend_name() == "sqlite"
+    patience: dict[str, float] = {}
+    if sqlite:
+        patience["timeout"] = busy_timeout
+    elif address.get_backend_name() == "postgresql":
+        patience["connect_timeout"] = max(2, round(busy_timeout))
     try:
-        engine = create_engine(address, connect_args={"timeout": busy_timeout} if sqlite else {})
+        engine = create_engine(address, connect_args=patience, pool_pre_ping=not sqlite)
     except (NoSuchModuleError, ImportError) as error:
         raise StoreError(
-            f"no driver for {_shown(address)}: {error}; install it, or use sqlite:///history.sqlite"
+            f"no driver for {address.render_as_string()}: {error}; install it (for PostgreSQL: "
+            "pip install 'fieldlink[postgresql]'), or use sqlite:///history.sqlite"
         ) from error
     if sqlite:
         event.listen(engine, "connect", _configure_sqlite)
@@ -113,9 +158,18 @@ def _engine(address: URL, busy_timeout: float) -> Engine:
 
 
 def _configure_sqlite(connection: object, _record: object) -> None:
+    # Not every SQLite is built with its mathematical functions.
+    connection.create_function("sqrt", 1, _sqrt, deterministic=True)  # type: ignore[attr-defined]
     cursor = connection.cursor()  # type: ignore[attr-defined]
+    # What retention frees can be given back to the file system; heeded by a new file only.
+    cursor.execute("PRAGMA auto_vacuum=INCREMENTAL")
     # WAL: readers never wait for the writer. NORMAL: a killed process loses nothing, a power cut at
     # most the last transactions, and no commit waits for the disk.
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.execute("PRAGMA journal_size_limit=67108864")
     cursor.close()
+
+
+def _sqrt(value: float | None) -> float | None:
+    return None if value is None else math.sqrt(value)

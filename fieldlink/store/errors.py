@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["StoreError"]
+__all__ = ["StoreCorruptError", "StoreError"]
 
 
 class StoreError(FieldlinkError):
     """The historian cannot be opened, read or written; the message names place and remedy."""
+
+
+class StoreCorruptError(StoreError):
+    """The file was a historian and is damaged: what is in it cannot be trusted as a whole."""

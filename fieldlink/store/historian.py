@@ -3,30 +3,35 @@
 Records go into a bounded queue and reach the database in batches, one transaction each. While the
 database cannot be written, the batch is kept and tried again; when the queue is full meanwhile, the
 newest samples are dropped, counted and said. Estimates, write-backs and events have room of their
-own at the end of the queue, because they are few and the record of what was done to a plant.
+own at the end of the queue, because they are few and the record of what was done to a plant. A file
+that turns out to be damaged is set aside, and a new one begun.
 """
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import structlog
-from sqlalchemy import Engine, delete, insert
-from sqlalchemy.exc import OperationalError, SQLAlchemyError
+from sqlalchemy import Engine, insert
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
-from fieldlink.store.database import open_for_writing
+from fieldlink.store.damage import is_corruption, set_aside
+from fieldlink.store.database import cause_of, file_of, open_for_writing
+from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.housekeeping import Housekeeping, Retention
 from fieldlink.store.records import EventRecord, Record, SampleRecord
-from fieldlink.store.schema import SAMPLES
 
 __all__ = ["Historian", "HistorianSettings", "StoreReport"]
 
 _log = structlog.get_logger(__name__)
+
+TIDY_TIME = 0.1
+"""Seconds that housekeeping may take between two batches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +45,6 @@ class HistorianSettings:
         retry: seconds between attempts while the database cannot be written.
         busy_timeout: seconds one attempt waits for another program's lock.
         flush: seconds that stopping may take.
-        prune: seconds between two removals of samples that are older than the retention.
     """
 
     queue: int = 200_000
@@ -49,7 +53,6 @@ class HistorianSettings:
     retry: float = 1.0
     busy_timeout: float = 5.0
     flush: float = 20.0
-    prune: float = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,9 @@ class StoreReport:
         waiting: records in the queue.
         retries: attempts that failed and were repeated.
         last_error: the last failure's text, empty when there was none.
+        failing: whether the newest attempt to write failed.
+        set_aside: damaged files that were replaced.
+        removed: rows that the retention removed.
     """
 
     written: int = 0
@@ -70,6 +76,9 @@ class StoreReport:
     waiting: int = 0
     retries: int = 0
     last_error: str = ""
+    failing: bool = False
+    set_aside: int = 0
+    removed: int = 0
 
 
 class Historian:
@@ -78,8 +87,7 @@ class Historian:
     Args:
         url: SQLAlchemy address.
         settings: sizes and patience.
-        retention_days: days by the wall clock that samples are kept; for ever when None. Estimates,
-            write-backs and events are always kept.
+        retention: what is kept and for how long; everything for ever unless given.
     """
 
     def __init__(
@@ -87,18 +95,21 @@ class Historian:
         url: str,
         settings: HistorianSettings | None = None,
         *,
-        retention_days: float | None = None,
+        retention: Retention | None = None,
     ) -> None:
         self._url = url
-        self._retention_days = retention_days
-        self._pruned_at = -math.inf
+        self._housekeeping = Housekeeping(retention or Retention())
+        self._sweep: Iterator[int] | None = None
+        self._sweep_due = threading.Event()
         self._settings = settings or HistorianSettings()
         self._queue: queue.Queue[Record] = queue.Queue(self._settings.queue)
         self._samples_stop_at = int(0.9 * self._settings.queue)
         self._lock = threading.Lock()
         self._written = self._dropped = self._retries = self._in_hand = 0
+        self._set_aside = self._removed = 0
         self._last_error = ""
-        self._overflowing = False
+        self._failing = False
+        self._overflowing_since: int | None = None
         self._stopping = threading.Event()
         self._deadline = float("inf")
         self._thread: threading.Thread | None = None
@@ -106,10 +117,15 @@ class Historian:
     def start(self, opened: EventRecord) -> None:
         """Open the database, store ``opened`` in it, and begin to write.
 
+        A damaged file is set aside and a new one begun; that is an event in the new one.
+
         Raises:
             StoreError: see `open_for_writing`.
         """
-        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
+        try:
+            engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
+        except StoreCorruptError as error:
+            engine = self._begin_anew(str(error.__cause__), opened)
         self._written += 1
         self._thread = threading.Thread(
             target=self._run, args=(engine,), name="historian", daemon=True
@@ -134,14 +150,25 @@ class Historian:
                 room = False
         if not room:
             self._drop(1)
-        waiting = self._queue.qsize()
-        if not room and not self._overflowing:
-            self._overflowing = True
-            _log.error("store.overflow", waiting=waiting, error=self._last_error)
-        elif self._overflowing and waiting < 0.5 * self._samples_stop_at:
-            self._overflowing = False
-            _log.info("store.overflow_over", dropped=self._dropped)
+            if self._overflowing_since is None:
+                self._overflowing_since = self._dropped - 1
+                _log.error("store.overflow", waiting=self._queue.qsize(), error=self._last_error)
+        elif (
+            self._overflowing_since is not None
+            and self._queue.qsize() < 0.5 * self._samples_stop_at
+        ):
+            lost, self._overflowing_since = self._dropped - self._overflowing_since, None
+            self._note_loss(lost)
         return room
+
+    def tidy(self) -> None:
+        """Let the retention be applied soon, between two batches; returns at once."""
+        self._sweep_due.set()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the writing thread runs, as it must from `start` to `stop`."""
+        return self._thread is not None and self._thread.is_alive()
 
     def report(self) -> StoreReport:
         """Return the counts up to now."""
@@ -152,6 +179,9 @@ class Historian:
                 self._queue.qsize() + self._in_hand,
                 self._retries,
                 self._last_error,
+                self._failing,
+                self._set_aside,
+                self._removed,
             )
 
     def stop(self) -> StoreReport:
@@ -172,21 +202,23 @@ class Historian:
 
     def _run(self, engine: Engine) -> None:
         try:
-            while batch := self._next_batch():
-                self._write(engine, batch)
-                self._prune(engine)
+            while True:
+                batch = self._next_batch()
+                if batch:
+                    engine = self._write(engine, batch)
+                elif self._stopping.is_set():
+                    return
+                engine = self._tidy(engine)
         finally:
             engine.dispose()
 
     def _next_batch(self) -> list[Record]:
-        """Wait for records; empty only when stopping and nothing is left."""
+        """Wait for records; empty when none came for a while, or when stopping and none is left."""
         batch: list[Record] = []
-        while not batch:
-            try:
-                batch.append(self._queue.get(timeout=self._settings.linger))
-            except queue.Empty:
-                if self._stopping.is_set():
-                    return batch
+        try:
+            batch.append(self._queue.get(timeout=self._settings.linger))
+        except queue.Empty:
+            return batch
         if not self._stopping.is_set():
             self._stopping.wait(self._settings.linger)
         while len(batch) < self._settings.batch:
@@ -198,68 +230,135 @@ class Historian:
             self._in_hand = len(batch)
         return batch
 
-    def _write(self, engine: Engine, batch: Sequence[Record]) -> None:
+    def _write(self, engine: Engine, batch: Sequence[Record]) -> Engine:
+        """Write a batch, however long that takes; return the engine to go on with."""
         failed = False
         while True:
             try:
                 written = _insert(engine, batch)
-            except OperationalError as error:
-                # Locked, full, unplugged: it may pass, so nothing is given up yet.
+            except SQLAlchemyError as error:
+                if is_corruption(error) and (anew := self._replace(engine, error)) is not None:
+                    engine = anew
+                    continue
+                if not _may_pass(error):
+                    # Not the database but a record is wrong: the others must not suffer.
+                    self._note_failure(error, first=True)
+                    engine = self._write_singly(engine, batch)
+                    break
                 self._note_failure(error, first=not failed)
                 failed = True
                 if time.monotonic() >= self._deadline:
                     self._drop(len(batch))
                     break
-                wait = self._settings.retry
-                if self._stopping.is_set():
-                    time.sleep(min(wait, 0.05))
-                else:
-                    self._stopping.wait(wait)
+                self._pause()
                 continue
-            except SQLAlchemyError as error:
-                # Not the database but a record is wrong: the others must not suffer.
-                self._note_failure(error, first=True)
-                if len(batch) > 1:
-                    for record in batch:
-                        self._write(engine, [record])
-                else:
-                    self._drop(1)
-                break
             with self._lock:
                 self._written += written
+                self._failing = False
             if failed:
                 _log.info("store.writable_again", retries=self._retries)
             break
         with self._lock:
             self._in_hand = 0
+        return engine
 
-    def _prune(self, engine: Engine) -> None:
-        """Remove samples that are older than the retention, now and then."""
-        now = time.monotonic()
-        if self._retention_days is None or now - self._pruned_at < self._settings.prune:
-            return
-        self._pruned_at = now
-        oldest = round(1000.0 * (time.time() - 86400.0 * self._retention_days))
-        try:
-            with engine.begin() as connection:
-                removed = connection.execute(delete(SAMPLES).where(SAMPLES.c.utc_ms < oldest))
-        except OperationalError as error:
-            # The next round removes them, too.
-            self._note_failure(error, first=True)
+    def _write_singly(self, engine: Engine, batch: Sequence[Record]) -> Engine:
+        if len(batch) == 1:
+            self._drop(1)
+            with self._lock:
+                self._failing = False
+            return engine
+        for record in batch:
+            engine = self._write(engine, [record])
+        return engine
+
+    def _pause(self) -> None:
+        if self._stopping.is_set():
+            time.sleep(min(self._settings.retry, 0.05))
         else:
-            _log.info("store.pruned", samples=removed.rowcount, days=self._retention_days)
+            self._stopping.wait(self._settings.retry)
+
+    def _tidy(self, engine: Engine) -> Engine:
+        """Go on with the sweep that is under way, for a moment; begin one when it is due."""
+        if self._sweep is None and self._sweep_due.is_set():
+            self._sweep_due.clear()
+            self._sweep = self._housekeeping.sweep(engine)
+        if self._sweep is None:
+            return engine
+        until = time.monotonic() + TIDY_TIME
+        try:
+            while time.monotonic() < until:
+                removed = next(self._sweep, None)
+                if removed is None:
+                    self._sweep = None
+                    break
+                with self._lock:
+                    self._removed += removed
+        except SQLAlchemyError as error:
+            # The next sweep begins where this one ended.
+            self._sweep = None
+            self._note_failure(error, first=True)
+            if is_corruption(error):
+                return self._replace(engine, error) or engine
+            with self._lock:
+                self._failing = False
+        return engine
+
+    def _replace(self, engine: Engine, error: SQLAlchemyError) -> Engine | None:
+        """Go on with a new file in place of a damaged one; None when that cannot be done now."""
+        engine.dispose()
+        self._sweep = None
+        cause = cause_of(error)
+        opened = EventRecord(_now_ms(), "store.reopened", "store", "after damage")
+        try:
+            return self._begin_anew(cause, opened)
+        except StoreError as problem:
+            with self._lock:
+                self._last_error = str(problem)
+            _log.error("store.cannot_be_replaced", error=str(problem))
+            return None
+
+    def _begin_anew(self, cause: str, opened: EventRecord) -> Engine:
+        file = file_of(self._url)
+        assert file is not None
+        aside = set_aside(file)
+        message = (
+            f"{file.name} is damaged ({cause}) and was set aside as {aside.name}; a new historian "
+            "has begun. sqlite3's .recover may save what is in the old one"
+        )
+        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
+        with self._lock:
+            self._set_aside += 1
+            self._last_error = cause
+        _log.error("store.set_aside", file=str(file), aside=str(aside), cause=cause)
+        self.put(EventRecord(_now_ms(), "store.set_aside", "store", message))
+        return engine
 
     def _note_failure(self, error: SQLAlchemyError, *, first: bool) -> None:
-        cause = str(getattr(error, "orig", None) or error)
+        cause = cause_of(error)
         with self._lock:
             self._retries += 1
             self._last_error = cause
+            self._failing = True
         if first:
             _log.error("store.cannot_write", error=cause, waiting=self._queue.qsize())
+
+    def _note_loss(self, lost: int) -> None:
+        """Say in the store itself how much is missing from it."""
+        message = f"{lost} records were lost while the store could not be written"
+        _log.error("store.overflow_over", lost=lost, error=self._last_error)
+        self.put(EventRecord(_now_ms(), "store.lost", "store", f"{message}: {self._last_error}"))
 
     def _drop(self, count: int) -> None:
         with self._lock:
             self._dropped += count
+
+
+def _may_pass(error: SQLAlchemyError) -> bool:
+    """Whether waiting may cure it: locked, full, unplugged, a server that is being restarted."""
+    if isinstance(error, OperationalError | InterfaceError):
+        return True
+    return is_corruption(error) or (isinstance(error, DBAPIError) and error.connection_invalidated)
 
 
 def _insert(engine: Engine, batch: Sequence[Record]) -> int:
@@ -271,3 +370,7 @@ def _insert(engine: Engine, batch: Sequence[Record]) -> int:
         for table, rows in by_table.items():
             connection.execute(insert(table), rows)
     return len(batch)
+
+
+def _now_ms() -> int:
+    return round(1000.0 * time.time())

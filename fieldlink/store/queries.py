@@ -15,9 +15,16 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import open_for_reading
 from fieldlink.store.errors import StoreError
-from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, WRITEBACKS
+from fieldlink.store.schema import AVERAGES, ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
 
-__all__ = ["read_estimates", "read_events", "read_samples", "read_writebacks"]
+__all__ = [
+    "read_averages",
+    "read_estimates",
+    "read_events",
+    "read_samples",
+    "read_slots",
+    "read_writebacks",
+]
 
 
 def read_samples(
@@ -32,6 +39,28 @@ def read_samples(
     numbers = ["op", "pv", "sp"]
     frame[numbers] = frame[numbers].astype("float64")
     return frame
+
+
+def read_averages(
+    url: str,
+    loop: str | None = None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+) -> pd.DataFrame:
+    """Return what samples beyond their retention became; ``time`` is the begin of each average."""
+    return _read(url, AVERAGES, loop, since, until)
+
+
+def read_slots(
+    url: str,
+    loop: str | None = None,
+    *,
+    since: datetime | None = None,
+    until: datetime | None = None,
+) -> pd.DataFrame:
+    """Return the accounts of slots; ``time`` is the end of each account."""
+    return _read(url, SLOTS, loop, since, until)
 
 
 def read_estimates(

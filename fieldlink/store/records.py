@@ -9,9 +9,16 @@ from typing import ClassVar
 
 from sqlalchemy import Table
 
-from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, WRITEBACKS
+from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
 
-__all__ = ["EstimateRecord", "EventRecord", "Record", "SampleRecord", "WritebackRecord"]
+__all__ = [
+    "EstimateRecord",
+    "EventRecord",
+    "Record",
+    "SampleRecord",
+    "SlotRecord",
+    "WritebackRecord",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +43,9 @@ class SampleRecord(Record):
         op, pv, sp: NaN where bad; ``sp`` and ``auto`` None where the loop has no such tag.
         auto: whether the controller was in automatic.
         quality: code of the worst of the signals (`fieldlink.links.Quality`).
+        late_ms: milliseconds from the moment the poll was due to its reply; None in lockstep.
+        clock_steps: how often the wall clock has stepped since the daemon began: stamps of rows
+            with different counts cannot be compared, their slots can.
     """
 
     table: ClassVar[Table] = SAMPLES
@@ -47,6 +57,45 @@ class SampleRecord(Record):
     sp: float | None
     auto: bool | None
     quality: int
+    late_ms: int | None = None
+    clock_steps: int = 0
+
+    def row(self) -> dict[str, object]:
+        """Return the columns; written out because it runs for every sample."""
+        op, pv, sp = self.op, self.pv, self.sp
+        return {
+            "loop": self.loop,
+            "utc_ms": self.utc_ms,
+            "slot": self.slot,
+            "op": op if math.isfinite(op) else None,
+            "pv": pv if math.isfinite(pv) else None,
+            "sp": sp if sp is not None and math.isfinite(sp) else None,
+            "auto": self.auto,
+            "quality": self.quality,
+            "late_ms": self.late_ms,
+            "clock_steps": self.clock_steps,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class SlotRecord(Record):
+    """What became of a loop's slots in the ``seconds`` before ``utc_ms``.
+
+    ``expected = read + bad + missed``; ``late`` are those of ``read`` and ``bad`` whose reply came
+    more than a tenth of a period after it was due.
+    """
+
+    table: ClassVar[Table] = SLOTS
+    loop: str
+    utc_ms: int
+    seconds: float
+    expected: int
+    read: int
+    late: int
+    missed: int
+    bad: int
+    duplicates: int
+    restarts: int
 
 
 @dataclass(frozen=True, slots=True)

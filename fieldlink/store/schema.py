@@ -1,6 +1,7 @@
 """The historian's tables: append-only, the same for SQLite and PostgreSQL.
 
 Times are UTC milliseconds since 1970. A value that is missing or bad is NULL, never a number.
+`upgrade` brings the tables of an older release up to date.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from sqlalchemy import (
     BigInteger,
     Boolean,
     Column,
+    Connection,
     Float,
     Index,
     Integer,
@@ -17,11 +19,23 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    text,
 )
 
-__all__ = ["ESTIMATES", "EVENTS", "META", "METADATA", "SAMPLES", "SCHEMA_VERSION", "WRITEBACKS"]
+__all__ = [
+    "AVERAGES",
+    "ESTIMATES",
+    "EVENTS",
+    "META",
+    "METADATA",
+    "SAMPLES",
+    "SCHEMA_VERSION",
+    "SLOTS",
+    "WRITEBACKS",
+    "upgrade",
+]
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 METADATA = MetaData()
 
@@ -39,7 +53,7 @@ SAMPLES = Table(
     "samples",
     METADATA,
     Column("id", _ROW_ID, primary_key=True, autoincrement=True),
-    Column("loop", String(80), nullable=False),
+    Column("loop", Text, nullable=False),
     Column("utc_ms", BigInteger, nullable=False),
     Column("slot", BigInteger, nullable=False),
     Column("op", Float(53)),
@@ -47,14 +61,55 @@ SAMPLES = Table(
     Column("sp", Float(53)),
     Column("auto", Boolean),
     Column("quality", Integer, nullable=False),
+    Column("late_ms", Integer),
+    Column("clock_steps", Integer),
     Index("samples_by_loop", "loop", "utc_ms"),
+)
+
+AVERAGES = Table(
+    "averages",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", Text, nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("length_ms", BigInteger, nullable=False),
+    Column("samples", Integer, nullable=False),
+    Column("good", Integer, nullable=False),
+    Column("op_mean", Float(53)),
+    Column("op_min", Float(53)),
+    Column("op_max", Float(53)),
+    Column("op_std", Float(53)),
+    Column("pv_mean", Float(53)),
+    Column("pv_min", Float(53)),
+    Column("pv_max", Float(53)),
+    Column("pv_std", Float(53)),
+    Column("sp_mean", Float(53)),
+    Column("auto_share", Float(53)),
+    Index("averages_by_loop", "loop", "utc_ms"),
+)
+
+SLOTS = Table(
+    "slots",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", Text, nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("seconds", Float(53), nullable=False),
+    Column("expected", BigInteger, nullable=False),
+    Column("read", BigInteger, nullable=False),
+    Column("late", BigInteger, nullable=False),
+    Column("missed", BigInteger, nullable=False),
+    Column("bad", BigInteger, nullable=False),
+    Column("duplicates", BigInteger, nullable=False),
+    Column("restarts", BigInteger, nullable=False),
+    Index("slots_by_loop", "loop", "utc_ms"),
 )
 
 ESTIMATES = Table(
     "estimates",
     METADATA,
     Column("id", _ROW_ID, primary_key=True, autoincrement=True),
-    Column("loop", String(80), nullable=False),
+    Column("loop", Text, nullable=False),
     Column("utc_ms", BigInteger, nullable=False),
     Column("window_end_ms", BigInteger, nullable=False),
     Column("first_slot", BigInteger, nullable=False),
@@ -81,7 +136,7 @@ WRITEBACKS = Table(
     "writebacks",
     METADATA,
     Column("id", _ROW_ID, primary_key=True, autoincrement=True),
-    Column("loop", String(80), nullable=False),
+    Column("loop", Text, nullable=False),
     Column("utc_ms", BigInteger, nullable=False),
     Column("outcome", String(40), nullable=False),
     Column("reason", Text, nullable=False),
@@ -102,8 +157,16 @@ EVENTS = Table(
     Column("id", _ROW_ID, primary_key=True, autoincrement=True),
     Column("utc_ms", BigInteger, nullable=False),
     Column("kind", String(60), nullable=False),
-    Column("source", String(80), nullable=False),
+    Column("source", Text, nullable=False),
     Column("message", Text, nullable=False),
     Column("detail", JSON),
     Index("events_by_time", "utc_ms"),
 )
+
+
+def upgrade(connection: Connection, version: int) -> None:
+    """Bring the tables of schema ``version`` to `SCHEMA_VERSION`; new tables exist already."""
+    if version < 2:
+        for column in ("late_ms", "clock_steps"):
+            connection.execute(text(f"ALTER TABLE samples ADD COLUMN {column} INTEGER"))
+    connection.execute(META.update().where(META.c.key == "schema"), {"value": str(SCHEMA_VERSION)})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sqlite3
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,11 +18,13 @@ from fieldlink.store import (
     Historian,
     HistorianSettings,
     SampleRecord,
+    SlotRecord,
     StoreError,
     WritebackRecord,
     read_estimates,
     read_events,
     read_samples,
+    read_slots,
     read_writebacks,
 )
 
@@ -145,6 +148,58 @@ def test_a_full_queue_drops_samples_first_and_counts_them(url: str) -> None:
     assert len(read_writebacks(url)) == 1
 
 
+def test_the_store_itself_says_how_much_is_missing_from_it(url: str) -> None:
+    small = HistorianSettings(queue=10, linger=0.01, retry=0.02, busy_timeout=0.02)
+    historian = Historian(url, small)
+    historian.start(OPENED)
+    other = hold_lock(url)
+    historian.put(sample(0))
+    wait_for_retry(historian)
+    assert [historian.put(sample(slot)) for slot in range(1, 15)].count(False) == 5
+    other.close()
+    while historian.report().waiting:
+        time.sleep(0.005)
+    assert historian.put(sample(20))
+    historian.stop()
+    events = read_events(url)
+    lost = events[events["kind"] == "store.lost"]["message"].tolist()
+    assert len(lost) == 1
+    assert lost[0].startswith("5 records were lost")
+
+
+def test_the_files_are_for_the_owner_and_the_group_to_read(url: str) -> None:
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    file = Path(url.removeprefix("sqlite:///"))
+    assert file.with_name(file.name + "-wal").exists()
+    for part in (file, file.with_name(file.name + "-wal"), file.parent):
+        assert part.stat().st_mode & 0o027 == 0, part
+    historian.stop()
+
+
+def test_a_historian_of_the_first_release_goes_on(url: str) -> None:
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    historian.put(sample(0))
+    historian.stop()
+    with sqlite3.connect(url.removeprefix("sqlite:///")) as connection:
+        connection.execute("UPDATE meta SET value = '1'")
+        connection.execute("ALTER TABLE samples DROP COLUMN late_ms")
+        connection.execute("ALTER TABLE samples DROP COLUMN clock_steps")
+        connection.execute("DROP TABLE slots")
+        connection.execute("DROP TABLE averages")
+    connection.close()
+    again = Historian(url, QUICK)
+    again.start(OPENED)
+    again.put(replace(sample(1), late_ms=3, clock_steps=1))
+    again.put(SlotRecord("FC101", NOON_MS, 600.0, 600, 598, 0, 2, 0, 0, 0))
+    assert again.stop().dropped == 0
+    frame = read_samples(url)
+    assert frame["slot"].tolist() == [0, 1]
+    assert frame["clock_steps"].tolist()[1] == 1
+    assert read_slots(url, "FC101")["missed"].tolist() == [2]
+
+
 def test_stopping_against_a_lock_ends_and_counts_what_is_lost(url: str) -> None:
     historian = Historian(url, HistorianSettings(linger=0.01, flush=0.1, busy_timeout=0.02))
     historian.start(OPENED)
@@ -164,19 +219,6 @@ def test_a_row_that_is_refused_does_not_take_others_along(url: str) -> None:
     assert report.dropped == 1
     assert "NOT NULL" in report.last_error
     assert len(read_samples(url)) == 2
-
-
-def test_samples_older_than_the_retention_are_removed_and_all_else_is_kept(url: str) -> None:
-    now_ms = round(1000.0 * time.time())
-    day_ms = 86_400_000
-    historian = Historian(url, QUICK, retention_days=2.0)
-    historian.start(OPENED)
-    for slot, age in enumerate((5, 3, 1, 0)):
-        historian.put(SampleRecord("FC101", now_ms - age * day_ms, slot, 1.0, 2.0, None, None, 0))
-    historian.put(WritebackRecord("FC101", now_ms - 5 * day_ms, "committed", ""))
-    historian.stop()
-    assert read_samples(url)["slot"].tolist() == [2, 3]
-    assert len(read_writebacks(url)) == 1
 
 
 def test_a_data_directory_that_cannot_be_made_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,82 @@
+"""``fieldlink backup`` and ``fieldlink export``: copies of what the historian holds."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fieldlink.cli.site import SiteFile
+
+__all__ = ["backup", "export"]
+
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
+
+
+def backup(
+    site: SiteFile,
+    out: Annotated[Path, typer.Argument(help="The new file.", metavar="FILE")],
+    force: Force = False,
+) -> None:
+    """Copy the historian as it is at one moment, while the daemon goes on writing."""
+    from fieldlink.site import load_site
+    from fieldlink.store import back_up
+
+    made = back_up(load_site(site).historian_url, out, overwrite=force)
+    typer.echo(f"{made.file}: {made.bytes / 1e6:.1f} MB, {made.samples} samples; checked")
+
+
+def export(
+    site: SiteFile,
+    out: Annotated[Path, typer.Option(help="The new file, .csv or .parquet.")],
+    loop: Annotated[str | None, typer.Option(help="Only this loop; all unless given.")] = None,
+    since: Annotated[
+        str | None,
+        typer.Option("--from", help="First moment, such as 2026-11-21 or 2026-11-21T06:00+01:00."),
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option("--to", help="Last moment; UTC without zone.")
+    ] = None,
+    table: Annotated[
+        str,
+        typer.Option(help="samples, averages, slots, estimates, writebacks or events."),
+    ] = "samples",
+    force: Force = False,
+) -> None:
+    """Write a table of the historian to a CSV or Parquet file."""
+    from fieldlink.site import load_site
+    from fieldlink.store import export as write
+
+    loaded = load_site(site)
+    if loop is not None and loop not in loaded.loops:
+        known = ", ".join(loaded.loops)
+        typer.secho(
+            f"fieldlink: the site file has no loop {loop!r} (it has {known}); looking for what "
+            "the historian has of it",
+            err=True,
+        )
+    made = write(
+        loaded.historian_url,
+        out,
+        table=table,
+        loop=loop,
+        since=_moment(since, "--from"),
+        until=_moment(until, "--to"),
+        overwrite=force,
+    )
+    typer.echo(f"{made.file}: {made.rows} rows of {table}")
+
+
+def _moment(text: str | None, option: str) -> datetime | None:
+    if text is None:
+        return None
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise typer.BadParameter(
+            f"{text!r} is no moment; write 2026-11-21 or 2026-11-21T06:00:00+00:00",
+            param_hint=option,
+        ) from error
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)

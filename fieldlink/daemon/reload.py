@@ -1,0 +1,157 @@
+"""A changed site file: what it changes, and noticing that it has changed.
+
+Only what a change touches is begun anew. A loop whose samples come from where they came before
+keeps its window, whatever else changes on its device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldlink.site import Loop, Site
+
+__all__ = ["FileWatch", "SiteChange", "same_samples"]
+
+_NOT_ABOUT_SAMPLES = ("writeback", "estimator", "estimate_every", "plant")
+_AT_THE_START = ("historian", "estimation", "web")
+
+
+@dataclass(frozen=True, slots=True)
+class SiteChange:
+    """The difference between two sites; names of devices that have loops.
+
+    Attributes:
+        added, removed, changed: devices to begin, to end, and to begin anew.
+        kept_loops: loops on changed devices whose windows go on.
+        restart: keys that take effect when the daemon is started again.
+    """
+
+    added: tuple[str, ...]
+    removed: tuple[str, ...]
+    changed: tuple[str, ...]
+    kept_loops: tuple[str, ...]
+    restart: tuple[str, ...]
+
+    @classmethod
+    def between(cls, old: Site, new: Site) -> SiteChange:
+        """Compare two sites."""
+        before, after = _used(old), _used(new)
+        changed = tuple(
+            name for name in after if name in before and not _same_device(old, new, name)
+        )
+        kept = tuple(
+            loop for name in changed for loop in new.loops_of(name) if same_samples(old, new, loop)
+        )
+        restart = [key for key in _AT_THE_START if getattr(old.file, key) != getattr(new.file, key)]
+        if old.data_dir != new.data_dir:
+            restart.append("site.data_dir")
+        return cls(
+            added=tuple(name for name in after if name not in before),
+            removed=tuple(name for name in before if name not in after),
+            changed=changed,
+            kept_loops=kept,
+            restart=tuple(restart),
+        )
+
+    @property
+    def touches_devices(self) -> bool:
+        """Whether any device has to be begun, ended or begun anew."""
+        return bool(self.added or self.removed or self.changed)
+
+    def __str__(self) -> str:
+        """Say it in a line."""
+        parts = [
+            f"{what} {', '.join(names)}"
+            for what, names in (
+                ("new:", self.added),
+                ("gone:", self.removed),
+                ("changed:", self.changed),
+                ("windows kept:", self.kept_loops),
+                ("at the next start:", self.restart),
+            )
+            if names
+        ]
+        return "; ".join(parts) or "nothing that matters has changed"
+
+
+class FileWatch:
+    """Tells when the files of a site have changed and have come to rest.
+
+    Args:
+        site: the site whose files are watched.
+    """
+
+    def __init__(self, site: Site) -> None:
+        self._paths = _files(site)
+        self._known = self._seen = self._look()
+
+    def changed(self) -> bool:
+        """Look once; True when a change was seen at the look before and nothing since."""
+        now = self._look()
+        settled, self._seen = now == self._seen, now
+        return settled and now != self._known
+
+    def accept(self) -> None:
+        """Take the files as they are now as known; to be called before they are read."""
+        self._known = self._seen = self._look()
+
+    def follow(self, site: Site) -> None:
+        """Watch the files of another site; those watched before keep what is known of them."""
+        self._paths = _files(site)
+        self._known = self._look() | {
+            path: stamp for path, stamp in self._known.items() if path in self._paths
+        }
+        self._seen = self._known
+
+    def _look(self) -> dict[Path, tuple[int, ...] | None]:
+        return {path: _stamp(path) for path in self._paths}
+
+
+def same_samples(old: Site, new: Site, loop: str) -> bool:
+    """Whether a loop's samples mean the same in both sites, so that its window can go on."""
+    if loop not in old.loops or loop not in new.loops:
+        return False
+    before, after = old.loops[loop], new.loops[loop]
+    if _sampling(before) != _sampling(after):
+        return False
+    device = after.device
+    if old.devices[device].speed != new.devices[device].speed:
+        return False
+    mine, theirs = old.maps.get(device, {}), new.maps.get(device, {})
+    return all(mine.get(tag) == theirs.get(tag) for tag in after.tags)
+
+
+def _sampling(loop: Loop) -> dict[str, object]:
+    return {key: value for key, value in dict(loop).items() if key not in _NOT_ABOUT_SAMPLES}
+
+
+def _used(site: Site) -> list[str]:
+    return list(dict.fromkeys(loop.device for loop in site.loops.values()))
+
+
+def _same_device(old: Site, new: Site, name: str) -> bool:
+    return (
+        old.devices[name] == new.devices[name]
+        and dict(old.maps.get(name, {})) == dict(new.maps.get(name, {}))
+        and old.loops_of(name) == new.loops_of(name)
+    )
+
+
+def _files(site: Site) -> tuple[Path, ...]:
+    maps: Iterable[Path] = (
+        site.resolve(device.register_map)
+        for device in site.devices.values()
+        if device.register_map is not None
+    )
+    return (site.path, *maps)
+
+
+def _stamp(path: Path) -> tuple[int, ...] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        # An editor may take the file away for a moment before it puts the new one there.
+        return None
+    return (found.st_mtime_ns, found.st_size, found.st_ino)

@@ -1,0 +1,114 @@
+"""A disk that is really full: what waits is kept, what is too much is counted, and it goes on."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fieldlink.store import (
+    EventRecord,
+    Historian,
+    HistorianSettings,
+    SampleRecord,
+    read_events,
+    read_samples,
+)
+
+OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
+
+
+def sample(slot: int) -> SampleRecord:
+    return SampleRecord("FC101", 1_795_262_400_000 + 1000 * slot, slot, 1.0, 2.0, None, None, 0)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of one megabyte."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "none", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("a file system of one megabyte can be mounted by root only")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:
+    ballast = small_disk / "ballast"
+    url = f"sqlite:///{small_disk}/history.sqlite"
+    settings = HistorianSettings(queue=100, linger=0.01, retry=0.02, busy_timeout=0.1)
+    historian = Historian(url, settings)
+    historian.start(OPENED)
+    historian.put(sample(0))
+    while historian.report().written < 2:
+        time.sleep(0.005)
+    with ballast.open("wb", buffering=0) as stream:
+        while True:
+            try:
+                stream.write(b"x" * 4096)
+            except OSError:
+                break
+    slot = 1
+    while historian.report().dropped == 0:
+        historian.put(sample(slot))
+        slot += 1
+        time.sleep(0.0005)
+    assert historian.report().failing
+    assert "full" in historian.report().last_error
+    ballast.unlink()
+    while historian.report().waiting:
+        time.sleep(0.005)
+    historian.put(sample(slot))
+    report = historian.stop()
+    assert not report.failing
+    assert report.dropped >= 1
+    assert read_samples(url)["slot"].iloc[-1] == slot
+    assert len(read_samples(url)) == slot + 1 - report.dropped
+    assert "store.lost" in read_events(url)["kind"].tolist()
+
+
+def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
+    """The same without a file system of its own: the kernel refuses to let the file grow."""
+    program = textwrap.dedent(
+        """
+        import resource, sys, time
+        from fieldlink.store import EventRecord, Historian, HistorianSettings, SampleRecord
+        settings = HistorianSettings(linger=0.01, retry=0.02, busy_timeout=0.1)
+        historian = Historian(sys.argv[1], settings)
+        historian.start(EventRecord(0, "start", "daemon", ""))
+        for slot in range(20_000):
+            historian.put(SampleRecord("FC101", slot, slot, 1.0, 2.0, None, None, 0))
+        while historian.report().retries == 0:
+            time.sleep(0.005)
+        print("full", flush=True)
+        sys.stdin.readline()
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
+        while historian.report().waiting:
+            time.sleep(0.005)
+        report = historian.stop()
+        print(report.written, report.dropped, report.failing)
+        """
+    )
+    url = f"sqlite:///{tmp_path}/history.sqlite"
+    hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    with subprocess.Popen(
+        [sys.executable, "-c", program, url],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, hard)),
+    ) as process:
+        out, _ = process.communicate("\n", timeout=60)
+    lines = out.splitlines()
+    assert "full" in lines
+    assert lines[-1] == "20001 0 False"
+    assert len(read_samples(url)) == 20_000

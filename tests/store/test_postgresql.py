@@ -1,0 +1,189 @@
+"""The same schema in PostgreSQL: a real server, begun for these tests."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from fieldlink.store import (
+    EstimateRecord,
+    EventRecord,
+    Historian,
+    HistorianSettings,
+    Retention,
+    SampleRecord,
+    StoreError,
+    WritebackRecord,
+    back_up,
+    export,
+    read_averages,
+    read_estimates,
+    read_events,
+    read_samples,
+    read_writebacks,
+)
+
+pytest.importorskip("psycopg", reason="the driver is an extra: pip install 'fieldlink[postgresql]'")
+
+OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
+QUICK = HistorianSettings(linger=0.01, retry=0.05, busy_timeout=2.0, flush=10.0)
+DAY_MS = 86_400_000
+
+
+def binaries() -> Path:
+    places = [*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)]
+    if (found := shutil.which("pg_ctl")) is not None:
+        places.append(Path(found).resolve().parent)
+    for place in places:
+        if (place / "initdb").exists():
+            return place
+    pytest.skip("there is no PostgreSQL server here: apt-get install postgresql")
+
+
+@dataclass
+class Server:
+    """A server of our own that can be reached through a socket in its folder only."""
+
+    bin: Path
+    data: Path
+    user: str | None
+
+    @property
+    def url(self) -> str:
+        return f"postgresql://keeper:hunter2@/postgres?host={self.data.parent}"
+
+    def call(self, program: str, *arguments: str) -> None:
+        before = [] if self.user is None else ["runuser", "-u", self.user, "--"]
+        subprocess.run(
+            [*before, str(self.bin / program), *arguments],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            cwd=self.data.parent,
+        )
+
+    def start(self) -> None:
+        options = f"-c listen_addresses= -c unix_socket_directories={self.data.parent} -c fsync=off"
+        self.call("pg_ctl", "-D", str(self.data), "-w", "-o", options, "start")
+
+    def stop(self) -> None:
+        self.call("pg_ctl", "-D", str(self.data), "-m", "immediate", "-w", "stop")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    place = binaries()
+    user = None
+    # Short: a socket's path has at most 107 characters.
+    folder = Path(tempfile.mkdtemp(prefix="fl-pg-"))
+    try:
+        if os.geteuid() == 0:
+            user = "postgres"
+            shutil.chown(folder, user)
+        made = Server(place, folder / "data", user)
+        made.call("initdb", "-D", str(made.data), "-U", "keeper", "-A", "trust", "-N")
+        made.start()
+        try:
+            yield made
+        finally:
+            made.stop()
+    finally:
+        shutil.rmtree(folder)
+
+
+@pytest.fixture
+def url(server: Server) -> Iterator[str]:
+    yield server.url
+    import sqlalchemy
+
+    engine = sqlalchemy.create_engine(server.url.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        connection.execute(sqlalchemy.text("DROP SCHEMA public CASCADE; CREATE SCHEMA public"))
+    engine.dispose()
+
+
+def sample(slot: int, utc_ms: int = 0) -> SampleRecord:
+    stamp = utc_ms or 1_795_262_400_000 + 1000 * slot
+    return SampleRecord("FC101", stamp, slot, 50.0 + slot, float("nan"), None, True, 1, 3, 0)
+
+
+def test_rows_come_back_as_they_went_in(url: str, tmp_path: Path) -> None:
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    for slot in range(3000):
+        historian.put(sample(slot))
+    document = {"fit": {"r2": None}, "reasons": ["a"]}
+    historian.put(
+        EstimateRecord("FC101", 1, 1, 0, 9, "estimated", "", "stiction", document=document)
+    )
+    historian.put(WritebackRecord("FC101", 1, "committed", "", seq=3, words=(1, 2)))
+    report = historian.stop()
+    assert (report.written, report.dropped, report.last_error) == (3003, 0, "")
+    frame = read_samples(url, "FC101")
+    assert frame["slot"].tolist() == list(range(3000))
+    assert frame["pv"].isna().all()
+    assert frame["op"].iloc[-1] == 3049.0
+    assert read_estimates(url).iloc[0]["document"] == document
+    assert read_writebacks(url).iloc[0]["words"] == [1, 2]
+    assert export(url, tmp_path / "a.csv", loop="FC101").rows == 3000
+
+
+def test_retention_makes_the_same_averages(url: str) -> None:
+    begin = (round(1000.0 * time.time()) - 3 * DAY_MS) // 600_000 * 600_000
+    historian = Historian(
+        url, QUICK, retention=Retention(samples_days=2.0, average_minutes=10.0, max_bytes=10)
+    )
+    historian.start(OPENED)
+    for k in range(600):
+        historian.put(SampleRecord("FC101", begin + 1000 * k, k, float(k % 2), 1.0, None, True, 0))
+    while historian.report().waiting:
+        time.sleep(0.005)
+    historian.tidy()
+    while historian.report().removed < 600:
+        time.sleep(0.005)
+    assert historian.stop().last_error == ""
+    (row,) = read_averages(url).to_dict("records")
+    assert (row["samples"], row["op_mean"], row["op_std"], row["pv_std"]) == (600, 0.5, 0.5, 0.0)
+
+
+def test_a_server_that_is_restarted_loses_nothing(server: Server, url: str) -> None:
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    historian.put(sample(0))
+    while historian.report().written < 2:
+        time.sleep(0.005)
+    server.stop()
+    for slot in range(1, 100):
+        historian.put(sample(slot))
+    while historian.report().retries == 0:
+        time.sleep(0.005)
+    assert historian.report().failing
+    server.start()
+    while historian.report().waiting:
+        time.sleep(0.005)
+    report = historian.stop()
+    assert (report.dropped, report.failing) == (0, False)
+    assert read_samples(url)["slot"].tolist() == list(range(100))
+    assert len(read_events(url)) == 1
+
+
+def test_a_server_that_is_not_there_is_named_without_the_password(tmp_path: Path) -> None:
+    url = f"postgresql://keeper:hunter2@/postgres?host={tmp_path}"
+    with pytest.raises(StoreError, match="cannot be written") as caught:
+        Historian(url, QUICK).start(OPENED)
+    assert "keeper" in str(caught.value)
+    assert "hunter2" not in str(caught.value)
+
+
+def test_backup_is_left_to_the_servers_own_tool(url: str, tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="pg_dump") as caught:
+        back_up(url, tmp_path / "copy")
+    assert "hunter2" not in str(caught.value)
