@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
-from fieldlink.registers import Table
+from fieldlink.registers import Table, pack_payload
 from fieldlink.registers.crc import crc16_bytes
 
 __all__ = [
@@ -110,9 +110,7 @@ def write_coils_request(address: int, bits: Sequence[int]) -> Request:
     if len(bits) == 1:
         pdu = struct.pack(">BHH", 5, address, 0xFF00 if bits[0] else 0)
         return Request(pdu, pdu, 5, Table.COIL, address, 1)
-    packed = bytes(
-        sum(bool(bit) << k for k, bit in enumerate(bits[i : i + 8])) for i in range(0, len(bits), 8)
-    )
+    packed = pack_payload(Table.COIL, bits)
     head = struct.pack(">BHH", 15, address, len(bits))
     pdu = head + bytes((len(packed),)) + packed
     return Request(pdu, head, 5, Table.COIL, address, len(bits))

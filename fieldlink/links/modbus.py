@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from fieldlink.links.connection import ModbusConnection
 from fieldlink.links.errors import AccessRefusedError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.links.transports import line_settings
-from fieldlink.registers import ReadRequest, Table
+from fieldlink.registers import ReadRequest, Table, unpack_payload
 from fieldlink.site import Device, Site
 
 __all__ = ["ModbusLink", "ModbusSettings"]
@@ -154,10 +153,7 @@ class ModbusLink:
 
     async def read(self, table: Table, address: int, count: int) -> list[int]:
         """Read registers, or bits as 0 and 1, of any table in one request."""
-        payload = await self._connection.read(table, address, count)
-        if table.is_bits:
-            return [payload[i // 8] >> i % 8 & 1 for i in range(count)]
-        return list(struct.unpack(f">{count}H", payload))
+        return unpack_payload(table, await self._connection.read(table, address, count), count)
 
     async def read_registers(self, address: int, count: int) -> list[int]:
         """Read holding registers in one request (FC3)."""

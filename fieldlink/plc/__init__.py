@@ -6,8 +6,8 @@ Importing this package makes ``link = "fmu"`` known to `fieldlink.links.open_lin
 from fieldlink.links import register_link
 from fieldlink.plc.build import LoopSetup, PlcError
 from fieldlink.plc.control import ControlledLoop
+from fieldlink.plc.listening import Listening, PortError
 from fieldlink.plc.lockstep import LockstepLink
-from fieldlink.plc.modbus import PortError
 from fieldlink.plc.program import Commands, LoopFailedError, LoopProgram
 from fieldlink.plc.server import PlcServer, serve
 from fieldlink.plc.truth import CycleRecord, Truth
@@ -17,6 +17,7 @@ __all__ = [
     "Commands",
     "ControlledLoop",
     "CycleRecord",
+    "Listening",
     "LockstepLink",
     "LoopFailedError",
     "LoopProgram",

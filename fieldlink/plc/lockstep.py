@@ -15,7 +15,7 @@ from fieldlink.links.errors import ExceptionReplyError, LinkUnreachableError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.plc.image import RequestRefusedError
 from fieldlink.plc.virtual import BuildProgram, VirtualPlc, scan_period
-from fieldlink.registers import Table
+from fieldlink.registers import Table, pack_payload
 from fieldlink.site import Site
 
 __all__ = ["LockstepLink"]
@@ -39,7 +39,7 @@ class LockstepLink:
         self._programs = programs
         self._plc: VirtualPlc | None = None
         self.scan_period = float(scan_period(site, device))
-        self._reader = PlanReader(site.requests(device), self._read, clock)
+        self._reader = PlanReader(site.requests(device), self._payload, clock)
         self.requests = 0
 
     @property
@@ -85,6 +85,9 @@ class LockstepLink:
     async def write_register(self, address: int, word: int) -> None:
         """Write one holding register."""
         self._write(address, [word])
+
+    async def _payload(self, table: Table, address: int, count: int) -> bytes:
+        return pack_payload(table, await self._read(table, address, count))
 
     async def _read(self, table: Table, address: int, count: int) -> list[int]:
         self.requests += 1

@@ -8,8 +8,6 @@ same event loop. So one request sees one scan, and one FC16 is one change.
 
 from __future__ import annotations
 
-import asyncio
-import socket
 import struct
 from collections.abc import Sequence
 
@@ -20,14 +18,12 @@ from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
     ReadInputRegistersRequest,
 )
-from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from fieldlink.errors import FieldlinkError
 from fieldlink.plc.image import RegisterImage, RequestRefusedError
 from fieldlink.registers.types import Table
 
-__all__ = ["PortError", "listen", "modbus_device", "other_units"]
+__all__ = ["CHECKED_REQUESTS", "modbus_device", "other_units"]
 
 TABLES = {
     1: Table.COIL,
@@ -42,10 +38,6 @@ TABLES = {
     4: Table.INPUT,
 }
 TABLE_SIZE = 65536
-
-
-class PortError(FieldlinkError):
-    """The server cannot listen where the site file says."""
 
 
 def _blank(
@@ -147,48 +139,10 @@ class _ReadInputRegisters(_CountChecked, ReadInputRegistersRequest):
     pass
 
 
-async def listen(devices: list[SimDevice], host: str, port: int) -> tuple[ModbusTcpServer, int]:
-    """Open a Modbus TCP server and return it with the port it got.
-
-    Args:
-        devices: one device per unit id, each id once.
-        host: address to bind; the caller decides whether that is loopback.
-        port: 0 picks a free one.
-
-    Raises:
-        PortError: the port is taken or the address is not this machine's.
-    """
-    address = _bindable(host, port)
-    server = ModbusTcpServer(
-        devices,
-        address=(address, port),
-        custom_pdu=[_ReadCoils, _ReadDiscreteInputs, _ReadHoldingRegisters, _ReadInputRegisters],
-    )
-    try:
-        await server.serve_forever(background=True)
-    except RuntimeError as error:
-        raise PortError(f"cannot listen on {host}:{port}: {error}") from error
-    listener = server.transport
-    assert isinstance(listener, asyncio.Server)
-    return server, int(listener.sockets[0].getsockname()[1])
-
-
-def _bindable(host: str, port: int) -> str:
-    """Return the one address to bind, or say why it cannot be had.
-
-    pymodbus logs the reason and keeps it from its caller. One address, because a name with several
-    would get a port of its own for each when the system chooses them.
-    """
-    try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        family, kind, protocol, _, address = min(found, key=lambda entry: entry[0])
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-            probe.listen(1)
-    except OSError as error:
-        raise PortError(
-            f"cannot listen on {host}:{port}: {error.strerror or error}; stop what listens there, "
-            "or choose another port in the site file or with --port (0 picks a free one)"
-        ) from error
-    return str(address[0])
+CHECKED_REQUESTS: list[type[ModbusPDU]] = [
+    _ReadCoils,
+    _ReadDiscreteInputs,
+    _ReadHoldingRegisters,
+    _ReadInputRegisters,
+]
+"""Requests that replace pymodbus' own."""

@@ -1,4 +1,4 @@
-"""The simulated PLC on a wire: virtual PLCs behind Modbus TCP, paced by the monotonic clock.
+"""The simulated PLC on a wire: virtual PLCs behind Modbus, paced by the monotonic clock.
 
     async with PlcServer({1: VirtualPlc(site, "plc", speed=20.0)}) as server:
         print(server.port)
@@ -15,24 +15,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
 import structlog
-from pymodbus.server import ModbusTcpServer
+from pymodbus.server.base import ModbusBaseServer
 
 from fieldlink.links import Clock, SystemClock
 from fieldlink.plc.build import PlcError
-from fieldlink.plc.modbus import listen, modbus_device, other_units
+from fieldlink.plc.listening import LOOPBACK, Listening, listen
+from fieldlink.plc.modbus import modbus_device, other_units
 from fieldlink.plc.virtual import VirtualPlc
-from fieldlink.site import Site
+from fieldlink.site import Device, Site
 
 __all__ = ["PlcServer", "ServedUnit", "serve"]
 
 CATCH_UP = 1.0
-LOOPBACK = "127.0.0.1"
-
 _log = structlog.get_logger(__name__)
 
 
@@ -54,13 +53,14 @@ class ServedUnit:
 
 
 class PlcServer:
-    """One Modbus TCP endpoint with one virtual PLC a unit id.
+    """One Modbus endpoint with one virtual PLC a unit id.
 
     Args:
         units: unit id to PLC; the server closes them.
         host: address to bind.
         port: 0 picks a free one, see `port` after the start.
         clock: paces the scans.
+        listening: the transport, instead of TCP on ``host`` and ``port``.
     """
 
     def __init__(
@@ -70,12 +70,14 @@ class PlcServer:
         host: str = LOOPBACK,
         port: int = 0,
         clock: Clock | None = None,
+        listening: Listening | None = None,
     ) -> None:
+        self._place = listening or Listening(host=host, port=port)
         self.units = tuple(ServedUnit(plc, unit) for unit, plc in units.items())
-        self.host = host
-        self.port = port
+        self.host = self._place.serial_port or self._place.host
+        self.port = self._place.port
         self._clock: Clock = clock or SystemClock()
-        self._server: ModbusTcpServer | None = None
+        self._server: ModbusBaseServer | None = None
 
     async def start(self) -> None:
         """Run the first scan of every PLC, then listen: no client ever sees an empty image.
@@ -86,9 +88,9 @@ class PlcServer:
         for served in self.units:
             served.plc.scan()
         devices = [modbus_device(served.plc.image, served.unit) for served in self.units]
-        if all(served.unit for served in self.units):
+        if self._place.answers_for_others and all(served.unit for served in self.units):
             devices.append(other_units())
-        self._server, self.port = await listen(devices, self.host, self.port)
+        self._server, self.port = await listen(devices, self._place)
 
     async def run(self, stop: asyncio.Event | None = None) -> None:
         """Scan until ``stop`` is set, or for ever; an error in a scan ends it."""
@@ -156,10 +158,10 @@ async def serve(
     ready: Callable[[Sequence[PlcServer]], None] | None = None,
     stop: asyncio.Event | None = None,
 ) -> tuple[PlcServer, ...]:
-    """Serve every modbus-tcp device of a site that has a loop with a plant, until ``stop``.
+    """Serve every Modbus device of a site that has a loop with a plant, until ``stop``.
 
     Args:
-        site: the site; a device's ``host`` is what its server binds to.
+        site: the site; a device's ``host`` (or ``plc_serial_port``) is where its server listens.
         port: instead of the site's (0 picks a free one); for a site with one endpoint.
         speed: instead of every device's own.
         ready: called once all servers listen.
@@ -174,14 +176,15 @@ async def serve(
     """
     servers: list[PlcServer] = []
     async with contextlib.AsyncExitStack() as stack:
-        for (host, own_port), names in _endpoints(site, port).items():
+        for place, names in _endpoints(site, port).items():
             units: dict[int, VirtualPlc] = {}
             for name in names:
                 device = site.devices[name]
                 plc = VirtualPlc(site, name, speed=speed or device.speed)
                 stack.callback(plc.close)
                 units[device.unit] = plc
-            server = PlcServer(units, host=host, port=own_port if port is None else port)
+            here = place if port is None else replace(place, port=port)
+            server = PlcServer(units, listening=here)
             servers.append(await stack.enter_async_context(server))
         if ready is not None:
             ready(tuple(servers))
@@ -195,22 +198,49 @@ async def serve(
     return tuple(servers)
 
 
-def _endpoints(site: Site, port: int | None) -> dict[tuple[str, int], list[str]]:
-    """Return the devices to serve by host and port."""
-    endpoints: dict[tuple[str, int], list[str]] = {}
+def _endpoints(site: Site, port: int | None) -> dict[Listening, list[str]]:
+    """Return the devices to serve by where they are served."""
+    endpoints: dict[Listening, list[str]] = {}
     for name, device in site.devices.items():
         hosted = any(loop.plant is not None for loop in site.loops_of(name).values())
-        if device.link == "modbus-tcp" and device.host is not None and hosted:
-            endpoints.setdefault((device.host, device.port), []).append(name)
+        if device.is_modbus and hosted:
+            endpoints.setdefault(_place(site, name, device), []).append(name)
     if not endpoints:
         raise PlcError(
-            f"site {site.name}: no modbus-tcp device has a loop with a plant; "
+            f"site {site.name}: no Modbus device has a loop with a plant; "
             "add a table [loops.NAME.plant] with an fmu or a recording"
         )
     if port is not None and len(endpoints) > 1:
-        listed = ", ".join(f"{host}:{number}" for host, number in endpoints)
+        listed = ", ".join(place.where for place in endpoints)
         raise PlcError(
             f"--port needs a site with one endpoint, {site.name} has {len(endpoints)} ({listed}); "
             "change the ports in the site file"
         )
     return endpoints
+
+
+def _place(site: Site, name: str, device: Device) -> Listening:
+    if device.link == "modbus-rtu":
+        if device.plc_serial_port is None:
+            raise PlcError(
+                f"device {name}: the simulated PLC has to be at the other end of "
+                f"{device.serial_port}; give its serial port as plc_serial_port"
+            )
+        return Listening(
+            link=device.link,
+            serial_port=device.plc_serial_port,
+            baud=device.baud,
+            parity=device.parity[0].upper(),
+            data_bits=device.data_bits,
+            stop_bits=device.stop_bits,
+        )
+    tls = device.tls
+    cert, key, ca = (None, None, None) if tls is None else (tls.plc_cert, tls.plc_key, tls.ca)
+    return Listening(
+        link=device.link,
+        host=device.host or LOOPBACK,
+        port=device.port,
+        cert=None if cert is None else site.resolve(cert),
+        key=None if key is None else site.resolve(key),
+        ca=None if ca is None else site.resolve(ca),
+    )

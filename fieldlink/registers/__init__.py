@@ -15,7 +15,7 @@ from fieldlink.registers.codes import (
     Verdict,
     describe_ack,
 )
-from fieldlink.registers.decoder import BlockDecoder
+from fieldlink.registers.decoder import BlockDecoder, pack_payload, unpack_payload
 from fieldlink.registers.exchange import (
     Bank,
     ExchangeLayout,
@@ -80,6 +80,8 @@ __all__ = [
     "find_apart",
     "is_newer",
     "next_seq",
+    "pack_payload",
     "plan_reads",
     "split_commit",
+    "unpack_payload",
 ]

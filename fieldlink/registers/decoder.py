@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 from fieldlink.registers.plan import ReadRequest
 from fieldlink.registers.tag import Quality, Tag
-from fieldlink.registers.types import DataType, Order
+from fieldlink.registers.types import DataType, Order, Table
 
-__all__ = ["BlockDecoder", "Decoded"]
+__all__ = ["BlockDecoder", "Decoded", "pack_payload", "unpack_payload"]
 
 Decoded = tuple[str, float, Quality, str | None]
 """Tag name, value in engineering units, quality, and the text of a string."""
@@ -33,6 +33,23 @@ class _Layer:
     layout: struct.Struct
     names: tuple[str, ...]
     scales: tuple[tuple[float, float, float, float], ...]
+
+
+def pack_payload(table: Table, values: Sequence[int]) -> bytes:
+    """Return the registers, or bits, of ``table`` as a reply carries them."""
+    if not table.is_bits:
+        return struct.pack(f">{len(values)}H", *values)
+    return bytes(
+        sum(bool(bit) << k for k, bit in enumerate(values[i : i + 8]))
+        for i in range(0, len(values), 8)
+    )
+
+
+def unpack_payload(table: Table, payload: bytes, count: int) -> list[int]:
+    """Return the ``count`` registers, or bits as 0 and 1, that a reply carries."""
+    if table.is_bits:
+        return [payload[i // 8] >> i % 8 & 1 for i in range(count)]
+    return list(struct.unpack(f">{count}H", payload))
 
 
 class BlockDecoder:

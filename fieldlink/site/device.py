@@ -18,7 +18,7 @@ TLS_PORT = 802
 """The port that the Modbus Security specification (MB-TCP-Security v2.1) registers."""
 
 _NEEDS_HOST = ("modbus-tcp", "modbus-rtu-tcp", "modbus-udp", "modbus-tls")
-_SERIAL_KEYS = ("serial_port", "baud", "parity", "data_bits", "stop_bits")
+_SERIAL_KEYS = ("serial_port", "plc_serial_port", "baud", "parity", "data_bits", "stop_bits")
 
 
 class Model(BaseModel):
@@ -40,11 +40,17 @@ class Tls(Model):
     """Private key of cert, without a password."""
     server_name: str | None = None
     """Name in the device's certificate, where that is not its host."""
+    plc_cert: Path | None = None
+    """Certificate of the simulated PLC, when it serves the device."""
+    plc_key: Path | None = None
+    """Private key of plc_cert, without a password."""
 
     @model_validator(mode="after")
     def _pair(self) -> Self:
         if (self.cert is None) != (self.key is None):
             raise ValueError("cert and key belong together; give both or neither")
+        if (self.plc_cert is None) != (self.plc_key is None):
+            raise ValueError("plc_cert and plc_key belong together; give both or neither")
         return self
 
 
@@ -86,6 +92,8 @@ class Device(Model):
     """TCP or UDP port; 802 unless given for modbus-tls."""
     serial_port: str | None = None
     """Serial port of modbus-rtu, such as /dev/ttyUSB0; devices that share it take turns."""
+    plc_serial_port: str | None = None
+    """Serial port of the simulated PLC, the other end of serial_port."""
     baud: int = Field(default=19200, ge=50, le=4_000_000)
     """Bits per second of the serial line."""
     parity: Literal["none", "even", "odd"] = "even"

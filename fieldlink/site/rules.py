@@ -170,7 +170,7 @@ def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
 
 def _certificates(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
-        for key in ("ca", "cert", "key") if device.tls is not None else ():
+        for key in ("ca", "cert", "key", "plc_cert", "plc_key") if device.tls is not None else ():
             path: Path | None = getattr(device.tls, key)
             if path is not None and not site.resolve(path).is_file():
                 yield source.problem(

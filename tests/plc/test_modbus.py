@@ -11,7 +11,8 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.pdu import ModbusPDU
 
 from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.modbus import PortError, listen, modbus_device, other_units
+from fieldlink.plc.listening import Listening, PortError, listen
+from fieldlink.plc.modbus import modbus_device, other_units
 from fieldlink.registers.types import Table
 
 HOST = "127.0.0.1"
@@ -33,7 +34,7 @@ def image() -> RegisterImage:
 
 @pytest_asyncio.fixture
 async def port(image: RegisterImage) -> AsyncIterator[int]:
-    server, port = await listen([modbus_device(image, 1), other_units()], HOST, 0)
+    server, port = await listen([modbus_device(image, 1), other_units()], Listening())
     yield port
     await server.shutdown()
 
@@ -109,4 +110,4 @@ async def test_a_count_out_of_range_answers_with_exception_3(
 
 async def test_a_port_in_use_is_said_with_its_remedy(port: int, image: RegisterImage) -> None:
     with pytest.raises(PortError, match=rf"127.0.0.1:{port}: Address already in use; stop what"):
-        await listen([modbus_device(image, 1)], HOST, port)
+        await listen([modbus_device(image, 1)], Listening(host=HOST, port=port))

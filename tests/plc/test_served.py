@@ -250,5 +250,5 @@ recording = "x.csv"
 
 
 async def test_a_site_without_plants_cannot_be_served(make_site: MakeSite) -> None:
-    with pytest.raises(PlcError, match="no modbus-tcp device has a loop with a plant"):
+    with pytest.raises(PlcError, match="no Modbus device has a loop with a plant"):
         await serve(make_site().with_loop("FC101", plant=None))
