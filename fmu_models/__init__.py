@@ -14,9 +14,11 @@ from .errors import (
 )
 from .plant import Plant, PlantInfo
 from .stepping import open_plant
+from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
 
 __all__ = [
     "CatalogueModel",
+    "FmuSummary",
     "LoopVariables",
     "Plant",
     "PlantBuildError",
@@ -29,7 +31,10 @@ __all__ = [
     "PlantNameError",
     "PlantStepError",
     "PlantTimeoutError",
+    "UnitDefinition",
+    "VariableSummary",
     "catalogue",
     "fmu_path",
     "open_plant",
+    "summarise",
 ]

@@ -14,6 +14,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -163,6 +164,7 @@ class IsolatedPlant(Plant):
         self._home = _nursery()
         self._key, self._connection, self._status = self._home.bear()
         self._open = True
+        self._step_begun: float | None = None
         request = {
             "file": str(file.resolve()),
             "parameters": _plain(parameters),
@@ -196,6 +198,36 @@ class IsolatedPlant(Plant):
     def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
         """Apply inputs, advance one period, return all outputs."""
         answer: dict[str, float] = self._ask("step", _plain(inputs))
+        return answer
+
+    def begin_step(self, inputs: Mapping[str, float]) -> None:
+        """Begin what `step` does without waiting for it; `finish_step` brings the outputs."""
+        self._send("step", _plain(inputs))
+        self._step_begun = time.monotonic()
+
+    def finish_step(self, wait: float) -> dict[str, float] | None:
+        """Return the outputs after a step that was begun; None when they are not there yet.
+
+        Args:
+            wait: seconds to wait for them at most.
+
+        Raises:
+            PlantTimeoutError: the step takes longer than the plant may take to answer.
+            PlantStepError, PlantCrashError: as `step` does.
+        """
+        if self._step_begun is None:
+            raise PlantError(f"plant {self._name}: no step was begun; call begin_step() first")
+        left = self._step_begun + self._timeout - time.monotonic()
+        try:
+            answered = self._connection.poll(max(0.0, min(wait, left)))
+        except OSError as error:
+            raise self._crashed("step") from error
+        if not answered:
+            if left > wait:
+                return None
+            raise self._overdue("step")
+        self._step_begun = None
+        answer: dict[str, float] = self._receive("step")
         return answer
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
@@ -234,39 +266,65 @@ class IsolatedPlant(Plant):
         """End the process; its folder is removed."""
         if not self._open:
             return
-        if self._failure is None:
+        if self._step_begun is not None:
+            self._home.kill(self._key)  # it may be in a step that never ends
+        elif self._failure is None:
             with contextlib.suppress(PlantCrashError):  # it ends either way
                 self._ask("close")
         self._release()
 
     def _ask(self, action: str, argument: Any = None, numbers: bytes | None = None) -> Any:
         """Send a request and return the answer; numbers go and come as bytes of a message more."""
+        self._send(action, argument, numbers)
+        try:
+            if not self._connection.poll(self._timeout):
+                raise self._overdue(action)
+        except OSError as error:
+            raise self._crashed(action) from error
+        except BaseException:
+            self._abandon()
+            raise
+        return self._receive(action)
+
+    def _send(self, action: str, argument: Any = None, numbers: bytes | None = None) -> None:
         if self._failure is not None:
             raise PlantClosedError(f"the plant failed before: {self._failure}")
         if not self._open:
             raise PlantClosedError(f"plant {self._name} is closed; open it again")
+        if self._step_begun is not None:
+            raise PlantError(f"plant {self._name} is at a step; call finish_step() first")
         try:
             self._connection.send_bytes(json.dumps([action, argument]).encode())
             if numbers is not None:
                 self._connection.send_bytes(numbers)
-            if not self._connection.poll(self._timeout):
-                raise self._overdue(action)
+        except (OSError, ValueError) as error:
+            raise self._crashed(action) from error
+        except BaseException:
+            self._abandon()
+            raise
+
+    def _receive(self, action: str) -> Any:
+        """Return the answer that is there; raise the error that it brings."""
+        try:
             answer = json.loads(self._connection.recv_bytes())
             if answer.get("numbers"):
                 self._tail = self._connection.recv_bytes()
         except (EOFError, OSError, ValueError) as error:
             raise self._crashed(action) from error
         except BaseException:
-            # The answer is still to come (Ctrl-C, for one): the connection cannot be used again.
-            if self._failure is None:
-                self._failure = f"plant {self._name} was interrupted while it worked"
-                self._home.kill(self._key)
+            self._abandon()
             raise
         self._time = answer.get("time", self._time)
         if "error" in answer:
             kind = getattr(errors, answer["error"], PlantError)
             raise kind(answer["text"])
         return answer["ok"]
+
+    def _abandon(self) -> None:
+        """The answer is still to come (Ctrl-C, for one): the connection cannot be used again."""
+        if self._failure is None:
+            self._failure = f"plant {self._name} was interrupted while it worked"
+            self._home.kill(self._key)
 
     def _overdue(self, action: str) -> PlantTimeoutError:
         self._home.kill(self._key)

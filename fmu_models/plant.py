@@ -80,7 +80,6 @@ class Plant(ABC):
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Return what `step` returns for each of ``inputs`` in turn; one message for many steps."""
 
-    @abstractmethod
     def run(self, count: int, inputs: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
         """Step ``count`` times and return every output as an array of shape ``(count,)``.
 
@@ -93,6 +92,15 @@ class Plant(ABC):
         Raises:
             PlantError: as `step` does; values of the steps before are lost.
         """
+        held, columns = split_columns(count, inputs)
+        rows = self.steps(
+            [
+                (held if k == 0 else {}) | {name: float(v[k]) for name, v in columns.items()}
+                for k in range(count)
+            ]
+        )
+        names = self.info.outputs
+        return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}
 
     @abstractmethod
     def snapshot(self) -> bytes:

@@ -11,7 +11,7 @@ import sys
 
 import typer
 
-from fieldlink.cli import demo, fleet, history, identify, rehearse, site
+from fieldlink.cli import demo, fleet, fmu, history, identify, rehearse, site
 
 __all__ = ["app", "main"]
 
@@ -31,6 +31,7 @@ app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
+app.add_typer(fmu.app, name="fmu")
 app.command("warm-up")(identify.warm_up)
 
 

@@ -1,0 +1,246 @@
+"""``fieldlink fmu``: look at an FMU, run it, sweep a plant, begin a model of one's own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from fieldlink.fmu import FmuMap, RunResult
+    from fmu_models import FmuSummary
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="Look at FMUs and run them; sweep the plants.")
+
+_MOST_ROWS = 40
+FmuFile = Annotated[Path, typer.Argument(metavar="FMU", help="An .fmu file, or a plant's name.")]
+
+
+def _file(given: Path) -> Path:
+    """A plant of the catalogue by name, or a file."""
+    from fmu_models import catalogue, fmu_path
+
+    name = str(given)
+    return fmu_path(name) if name in catalogue and not given.exists() else given
+
+
+@app.command("info")
+def info(
+    fmu: FmuFile,
+    every: Annotated[bool, typer.Option("--all", help="Every variable, locals too.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
+) -> None:
+    """Say what an FMU is, before anything of it runs."""
+    from fmu_models import summarise
+
+    summary = summarise(_file(fmu))
+    if as_json:
+        typer.echo(json.dumps(dataclasses.asdict(summary) | {"file": str(summary.file)}))
+        return
+    _print_summary(summary, every)
+
+
+def _print_summary(summary: FmuSummary, every: bool) -> None:
+    from rich.console import Console
+    from rich.panel import Panel
+    from rich.table import Table
+
+    console = Console()
+    console.print(
+        Panel(summary.description or "(no description)", title=summary.name, expand=False)
+    )
+    stop = "not given" if summary.stop_time is None else f"{summary.stop_time:g} s"
+    step = "not given" if summary.step_size is None else f"{summary.step_size:g} s"
+    here = "" if summary.runs_here else "  [red](not this machine)[/red]"
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    for name, value in (
+        ("FMI", f"{summary.fmi_version}, {', '.join(summary.kinds)}"),
+        ("exported by", summary.tool or "-"),
+        ("libraries for", (", ".join(summary.platforms) or "none") + here),
+        ("sources", "yes" if summary.has_sources else "no"),
+        ("size", f"{summary.bytes / 1024:.0f} kB, {summary.extracted_bytes / 1024:.0f} kB open"),
+        ("experiment", f"{summary.start_time:g} s to {stop}, step {step}"),
+        ("snapshots", "yes" if summary.can_restore else "no"),
+        ("variables", f"{len(summary.variables)}, {summary.states} continuous states"),
+    ):
+        facts.add_row(name, value)
+    console.print(facts)
+    console.print(_variables_table(summary, every))
+    hidden = sum(v.causality == "local" for v in summary.variables)
+    if hidden and not every:
+        console.print(f"and {hidden} local variables: --all shows them", style="dim")
+    for warning in summary.warnings:
+        console.print(f"[yellow]note[/yellow] {warning}", highlight=False)
+
+
+def _variables_table(summary: FmuSummary, every: bool) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(header_style="bold", box=None, pad_edge=False)
+    for column in ("variable", "role", "type", "unit", "start", "range", "what"):
+        table.add_column(column, overflow="fold")
+    for v in summary.variables:
+        if v.causality in ("local", "independent") and not every:
+            continue
+        what = v.description
+        if v.items:
+            what += " (" + ", ".join(f"{value} {name}" for value, name in v.items) + ")"
+        bounds = f"{v.low or '…'} to {v.high or '…'}" if v.low or v.high else ""
+        role = f"{v.variability} {v.causality}" if v.causality == "parameter" else v.causality
+        cells = (v.name, role, v.type, v.unit, v.start, bounds, what.strip())
+        table.add_row(*map(escape, cells))
+    return table
+
+
+def _settings_of(pairs: list[str], option: str) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for pair in pairs:
+        name, sign, text = pair.rpartition("=")
+        try:
+            if not sign or not name:
+                raise ValueError
+            values[name] = {"true": 1.0, "false": 0.0}.get(text.lower()) or float(
+                {"true": "1", "false": "0"}.get(text.lower(), text)
+            )
+        except ValueError:
+            raise typer.BadParameter(
+                f"{pair!r} is not NAME=NUMBER, for instance noise_std=0.1", param_hint=option
+            ) from None
+    return values
+
+
+@app.command("run")
+def run(
+    fmu: FmuFile,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", help="TOML: which tag is which variable.")
+    ] = None,
+    stop: Annotated[float | None, typer.Option(help="Second at which it ends.")] = None,
+    step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
+    inputs: Annotated[
+        Path | None, typer.Option(help="CSV: time and a column for each driven tag or variable.")
+    ] = None,
+    start_values: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=NUMBER", help="A start value.")
+    ] = None,
+    watch: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Record this variable too.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the table: .csv or .parquet.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
+    speed: Annotated[
+        float | None, typer.Option(min=1e-6, help="Plant seconds a second; else as fast as can be.")
+    ] = None,
+    kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
+    load_state: Annotated[Path | None, typer.Option(help="Begin from this saved state.")] = None,
+    save_state: Annotated[Path | None, typer.Option(help="Save the state here.")] = None,
+    snapshot_at: Annotated[
+        float | None, typer.Option(help="Second of the saved state; else the end.")
+    ] = None,
+    in_process: Annotated[
+        bool, typer.Option("--in-process", help="Faster, and a crash of the FMU is ours.")
+    ] = False,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
+) -> None:
+    """Run an FMU: its own default experiment, or as map, inputs and options say."""
+    from fieldlink.fmu import FmuMap, RunSettings, load_map, run_fmu, write_table
+    from fieldlink.fmu.inputs import read_inputs
+    from fmu_models import summarise
+
+    if snapshot_at is not None and save_state is None:
+        raise typer.BadParameter("needs --save-state FILE", param_hint="--snapshot-at")
+    summary = summarise(_file(fmu))
+    mapping = FmuMap() if map_file is None else load_map(map_file, summary)
+    series = None if inputs is None else read_inputs(inputs, _drivable(summary, mapping))
+    settings = RunSettings(
+        stop=stop,
+        step=step,
+        start_values=_settings_of(start_values or [], "--set"),
+        inputs=series,
+        watch=tuple(watch or ()),
+        kind=kind,
+        speed=speed,
+        isolated=not in_process,
+        timeout=timeout,
+        load=load_state,
+        save=save_state,
+        save_at=snapshot_at,
+    )
+    with _Progress(summary.name) as progress:
+        result = run_fmu(summary, mapping, settings, progress)
+    _print_result(result)
+    if out is not None:
+        write_table(result, out)
+        typer.echo(f"table: {out}")
+    if plot is not None:
+        from fieldlink.fmu.pictures import run_figure
+        from fieldlink.pictures import save
+
+        save(run_figure(result), plot)
+        typer.echo(f"picture: {plot}")
+    if result.failure is not None:
+        from fieldlink.fmu import FmuError
+
+        raise FmuError(f"it ended early, at {result.time[-1]:g} s: {result.failure}")
+
+
+def _drivable(summary: FmuSummary, mapping: FmuMap) -> set[str]:
+    """Names that a column of the inputs may have: mapped tags, and inputs that are not mapped."""
+    mapped = {entry.variable for entry in mapping.inputs.values()}
+    own = {v.name for v in summary.variables if v.causality == "input"}
+    return set(mapping.inputs) | (own - mapped)
+
+
+class _Progress:
+    """The second that was reached, on a terminal only."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._status: Any = None
+
+    def __enter__(self) -> _Progress:
+        if sys.stderr.isatty():
+            from rich.console import Console
+
+            self._status = Console(stderr=True).status(f"{self._name}: starting")
+            self._status.start()
+        return self
+
+    def __call__(self, moment: float) -> None:
+        if self._status is not None:
+            self._status.update(f"{self._name}: {moment:g} s")
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+
+def _print_result(result: RunResult) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from fieldlink.cli.tables import number
+
+    console = Console()
+    for note in result.notes:
+        console.print(f"[yellow]note[/yellow] {escape(note)}", highlight=False)
+    table = Table(header_style="bold", box=None, pad_edge=False, title=result.model)
+    for column in ("tag", "unit", "at the start", "at the end", "lowest", "highest"):
+        table.add_column(column)
+    for tag, values in list(result.columns.items())[:_MOST_ROWS]:
+        numbers = (values[0], values[-1], values.min(), values.max())
+        table.add_row(escape(tag), result.units[tag], *map(number, map(float, numbers)))
+    console.print(table)
+    span = result.time[-1] - result.time[0]
+    late = f", {result.late} steps late" if result.late else ""
+    console.print(
+        f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
+    )
