@@ -77,6 +77,9 @@ def run(
 
     A site whose devices are simulations (link = "fmu") or recordings runs in lockstep, as fast as
     the machine can; --duration is then in plant seconds and needed for simulations.
+
+    Otherwise SIGHUP, or a change of the site file or a register map, takes the new site over while
+    running, and health and metrics are answered on the site's [web] address.
     """
     from fieldlink.daemon import configure_logging
     from fieldlink.site import load_site
@@ -102,10 +105,13 @@ def run(
 
 
 async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
-    from fieldlink.daemon import Daemon, stop_on_signals
+    from fieldlink.daemon import Daemon, reload_on_hangup, stop_on_signals, supervised
+    from fieldlink.web import web_server
 
-    with stop_on_signals() as stop:
-        return await Daemon(site, read_only=read_only).run(duration, stop)
+    daemon = Daemon(site, read_only=read_only, watch_files=True)
+    with stop_on_signals() as stop, reload_on_hangup(daemon.reload_soon):
+        async with web_server(site, daemon), supervised(daemon):
+            return await daemon.run(duration, stop)
 
 
 def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:

@@ -5,10 +5,11 @@ from fieldlink.daemon.lateness import BOUNDS as LATENESS_BOUNDS
 from fieldlink.daemon.lateness import LatenessReport
 from fieldlink.daemon.lockstep import LockstepRun
 from fieldlink.daemon.logs import configure_logging
+from fieldlink.daemon.notify import Notifier, supervised
 from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.pool import PoolReport, PoolSettings
 from fieldlink.daemon.service import Daemon
-from fieldlink.daemon.signals import stop_on_signals
+from fieldlink.daemon.signals import reload_on_hangup, stop_on_signals
 from fieldlink.daemon.status import DaemonStatus, DeviceStatus, LoopStatus
 
 __all__ = [
@@ -24,9 +25,12 @@ __all__ = [
     "LatenessReport",
     "LockstepRun",
     "LoopStatus",
+    "Notifier",
     "PoolReport",
     "PoolSettings",
     "WritebackOutcome",
     "configure_logging",
+    "reload_on_hangup",
     "stop_on_signals",
+    "supervised",
 ]

@@ -137,11 +137,12 @@ class DeviceRunner:
         """Let the loops' write-backs do what is due at plant second ``now``."""
         for loop, writeback in self._writebacks.items():
             try:
-                await writeback.service(now)
+                looked = await writeback.service(now)
             except LinkError as error:
                 self._note_service(loop, str(error))
             else:
-                self._note_service(loop, "")
+                if looked:
+                    self._note_service(loop, "")
 
     @property
     def writes(self) -> bool:

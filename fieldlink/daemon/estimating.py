@@ -2,6 +2,8 @@
 
 `estimate` runs in a worker process as well as inline. What crosses the process border is small and
 plain: the figures, the model for the compensator and the JSON document, not the curves of pictures.
+The estimator is loaded where it runs: the daemon's own process does without its kernels and their
+memory.
 """
 
 from __future__ import annotations
@@ -9,13 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from estimator import EstimatorError, Identification, identify
-from estimator import Interval as EstimatorInterval
 from fieldlink.daemon.window import WindowData
 from fieldlink.store import EstimateRecord
 from loop_model import LoopModel
+
+if TYPE_CHECKING:
+    from estimator import Identification
+    from estimator import Interval as EstimatorInterval
 
 __all__ = [
     "Estimate",
@@ -26,6 +30,7 @@ __all__ = [
     "InlineEstimator",
     "Interval",
     "estimate",
+    "warm_up",
 ]
 
 
@@ -201,8 +206,17 @@ class InlineEstimator:
         return estimate(request)
 
 
+def warm_up() -> None:
+    """Load the estimator's kernels."""
+    from estimator import warm_up as load
+
+    load()
+
+
 def estimate(request: EstimateRequest) -> Estimate:
     """Judge one window."""
+    from estimator import EstimatorError, identify
+
     window = request.window
     try:
         result = identify(

@@ -89,6 +89,7 @@ class LockstepRun:
         journal = self._assembly.journal
         if self._historian is not None:
             self._historian.start(journal.event_record("lockstep.start", "daemon", self._site.name))
+            self._historian.tidy()
         try:
             await self._assembly.open()
             try:

@@ -25,12 +25,12 @@ from typing import ParamSpec, TypeVar
 
 import structlog
 
-import estimator
 from fieldlink.daemon.estimating import (
     Estimate,
     EstimateOutcome,
     EstimateRequest,
     estimate,
+    warm_up,
 )
 
 __all__ = ["EstimatorPool", "PoolReport", "PoolSettings"]
@@ -92,7 +92,7 @@ class EstimatorPool:
         self,
         settings: PoolSettings | None = None,
         work: Callable[[EstimateRequest], Estimate] = estimate,
-        prepare: Callable[[], None] = estimator.warm_up,
+        prepare: Callable[[], None] = warm_up,
     ) -> None:
         self._settings = settings or PoolSettings()
         self._work = work
@@ -200,7 +200,7 @@ def _context() -> multiprocessing.context.BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([estimate.__module__])
+    context.set_forkserver_preload([estimate.__module__, "estimator"])
     return context
 
 

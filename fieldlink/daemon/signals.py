@@ -1,13 +1,13 @@
-"""Stopping cleanly on SIGTERM and SIGINT."""
+"""Stopping cleanly on SIGTERM and SIGINT, reading the site anew on SIGHUP."""
 
 from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["stop_on_signals"]
+__all__ = ["reload_on_hangup", "stop_on_signals"]
 
 
 @contextmanager
@@ -27,3 +27,14 @@ def stop_on_signals() -> Iterator[asyncio.Event]:
     finally:
         for number in handled:
             loop.remove_signal_handler(number)
+
+
+@contextmanager
+def reload_on_hangup(reload: Callable[[], None]) -> Iterator[None]:
+    """Call ``reload`` on every SIGHUP; must be entered in the running event loop."""
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGHUP, reload)
+    try:
+        yield
+    finally:
+        loop.remove_signal_handler(signal.SIGHUP)

@@ -125,14 +125,14 @@ class WriteBack:
             self._report(Attempt(WritebackOutcome.SUPERSEDED, "", self._pending))
         self._pending, self._said = candidate, None
 
-    async def service(self, now: float) -> None:
-        """Do what is due at ``now`` plant seconds.
+    async def service(self, now: float) -> bool:
+        """Do what is due at ``now`` plant seconds; return whether that was anything.
 
         Raises:
             LinkError: the exchange area could not be read, or the heartbeat not written.
         """
         if self._read_only or (self._next_beat is not None and now < self._next_beat):
-            return
+            return False
         self._next_beat = now + BEAT
         try:
             control = await self._exchange.control()
@@ -144,6 +144,7 @@ class WriteBack:
         self._look_for_ack(control, now)
         if self._pending is not None and self._awaiting is None:
             await self._try(self._pending, control, now)
+        return True
 
     def _judge(self, candidate: Candidate) -> Attempt | None:
         """Return why a candidate must not even wait; None when it may."""

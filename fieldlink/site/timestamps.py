@@ -6,10 +6,13 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["NoClockError", "Sampling", "parse_times", "sampling_of"]
 
@@ -127,6 +130,9 @@ def _dates(cells: Sequence[str], filled: list[int]) -> Floats:
 
     The wrong one of the two makes months of days or jumps back.
     """
+    # Here, because only recordings with dates need pandas, and a daemon has none.
+    import pandas as pd
+
     column = pd.Series([cells[index] for index in filled])
     iso = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
     if iso.notna().all():

@@ -8,14 +8,17 @@ the last moment wanted; all raise `StoreError` when there is no historian to rea
 from __future__ import annotations
 
 from datetime import datetime
+from typing import TYPE_CHECKING
 
-import pandas as pd
 from sqlalchemy import Table, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import open_for_reading
 from fieldlink.store.errors import StoreError
 from fieldlink.store.schema import AVERAGES, ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = [
     "read_averages",
@@ -95,6 +98,9 @@ def read_events(
 def _read(
     url: str, table: Table, loop: str | None, since: datetime | None, until: datetime | None
 ) -> pd.DataFrame:
+    # Here, because a daemon that only writes needs no pandas.
+    import pandas as pd
+
     query = select(table).order_by(table.c.utc_ms, table.c.id)
     if loop is not None:
         query = query.where(table.c.loop == loop)

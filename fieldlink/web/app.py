@@ -1,0 +1,71 @@
+"""The endpoints: ``/healthz``, ``/readyz`` and ``/metrics``; all read-only, all without state."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from collections.abc import Awaitable, Callable
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from fieldlink.daemon import Daemon
+from fieldlink.web.health import Readiness
+from fieldlink.web.metrics import render_metrics
+
+__all__ = ["make_app"]
+
+_Answer = Callable[[Request], Awaitable[Response]]
+
+
+def make_app(daemon: Daemon, token: str | None) -> Starlette:
+    """Return the endpoints of a daemon.
+
+    Args:
+        daemon: the daemon.
+        token: what every request must carry as ``Authorization: Bearer``; nothing when None.
+    """
+
+    async def healthz(_: Request) -> Response:
+        stuck = daemon.stuck()
+        return JSONResponse(
+            {"status": "stuck" if stuck else "ok", "stuck": list(stuck)}, 503 if stuck else 200
+        )
+
+    async def readyz(_: Request) -> Response:
+        found = Readiness.of(daemon.status(), started=daemon.started.is_set())
+        return JSONResponse(found.to_dict(), 200 if found.ready else 503)
+
+    async def metrics(_: Request) -> Response:
+        # In a thread: thousands of lines must not hold up the polls.
+        text = await asyncio.to_thread(render_metrics, daemon.status())
+        return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
+
+    def guarded(answer: _Answer) -> _Answer:
+        async def check(request: Request) -> Response:
+            if token is not None and not _carries(request, token):
+                return Response(
+                    "a bearer token is needed\n",
+                    401,
+                    {"WWW-Authenticate": "Bearer"},
+                    media_type="text/plain",
+                )
+            return await answer(request)
+
+        return check
+
+    return Starlette(
+        routes=[
+            Route(f"/{name}", guarded(answer), methods=["GET"])
+            for name, answer in (("healthz", healthz), ("readyz", readyz), ("metrics", metrics))
+        ]
+    )
+
+
+def _carries(request: Request, token: str) -> bool:
+    scheme, _, given = request.headers.get("Authorization", "").partition(" ")
+    return scheme.lower() == "bearer" and hmac.compare_digest(
+        given.strip().encode("utf-8", "replace"), token.encode()
+    )

@@ -1,0 +1,190 @@
+"""A snapshot of the daemon in the format that Prometheus reads.
+
+Every figure is a count or a state that the daemon keeps anyway; nothing is measured for a scrape.
+Counts begin anew when the daemon does, as Prometheus expects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import accumulate
+
+from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    Metric,
+)
+
+from fieldlink.daemon import LATENESS_BOUNDS, DaemonStatus, EstimateOutcome
+from fieldlink.links import LinkState
+
+__all__ = ["render_metrics"]
+
+VERDICTS = ("stiction", "no_stiction", "not_assessable")
+
+_process = CollectorRegistry()
+ProcessCollector(registry=_process)
+
+
+def render_metrics(status: DaemonStatus) -> bytes:
+    """Return the text of ``/metrics``."""
+    return generate_latest(_Snapshot(status)) + generate_latest(_process)
+
+
+class _Snapshot(CollectorRegistry):
+    """A registry of one moment."""
+
+    def __init__(self, status: DaemonStatus) -> None:
+        super().__init__()
+        self._status = status
+
+    def collect(self) -> Iterator[Metric]:
+        yield from _of_loops(self._status)
+        yield from _of_devices(self._status)
+        yield from _of_the_store(self._status)
+        yield from _of_the_daemon(self._status)
+
+
+def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
+    names = ["loop", "device"]
+    slots = CounterMetricFamily(
+        "fieldlink_loop_slots",
+        "Samples that a loop should have given, by what became of them: expected = read + bad + "
+        "missed; late ones are counted among read and bad too.",
+        labels=[*names, "outcome"],
+    )
+    idle = GaugeMetricFamily(
+        "fieldlink_loop_seconds_since_sample",
+        "Plant seconds since the newest sample.",
+        labels=names,
+    )
+    period = GaugeMetricFamily(
+        "fieldlink_loop_window_filled_ratio", "How much of the window is there.", labels=names
+    )
+    estimates = CounterMetricFamily(
+        "fieldlink_loop_estimates", "Windows of the loop that were judged.", labels=names
+    )
+    verdict = GaugeMetricFamily(
+        "fieldlink_loop_verdict", "1 for the last window's verdict.", labels=[*names, "verdict"]
+    )
+    stick_band = GaugeMetricFamily(
+        "fieldlink_loop_stick_band",
+        "Stick band S of the last window in units of OP, and the bounds of its interval.",
+        labels=[*names, "bound"],
+    )
+    slip_jump = GaugeMetricFamily(
+        "fieldlink_loop_slip_jump",
+        "Slip jump J of the last window in units of OP, and the bounds of its interval.",
+        labels=[*names, "bound"],
+    )
+    score = GaugeMetricFamily(
+        "fieldlink_loop_score", "Evidence for stiction in the last window.", labels=names
+    )
+    writebacks = CounterMetricFamily(
+        "fieldlink_loop_writebacks",
+        "Attempts to write a parameter block and decisions not to, by outcome.",
+        labels=[*names, "outcome"],
+    )
+    for name, loop in status.loops.items():
+        own = [name, loop.device]
+        counts = loop.counts
+        for outcome in ("expected", "read", "late", "missed", "bad"):
+            slots.add_metric([*own, outcome], getattr(counts, outcome))
+        idle.add_metric(own, loop.idle)
+        period.add_metric(own, loop.filled)
+        estimates.add_metric(own, loop.estimates)
+        for outcome, count in loop.outcomes.items():
+            writebacks.add_metric([*own, outcome], count)
+        found = None if loop.last_estimate is None else loop.last_estimate.findings
+        if found is None:
+            continue
+        for known in VERDICTS:
+            verdict.add_metric([*own, known], float(found.verdict == known))
+        score.add_metric(own, found.score)
+        for family, interval in ((stick_band, found.stick_band), (slip_jump, found.slip_jump)):
+            for bound in ("value", "low", "high"):
+                family.add_metric([*own, bound], getattr(interval, bound))
+    yield from (slots, idle, period, estimates, verdict, stick_band, slip_jump, score, writebacks)
+
+
+def _of_devices(status: DaemonStatus) -> Iterator[Metric]:
+    state = GaugeMetricFamily(
+        "fieldlink_device_state", "1 for the device's state.", labels=["device", "state"]
+    )
+    polls = CounterMetricFamily("fieldlink_device_polls", "Scans made.", labels=["device"])
+    skipped = CounterMetricFamily(
+        "fieldlink_device_skipped_polls",
+        "Scans left out because the one before took too long.",
+        labels=["device"],
+    )
+    requests = CounterMetricFamily("fieldlink_device_requests", "Requests sent.", labels=["device"])
+    failures = CounterMetricFamily(
+        "fieldlink_device_failures", "Errors met while scanning.", labels=["device"]
+    )
+    lateness = HistogramMetricFamily(
+        "fieldlink_reply_lateness_seconds",
+        "From the moment a poll was due to the reply with a loop's sample.",
+        labels=["device"],
+    )
+    for name, device in status.devices.items():
+        for known in LinkState:
+            state.add_metric([name, known.name.lower()], float(device.state is known))
+        polls.add_metric([name], device.polls)
+        skipped.add_metric([name], device.late)
+        requests.add_metric([name], device.requests)
+        failures.add_metric([name], device.failures)
+        edges = [*map(str, LATENESS_BOUNDS), "+Inf"]
+        counted = list(zip(edges, accumulate(device.lateness.counts), strict=True))
+        lateness.add_metric([name], counted, device.lateness.total)
+    yield from (state, polls, skipped, requests, failures, lateness)
+
+
+def _of_the_store(status: DaemonStatus) -> Iterator[Metric]:
+    store = status.store
+    yield from (
+        CounterMetricFamily("fieldlink_store_written", "Rows in the store.", store.written),
+        CounterMetricFamily("fieldlink_store_lost", "Records lost.", store.dropped),
+        CounterMetricFamily("fieldlink_store_retries", "Writes that failed.", store.retries),
+        CounterMetricFamily(
+            "fieldlink_store_removed", "Rows that the retention removed.", store.removed
+        ),
+        CounterMetricFamily(
+            "fieldlink_store_set_aside", "Damaged files that were replaced.", store.set_aside
+        ),
+        GaugeMetricFamily("fieldlink_store_waiting", "Records that wait.", store.waiting),
+        GaugeMetricFamily(
+            "fieldlink_store_failing", "1 while the store cannot be written.", store.failing
+        ),
+    )
+
+
+def _of_the_daemon(status: DaemonStatus) -> Iterator[Metric]:
+    pool = status.pool
+    judged = CounterMetricFamily(
+        "fieldlink_estimator_windows", "Windows judged, by outcome.", labels=["outcome"]
+    )
+    for outcome in EstimateOutcome:
+        judged.add_metric([outcome.code], pool.judged.get(outcome.code, 0))
+    reloads = CounterMetricFamily(
+        "fieldlink_site_reloads", "Site files read while running.", labels=["result"]
+    )
+    reloads.add_metric(["taken"], status.reloads)
+    reloads.add_metric(["refused"], status.refused)
+    yield from (
+        judged,
+        CounterMetricFamily(
+            "fieldlink_estimator_rebuilt",
+            "Times the estimator's processes were replaced because one died or hung.",
+            pool.rebuilt,
+        ),
+        GaugeMetricFamily(
+            "fieldlink_estimator_waiting", "Windows in judgement or waiting.", pool.waiting
+        ),
+        GaugeMetricFamily("fieldlink_estimator_workers", "Estimator processes.", pool.workers),
+        CounterMetricFamily(
+            "fieldlink_clock_steps", "Steps of the wall clock.", status.clock_steps
+        ),
+        reloads,
+    )
