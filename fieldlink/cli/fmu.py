@@ -106,9 +106,7 @@ def _settings_of(pairs: list[str], option: str) -> dict[str, float]:
         try:
             if not sign or not name:
                 raise ValueError
-            values[name] = {"true": 1.0, "false": 0.0}.get(text.lower()) or float(
-                {"true": "1", "false": "0"}.get(text.lower(), text)
-            )
+            values[name] = float({"true": "1", "false": "0"}.get(text.lower(), text))
         except ValueError:
             raise typer.BadParameter(
                 f"{pair!r} is not NAME=NUMBER, for instance noise_std=0.1", param_hint=option

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +51,7 @@ def read_inputs(file: Path, known: Iterable[str]) -> InputSeries:
     """
     try:
         frame = pd.read_csv(file, sep=None, engine="python", skipinitialspace=True)
-    except (OSError, UnicodeDecodeError, ValueError, pd.errors.ParserError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise FmuError(f"{file}: the inputs cannot be read: {error}") from error
     frame.columns = [str(name).strip() for name in frame.columns]
     if "time" not in frame.columns:

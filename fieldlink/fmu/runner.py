@@ -111,10 +111,11 @@ class _Run:
             }
         for name in settings.watch:
             self.outputs.setdefault(name, OutputMap(variable=name))
-        self.conversions: dict[str, Conversion] = {
-            tag: conversion(fmu, entry.variable, entry.unit)
-            for tag, entry in (*self.inputs.items(), *self.outputs.items())
-        }
+        self.conversions: dict[str, Conversion] = {}
+        for tag, written in self.inputs.items():
+            self.conversions[tag] = conversion(fmu, written.variable, written.unit)
+        for tag, read in self.outputs.items():
+            self.conversions[tag] = conversion(fmu, read.variable, read.unit)
         self.step = settings.step or mapping.period or _default_step(fmu, settings.stop)
         self.stop = _stop(fmu, settings.stop)
         self.notes: list[str] = []
