@@ -1,33 +1,38 @@
-"""How fast the estimator is on one core: ``python -m benchmarks.estimator_speed``.
+"""How fast the estimator is on one core: ``python -m benchmarks.estimator_speed [--out FOLDER]``.
 
-Candidate-samples per second of the kernels and of the whole coarse pass, beside a bare
-multiply-add over the same lanes (what the hardware allows NumPy's BLAS), and seconds per window.
+Candidate-samples per second of the compiled valve and lag beside a bare fused multiply-add loop
+over the same lanes (`bare_loops`), windows per second with everything included (orders, intervals,
+verdict), and both ratios that the issue of speed is about: the paper's grid and its optimisation on
+the same window in the same run. Seconds are processor seconds; only ratios mean anything.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from benchmarks.report import machine, table
-from compensator.study import EXAMPLE_1, Study, run
-from compensator.unaware import UnawareMpc
-from estimator import identify, warm_up
-from estimator._kernels import lag
-from estimator.coarse import LAGS, coarse_costs, coarse_valves
-from estimator.search import stem_of
-from estimator.structures import COARSE, Structure
-from estimator.window import harmonise
+from benchmarks.bare_loops import in_cache, streamed
+from benchmarks.examples import EXAMPLES, example_window
+from benchmarks.loops import named_loop
+from benchmarks.recording import record
+from benchmarks.report import keep, machine, table
+from estimator import grid_search, identify, nlp_paper, warm_up
+from estimator._kernels import lag, stems
+
+__all__ = ["least_seconds", "main"]
+
+_LANES = 1024
+_ORDERS: dict[str, Any] = {"na": 3, "nb": 3}
 
 
-def best_of(action: Callable[[], object], repeats: int = 7) -> float:
+def least_seconds(action: Callable[[], object], repeats: int) -> float:
     """Least processor seconds of ``action`` over ``repeats`` runs."""
     spent = []
     for _ in range(repeats):
@@ -37,66 +42,88 @@ def best_of(action: Callable[[], object], repeats: int = 7) -> float:
     return min(spent)
 
 
-def sticky_window(samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """OP and PV of the paper's Example 1 under its unaware MPC, a window from mid-cycle."""
-    study = Study(
-        setpoint=[(0, 50.0), (300, 55.0), (700, 48.0), (1100, 53.0)],
-        samples=samples + 400,
-        equation_noise=1e-2,
-        seed=1,
-    )
-    trace = run(EXAMPLE_1.process, EXAMPLE_1.valve, UnawareMpc(EXAMPLE_1.process), study)
-    return trace.op[-samples:], trace.pv[-samples:]
-
-
-def measure(samples: int) -> dict[str, float]:
-    op, pv = sticky_window(samples)
-    window = harmonise(op, pv, None, None, 1.0)
-    valves = coarse_valves()
-    stem, _ = stem_of(window.u, *valves)
-    work = stem.size
-    structure = Structure.of_time_constants(6.0)
-    factors = np.random.default_rng(0).normal(size=(24, samples))
-
-    def coarse() -> None:
-        signal, _ = stem_of(window.u, *valves)
-        for process in COARSE:
-            response = process.response(signal)
-            coarse_costs(window.y, window.good, response, process, LAGS)
-
-    healthy = op + np.random.default_rng(1).normal(scale=0.01, size=samples)
-    seconds = {
-        "stems": best_of(lambda: stem_of(window.u, *valves)),
-        "lag": best_of(lambda: lag(stem, structure.slow)),
-        "bare multiply-add": best_of(lambda: factors @ stem) / factors.shape[0],
-        "coarse": best_of(coarse, 3),
+def _kernels(op: np.ndarray) -> dict[str, float]:
+    """Candidate-samples per second, and what of the bare loops that is."""
+    u = (op - op.mean()) / np.ptp(op)
+    band = np.linspace(0.05, 0.95, _LANES)
+    jump = band * np.linspace(0.1, 0.9, _LANES)
+    stem, _ = stems(u, band, jump, np.full(_LANES, u[0]))
+    out, total = np.zeros_like(stem), np.zeros(_LANES)
+    work = float(stem.size)
+    rates = {
+        "valve": work / least_seconds(lambda: stems(u, band, jump, np.full(_LANES, u[0])), 15),
+        "lag": work / least_seconds(lambda: lag(stem, 0.9), 15),
+        "bare multiply-add, streamed": work / least_seconds(lambda: streamed(stem, 0.9, out), 15),
+        "bare multiply-add, in cache": work / least_seconds(lambda: in_cache(u, band, total), 15),
     }
-    candidates = work * len(COARSE) * len(LAGS)
-    return {
-        "samples": float(samples),
-        "stem candidate-samples per second": work / seconds["stems"],
-        "lag candidate-samples per second": work / seconds["lag"],
-        "bare multiply-adds per second": work / seconds["bare multiply-add"],
-        "coarse pass candidate-samples per second": candidates / seconds["coarse"],
-        "coarse pass seconds": seconds["coarse"],
-        "sticky window seconds": best_of(lambda: identify(op, pv), 3),
-        "unrelated PV seconds": best_of(lambda: identify(healthy, np.roll(pv, 500)), 3),
+    figures = {f"{name}, candidate-samples per second": rate for name, rate in rates.items()}
+    chain = 1.0 / (1.0 / rates["valve"] + 1.0 / rates["lag"])
+    figures["valve and lag, ns per candidate and sample"] = 1e9 / chain
+    for bare in ("streamed", "in cache"):
+        rate = rates[f"bare multiply-add, {bare}"]
+        figures[f"valve over bare {bare}"] = rates["valve"] / rate
+        figures[f"lag over bare {bare}"] = rates["lag"] / rate
+    return figures
+
+
+def _windows(samples: int, repeats: int) -> dict[str, float]:
+    """Windows per second of sticky and healthy loops."""
+    windows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for example in EXAMPLES:
+        trace = example_window(example, 1, samples=samples)
+        windows[example.name] = trace.op, trace.pv
+    for name, kind in (("s3", "sticky, noisy"), ("h25", "healthy, calm"), ("h47", "swinging")):
+        recorded = record(named_loop(name), samples=samples)
+        windows[f"{kind} ({name})"] = recorded.op, recorded.pv
+    spent = {
+        name: least_seconds(partial(identify, *window), repeats) for name, window in windows.items()
     }
+    figures = {f"{name}, seconds a window": value for name, value in spent.items()}
+    figures["windows per second, mean"] = len(spent) / sum(spent.values())
+    return figures
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=1000)
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
-    options = parser.parse_args()
+def _rivals(samples: int, grid_step: float, starts: int) -> dict[str, float]:
+    """Seconds of the paper's methods on Example 1, and over the search's."""
+    trace = example_window(EXAMPLES[0], 1, samples=samples)
+    op, pv = trace.op, trace.pv
+    search = least_seconds(partial(identify, op, pv), 3)
+    found = {"search, seconds": search}
+    calls: dict[str, Callable[[], object]] = {
+        f"grid {grid_step:g}": partial(grid_search, op, pv, **_ORDERS, step=grid_step)
+    }
+    if starts:
+        first = partial(nlp_paper, op, pv, **_ORDERS, starts=starts, initial=("first",))
+        calls[f"nlp M={starts}"] = first
+    for name, call in calls.items():
+        seconds = least_seconds(call, 1)
+        found[f"{name}, seconds"] = seconds
+        found[f"{name} over search"] = seconds / search
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=1000, help="of a window")
+    parser.add_argument("--repeats", type=int, default=5, help="of a window; the least counts")
+    parser.add_argument("--grid-step", type=float, default=0.1, help="of the paper's grid")
+    parser.add_argument("--starts", type=int, default=7, help="M of the optimisation; 0: without")
+    parser.add_argument("--out", type=Path, help="folder for estimator_speed.md and .json")
+    options = parser.parse_args(arguments)
     warm_up()
-    with threadpool_limits(limits=1, user_api="blas"):
-        figures = measure(options.samples)
-    print(table(("figure", "value"), list(figures.items())))
-    if options.json is not None:
-        options.json.write_text(json.dumps({"machine": machine(), **figures}, indent=2) + "\n")
+    with threadpool_limits(limits=1):
+        figures = {
+            **_kernels(example_window(EXAMPLES[0], 1, samples=options.samples).op),
+            **_windows(options.samples, options.repeats),
+            **_rivals(options.samples, options.grid_step, options.starts),
+        }
+    text = table(("figure", "value"), list(figures.items()))
+    print(text)
+    kept = {k: v for k, v in vars(options).items() if k != "out"}
+    keep(options.out, "estimator_speed", text, {"options": kept, "machine": machine(), **figures})
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())
