@@ -219,7 +219,7 @@ class ModbusConnection:
         probe = self._late.probe_for(request)
         pdu = await self._exchange(line, wire, probe)
         if not proves(probe, pdu):
-            self._owe(probe)
+            self._late.refused(probe, self._clock.monotonic())
             raise self._failed(
                 LinkUnreachableError(
                     self._device,

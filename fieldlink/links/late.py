@@ -30,8 +30,8 @@ __all__ = ["LateReplies", "proves"]
 FORGET_AFTER = 60.0
 """Seconds after which a reply that has not come is held to be lost."""
 
-READ_PROBES = 3
-"""Reads tried as probes in a row; each of them is owed itself, and prolongs the wait."""
+REFUSALS = 3
+"""Reads refused as probes after which only echoes are tried: each is owed itself, for a while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,7 @@ class LateReplies:
 
     def __init__(self) -> None:
         self._owed: list[_Owed] = []
-        self._probes = 0
-        self._passed = 0
+        self._probes = self._refusals = self._passed = 0
 
     def __bool__(self) -> bool:
         return bool(self._owed)
@@ -70,16 +69,21 @@ class LateReplies:
     def probe_for(self, request: Request) -> Request:
         """Return the next probe to try before ``request``."""
         self._probes += 1
-        if self._probes % 2 == 0 and self._probes <= 2 * READ_PROBES:
+        if self._probes % 2 == 0 and self._refusals < REFUSALS:
             for probe in _reads_beside(request):
                 if not any(_alike(probe, owed.request) for owed in self._owed):
                     return probe
         return echo_request(self._probes & 0xFFFF)
 
+    def refused(self, probe: Request, now: float) -> None:
+        """Note that a probe was answered with what proves nothing."""
+        self._refusals += 1
+        self.owe(probe, now)
+
     def settled(self) -> int:
         """Forget what is owed: a probe was answered. Returns how many late replies had come."""
         self._owed.clear()
-        self._probes = 0
+        self._probes = self._refusals = 0
         passed, self._passed = self._passed, 0
         return passed
 
@@ -87,7 +91,7 @@ class LateReplies:
         """Give up waiting for what has been owed for long."""
         self._owed = [owed for owed in self._owed if now - owed.since < FORGET_AFTER]
         if not self._owed:
-            self._probes = 0
+            self._probes = self._refusals = 0
 
 
 def proves(probe: Request, pdu: bytes) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerRTU, FramerSocket, FramerType
+from pymodbus.framer import FramerBase, FramerRTU, FramerSocket, FramerType
 from pymodbus.pdu import ModbusPDU
 from pymodbus.server import (
     ModbusSerialServer,
@@ -95,7 +95,21 @@ class _Mbap(_Tolerant, FramerSocket):
 
 
 class _Rtu(_Tolerant, FramerRTU):
-    pass
+    """Hears every request on the line and lets those to other units pass."""
+
+    units: frozenset[int] = frozenset()
+
+    def handleFrame(  # noqa: N802
+        self, data: bytes, exp_devid: int, exp_tid: int
+    ) -> tuple[int, ModbusPDU | None]:
+        used, pdu = super().handleFrame(data, exp_devid, exp_tid)
+        return used, pdu if pdu is not None and pdu.dev_id in self.units else None
+
+
+def _framer(link: str, devices: list[SimDevice]) -> type[FramerBase]:
+    if "rtu" not in link:
+        return _Mbap
+    return type("_RtuOfUnits", (_Rtu,), {"units": frozenset(device.id for device in devices)})
 
 
 async def listen(devices: list[SimDevice], place: Listening) -> tuple[ModbusBaseServer, int]:
@@ -137,7 +151,7 @@ async def listen(devices: list[SimDevice], place: Listening) -> tuple[ModbusBase
             )
         else:
             server = ModbusTcpServer(devices, **options)
-    server.framer = _Rtu if "rtu" in place.link else _Mbap
+    server.framer = _framer(place.link, devices)
     try:
         await server.serve_forever(background=True)
     except RuntimeError as error:

@@ -47,7 +47,7 @@ async def link_to(
     device: FakeDevice,
     tags: Sequence[Tag] = FOUR,
     max_gap: int = 8,
-    timeout: float = TIMEOUT,
+    patience: float = TIMEOUT,
     quirks: Quirks = QUIRKS,
     **settings: Any,
 ) -> AsyncIterator[ModbusLink]:
@@ -58,7 +58,7 @@ async def link_to(
                 link="modbus-tcp",
                 host="127.0.0.1",
                 port=device.port,
-                timeout=timeout,
+                timeout=patience,
                 register_map=Path("map.csv"),
                 quirks=quirks,
             ),
@@ -177,7 +177,7 @@ async def test_while_waiting_to_retry_a_scan_sends_nothing(device: FakeDevice) -
 
 async def test_a_lost_connection_is_noticed_before_the_time_out(device: FakeDevice) -> None:
     device.tamper = lambda _frame: b""
-    async with link_to(device, timeout=60.0) as link:
+    async with link_to(device, patience=60.0) as link:
         scan = await link.scan()
     assert isinstance(scan.failures[0], LinkUnreachableError)
     assert "connection was dropped" in str(scan.failures[0])
@@ -308,7 +308,7 @@ async def test_a_write_without_a_reply_is_not_repeated(device: FakeDevice) -> No
 
 async def test_a_write_overtakes_waiting_reads(device: FakeDevice) -> None:
     device.delay = 0.03
-    async with link_to(device, timeout=2.0, writable=((100, 100),)) as link:
+    async with link_to(device, patience=2.0, writable=((100, 100),)) as link:
         reads = [asyncio.create_task(link.read_registers(i, 1)) for i in range(4)]
         await asyncio.sleep(0.01)
         await link.write_register(100, 1)
@@ -318,7 +318,7 @@ async def test_a_write_overtakes_waiting_reads(device: FakeDevice) -> None:
 
 async def test_a_cancelled_request_leaves_a_usable_link(device: FakeDevice) -> None:
     device.delay = 0.05
-    async with link_to(device, timeout=2.0) as link:
+    async with link_to(device, patience=2.0) as link:
         task = asyncio.create_task(link.scan())
         await asyncio.sleep(0.02)
         task.cancel()

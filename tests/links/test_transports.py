@@ -1,0 +1,250 @@
+"""Every transport between our link and our simulated PLC's server, over real sockets and lines."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import trustme
+
+from fieldlink.links import LinkState, LinkUnreachableError, SystemClock
+from fieldlink.links.backoff import BackoffSettings
+from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.links.transports import TlsFilesError
+from fieldlink.plc import Listening
+from fieldlink.plc.image import RegisterImage
+from fieldlink.plc.listening import listen
+from fieldlink.plc.modbus import modbus_device
+from fieldlink.registers import DataType, Table, Tag, plan_reads
+from fieldlink.site import Device, Tls
+
+HOST = "127.0.0.1"
+MAP = Path("map.csv")
+SOON = BackoffSettings(first=0.01, cap=0.05)
+TAGS = [
+    Tag("level", Table.HOLDING, 10, DataType.FLOAT32),
+    Tag("count", Table.INPUT, 5, DataType.UINT16),
+    Tag("pump", Table.COIL, 19, DataType.BOOL),
+]
+
+
+def image_of(unit: int) -> RegisterImage:
+    image = RegisterImage()
+    image.define(Table.HOLDING, 10, 2, writable=True)
+    image.put(Table.HOLDING, 10, [0x41C8, unit])
+    image.define(Table.INPUT, 5, 1)
+    image.put(Table.INPUT, 5, [100 + unit])
+    image.define(Table.COIL, 19, 1, writable=True)
+    image.put(Table.COIL, 19, [unit % 2])
+    return image
+
+
+@asynccontextmanager
+async def served(place: Listening, units: tuple[int, ...] = (1,)) -> AsyncIterator[int]:
+    server, port = await listen([modbus_device(image_of(unit), unit) for unit in units], place)
+    try:
+        yield port
+    finally:
+        await server.shutdown()  # type: ignore[no-untyped-call]
+        await asyncio.sleep(0)
+
+
+def link_to(device: Device, writable: tuple[tuple[int, int], ...] = ()) -> ModbusLink:
+    settings = ModbusSettings(
+        "plc", device, backoff=SOON, writable=writable, writable_coils=((19, 19),)
+    )
+    return ModbusLink(settings, plan_reads(TAGS), SystemClock())
+
+
+async def assert_it_works(device: Device, unit: int = 1) -> None:
+    link = link_to(device, writable=((10, 11),))
+    try:
+        scan = await link.scan()
+        assert [str(failure) for failure in scan.failures] == []
+        assert scan["count"].value == 100.0 + unit
+        assert scan["pump"].value == unit % 2
+        assert link.state is LinkState.GOOD
+        await link.write_registers(10, [0x4248, 0])
+        await link.write_register(11, 0)
+        await link.write_coils(19, [1])
+        again = await link.scan()
+        assert again["level"].value == 50.0
+        assert again["pump"].value == 1.0
+    finally:
+        await link.close()
+
+
+@pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu-tcp", "modbus-udp"])
+async def test_network_transports_read_and_write(kind: str) -> None:
+    async with served(Listening(link=kind)) as port:
+        device = Device(link=kind, host=HOST, port=port, register_map=MAP)  # type: ignore[arg-type]
+        await assert_it_works(device)
+
+
+@pytest.fixture
+def certificates(tmp_path: Path) -> Callable[[str], Path]:
+    """Write a CA, a PLC's and a client's certificate, and a stranger's; return paths by name."""
+    authority, other = trustme.CA(), trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    other.cert_pem.write_to_path(tmp_path / "other_ca.pem")
+    for name, certificate in {
+        "plc": authority.issue_cert(HOST, "plc.plant.test"),
+        "named": authority.issue_cert("plc.plant.test"),
+        "client": authority.issue_cert("fieldlink.plant.test"),
+        "stranger": other.issue_cert("fieldlink.plant.test"),
+    }.items():
+        certificate.private_key_pem.write_to_path(tmp_path / f"{name}.key")
+        certificate.cert_chain_pems[0].write_to_path(tmp_path / f"{name}.pem")
+    return lambda name: tmp_path / name
+
+
+def secured(files: Callable[[str], Path], name: str = "plc") -> Listening:
+    return Listening(
+        link="modbus-tls", cert=files(f"{name}.pem"), key=files(f"{name}.key"), ca=files("ca.pem")
+    )
+
+
+def tls_device(port: int, tls: Tls) -> Device:
+    return Device(link="modbus-tls", host=HOST, port=port, register_map=MAP, tls=tls, timeout=2.0)
+
+
+async def test_tls_with_client_certificates(certificates: Callable[[str], Path]) -> None:
+    async with served(secured(certificates)) as port:
+        tls = Tls(
+            ca=certificates("ca.pem"),
+            cert=certificates("client.pem"),
+            key=certificates("client.key"),
+        )
+        await assert_it_works(tls_device(port, tls))
+
+
+async def test_tls_server_name(certificates: Callable[[str], Path]) -> None:
+    async with served(secured(certificates, "named")) as port:
+        tls = Tls(
+            ca=certificates("ca.pem"),
+            cert=certificates("client.pem"),
+            key=certificates("client.key"),
+        )
+        named = tls.model_copy(update={"server_name": "plc.plant.test"})
+        await assert_it_works(tls_device(port, named))
+        link = link_to(tls_device(port, tls))
+        failure = (await link.scan()).failures[0]
+        await link.close()
+        assert isinstance(failure, LinkUnreachableError)
+        assert "certificate verify failed" in str(failure)
+
+
+@pytest.mark.parametrize("who", ["stranger", None])
+async def test_tls_refuses_strangers(certificates: Callable[[str], Path], who: str | None) -> None:
+    tls = Tls(
+        ca=certificates("ca.pem"),
+        cert=certificates(f"{who}.pem") if who else None,
+        key=certificates(f"{who}.key") if who else None,
+    )
+    async with served(secured(certificates)) as port:
+        link = link_to(tls_device(port, tls))
+        scan = await link.scan()
+        await link.close()
+    assert not scan.answered
+    assert isinstance(scan.failures[0], LinkUnreachableError)
+
+
+async def test_a_plc_of_another_authority_is_refused(certificates: Callable[[str], Path]) -> None:
+    tls = Tls(ca=certificates("other_ca.pem"))
+    async with served(secured(certificates)) as port:
+        link = link_to(tls_device(port, tls))
+        failure = (await link.scan()).failures[0]
+        await link.close()
+    assert "certificate verify failed" in str(failure)
+
+
+def test_unusable_certificates_are_named(certificates: Callable[[str], Path]) -> None:
+    tls = Tls(
+        ca=certificates("ca.pem"), cert=certificates("client.pem"), key=certificates("plc.key")
+    )
+    with pytest.raises(TlsFilesError, match=r"client\.pem.*belong together"):
+        link_to(tls_device(802, tls))
+
+
+@pytest.fixture
+async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
+    """The two ends of a serial line that is two pseudo-terminals joined by socat."""
+    program = shutil.which("socat")
+    if program is None:
+        pytest.skip("socat is not installed (Debian package socat)")
+    ends = tmp_path / "plant", tmp_path / "fieldlink"
+    process = await asyncio.create_subprocess_exec(
+        program, *(f"pty,raw,echo=0,link={end}" for end in ends)
+    )
+    try:
+        for _ in range(500):
+            if all(end.exists() for end in ends):
+                break
+            await asyncio.sleep(0.01)
+        yield str(ends[0]), str(ends[1])
+    finally:
+        process.terminate()
+        await process.wait()
+
+
+def on_line(port: str, unit: int = 1, timeout: float = 1.0) -> Device:
+    return Device(
+        link="modbus-rtu",
+        serial_port=port,
+        unit=unit,
+        parity="none",
+        timeout=timeout,
+        register_map=MAP,
+    )
+
+
+async def test_a_serial_line(serial_line: tuple[str, str]) -> None:
+    plant, here = serial_line
+    async with served(Listening(link="modbus-rtu", serial_port=plant)):
+        await assert_it_works(on_line(here))
+
+
+async def test_a_port_that_is_not_there_is_named(tmp_path: Path) -> None:
+    link = link_to(on_line(str(tmp_path / "ttyUSB9")))
+    failure = (await link.scan()).failures[0]
+    await link.close()
+    assert isinstance(failure, LinkUnreachableError)
+    assert "ttyUSB9" in str(failure)
+
+
+async def test_units_of_one_serial_line_take_turns(serial_line: tuple[str, str]) -> None:
+    plant, here = serial_line
+    async with served(Listening(link="modbus-rtu", serial_port=plant), units=(1, 2, 3)):
+        links = [link_to(on_line(here, unit)) for unit in (1, 2, 3)]
+        for _ in range(5):
+            scans = await asyncio.gather(*(link.scan() for link in links))
+            assert [scan["count"].value for scan in scans] == [101.0, 102.0, 103.0]
+        # One of them lets go: the line stays with the others.
+        await links[0].close()
+        assert (await links[1].scan())["count"].value == 102.0
+        for link in links:
+            await link.close()
+
+
+async def test_a_silent_unit_costs_the_others_on_its_line_no_value(
+    serial_line: tuple[str, str],
+) -> None:
+    plant, here = serial_line
+    async with served(Listening(link="modbus-rtu", serial_port=plant), units=(1, 2)):
+        links = [link_to(on_line(here, unit, timeout=0.4)) for unit in (1, 2, 9)]
+        for _ in range(6):
+            first, second, silent = await asyncio.gather(*(link.scan() for link in links))
+            assert first["count"].value == 101.0
+            assert second["count"].value == 102.0
+            assert not silent.answered
+        assert [link.state for link in links] == [
+            LinkState.GOOD,
+            LinkState.GOOD,
+            LinkState.DEMOTED,
+        ]
+        for link in links:
+            await link.close()
