@@ -15,6 +15,7 @@ from .errors import (
 from .plant import Plant, PlantInfo
 from .stepping import open_plant
 from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
+from .sweep import Sweep, SweepRun, run_sweep
 
 __all__ = [
     "CatalogueModel",
@@ -31,10 +32,13 @@ __all__ = [
     "PlantNameError",
     "PlantStepError",
     "PlantTimeoutError",
+    "Sweep",
+    "SweepRun",
     "UnitDefinition",
     "VariableSummary",
     "catalogue",
     "fmu_path",
     "open_plant",
+    "run_sweep",
     "summarise",
 ]

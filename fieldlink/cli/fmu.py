@@ -215,6 +215,11 @@ class _Progress:
         if self._status is not None:
             self._status.update(f"{self._name}: {moment:g} s")
 
+    def count(self, done: int, of: int) -> None:
+        """Show how many runs are done."""
+        if self._status is not None:
+            self._status.update(f"{self._name}: {done} of {of} runs")
+
     def __exit__(self, *_: object) -> None:
         if self._status is not None:
             self._status.stop()
@@ -242,3 +247,68 @@ def _print_result(result: RunResult) -> None:
     console.print(
         f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
     )
+
+
+@app.command("sweep")
+def sweep(
+    model: Annotated[str, typer.Argument(help="A plant of the catalogue.")],
+    out: Annotated[Path, typer.Option(help="The table, one row a run: .csv or .parquet.")],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=V[,V...]", help="Values to combine."),
+    ] = None,
+    random: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="For each combination.")] = 1,
+    steps: Annotated[int, typer.Option(min=1, help="Samples of a run.")] = 2000,
+    seed: Annotated[int, typer.Option(help="Of the whole sweep.")] = 1,
+    loop: Annotated[int, typer.Option(min=1, help="Of a plant with several loops.")] = 1,
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Processes; 0 for none, else the cores.")
+    ] = None,
+    signals: Annotated[
+        bool, typer.Option("--signals", help="Keep op, pv, sp and stem (Parquet).")
+    ] = False,
+) -> None:
+    """Run a plant with its controller inside many times; goes on where it was interrupted."""
+    from fieldlink.fmu.sweeping import sweep_to_file
+    from fmu_models import Sweep
+
+    values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}
+    plan = Sweep(
+        model,
+        steps=steps,
+        grid={name: many for name, many in values.items() if len(many) > 1},
+        fixed={name: many[0] for name, many in values.items() if len(many) == 1},
+        random={name: _range_of(text) for name, text in _pairs(random or [], "--random")},
+        runs=runs,
+        seed=seed,
+        loop=loop - 1,
+    )
+    with _Progress(model) as progress:
+        failed = sweep_to_file(plan, out, signals=signals, workers=workers, progress=progress.count)
+    typer.echo(f"{plan.count} runs, {failed} failed: {out}")
+
+
+def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
+    pairs = [text.partition("=") for text in texts]
+    for text, (name, sign, value) in zip(texts, pairs, strict=True):
+        if not (name and sign and value):
+            raise typer.BadParameter(f"{text!r} is not NAME=VALUES", param_hint=option)
+    return [(name, value) for name, _, value in pairs]
+
+
+def _list_of(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(separator))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} are no numbers", param_hint=option) from None
+
+
+def _range_of(text: str) -> tuple[float, float]:
+    bounds = _list_of(text, "--random", ":")
+    if len(bounds) != 2:
+        raise typer.BadParameter(f"{text!r} is not LOW:HIGH", param_hint="--random")
+    return bounds[0], bounds[1]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fieldlink.fmu.errors import FmuError
 
-__all__ = ["RunResult", "RunTable", "write_table"]
+__all__ = ["RunResult", "RunTable", "write_frame", "write_table"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +77,17 @@ def write_table(result: RunResult, file: Path) -> None:
     """Write a run; the ending of ``file`` says how: .csv or .parquet.
 
     Raises:
+        FmuError: as `write_frame` says.
+    """
+    write_frame(result.frame(), file)
+
+
+def write_frame(frame: pd.DataFrame, file: Path) -> None:
+    """Write a table.
+
+    Raises:
         FmuError: another ending, pyarrow is missing, or the file cannot be written.
     """
-    frame = result.frame()
     try:
         if file.suffix == ".csv":
             frame.to_csv(file, index=False)
