@@ -1,9 +1,11 @@
-"""How fast the estimator is on one core: ``python -m benchmarks.estimator_speed [--out FOLDER]``.
+"""How fast the estimator is on one core.
+
+    python -m benchmarks.estimator_speed [--out docs/benchmarks]
 
 Candidate-samples per second of the compiled valve and lag beside a bare fused multiply-add loop
 over the same lanes (`bare_loops`), windows per second with everything included (orders, intervals,
-verdict), and both ratios that the issue of speed is about: the paper's grid and its optimisation on
-the same window in the same run. Seconds are processor seconds; only ratios mean anything.
+verdict), and the time of the paper's grid and of its optimisation over the search's, on the same
+window in the same run. Seconds are processor seconds; only ratios mean anything.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from benchmarks.bare_loops import in_cache, streamed
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.loops import named_loop
 from benchmarks.recording import record
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 from estimator import grid_search, identify, nlp_paper, warm_up
 from estimator._kernels import lag, stems
 
@@ -118,7 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             **_windows(options.samples, options.repeats),
             **_rivals(options.samples, options.grid_step, options.starts),
         }
-    text = table(("figure", "value"), list(figures.items()))
+    head = heading("estimator_speed", __doc__, arguments)
+    text = f"{head}\n\n{table(('figure', 'value'), list(figures.items()))}"
     print(text)
     kept = {k: v for k, v in vars(options).items() if k != "out"}
     keep(options.out, "estimator_speed", text, {"options": kept, "machine": machine(), **figures})

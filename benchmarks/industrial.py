@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.labelled_report import labelled_report
-from benchmarks.readers import RecordedLoop, isdb_loops, read_isdb, read_sacac
+from benchmarks.readers import ReaderError, RecordedLoop, isdb_loops, read_isdb, read_sacac
 from benchmarks.recorded import DATA, Judged, judged, labelled_loops
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 from benchmarks.roc import plot_roc
 from benchmarks.table1 import CASES, our_rows, table_of
 from benchmarks.valve_course import course_of, longest_loop, plot_course
@@ -43,7 +44,18 @@ def _table1(loops: dict[str, RecordedLoop], starts: int) -> tuple[str, dict[str,
     return "## Table 1 of the paper\n\n" + "\n\n".join(parts), figures
 
 
-def _unlabelled(title: str, loops: Sequence[RecordedLoop]) -> str:
+def _read(readers: Sequence[Callable[[], RecordedLoop]]) -> tuple[list[RecordedLoop], list[str]]:
+    """The loops that can be read, and why the others cannot: one must not cost the rest."""
+    found, complaints = [], []
+    for reader in readers:
+        try:
+            found.append(reader())
+        except ReaderError as error:
+            complaints.append(str(error))
+    return found, complaints
+
+
+def _unlabelled(title: str, loops: Sequence[RecordedLoop], complaints: Sequence[str]) -> str:
     """What the estimator says of loops whose files hold no label."""
     header = ("loop", "samples", "verdict", "score", "S", "low", "high", "J", "comment or reason")
     rows = []
@@ -62,7 +74,8 @@ def _unlabelled(title: str, loops: Sequence[RecordedLoop]) -> str:
                 said[:60],
             )
         )
-    return f"## {title}\n\n{table(header, rows)}"
+    unread = "".join(f"\n- not read: {complaint}" for complaint in complaints)
+    return f"## {title}\n\n{table(header, rows)}\n{unread}".rstrip()
 
 
 def _chem10(isdb: Sequence[Judged]) -> dict[str, RecordedLoop]:
@@ -92,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return 2
     warm_up()
-    parts: list[str] = []
+    parts = [heading("industrial", __doc__, arguments)]
     figures: dict[str, Any] = {"machine": machine()}
     loops: dict[str, RecordedLoop] = {}
     if options.data.is_dir():
@@ -108,12 +121,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             plot_roc(report.curves, options.images / "roc.png")
             plot_course(course, options.images / "valve-course.png")
     if options.isdb is not None:
-        every = [read_isdb(options.isdb, name) for name in isdb_loops(options.isdb)]
+        names = isdb_loops(options.isdb)
+        every, unread = _read([partial(read_isdb, options.isdb, name) for name in names])
         loops |= {loop.name: loop for loop in every}
-        parts.append(_unlabelled(f"All loops of {options.isdb.name}", every))
+        parts.append(_unlabelled(f"All loops of {options.isdb.name}", every, unread))
     if options.sacac is not None:
         files = sorted(options.sacac.glob("*.csv"))
-        parts.append(_unlabelled("SACAC", [read_sacac(file) for file in files]))
+        parts.append(_unlabelled("SACAC", *_read([partial(read_sacac, file) for file in files])))
     text, rows = _table1(loops, options.starts)
     parts.append(text)
     print("\n\n".join(parts))

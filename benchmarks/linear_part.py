@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.examples import EXAMPLES, Example
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 from compensator.study import Study, held_stem_std, run
 from compensator.unaware import UnawareMpc
 from estimator.armax import ArmaxFit, ArmaxOrders, armax
@@ -59,6 +59,22 @@ def order_choice(stem: np.ndarray, pv: np.ndarray, *, noise: bool) -> ArmaxFit:
     return min(fits, key=lambda fit: fit.bic / fit.rows)
 
 
+def _fixed(nc: int) -> Callable[[_Window], ArmaxFit]:
+    return lambda window: armax(window.stem, window.pv, ArmaxOrders(3, 3, nc))
+
+
+def _chosen(noise: bool) -> Callable[[_Window], ArmaxFit]:
+    return lambda window: order_choice(window.stem, window.pv, noise=noise)
+
+
+_MODELS: dict[str, Callable[[_Window], ArmaxFit]] = {
+    "arx(3,3)": _fixed(0),
+    "armax(3,3,3)": _fixed(3),
+    "arx, orders by BIC": _chosen(False),
+    "armax, orders by BIC": _chosen(True),
+}
+
+
 def _errors(fit: ArmaxFit, example: Example) -> tuple[float, float]:
     gain = 100.0 * abs(fit.process.gain / example.process.gain - 1.0)
     slow = float(np.abs(np.roots([1.0, *fit.a])).max())
@@ -79,21 +95,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "p90",
     )  # fmt: skip
     rows: list[tuple[Any, ...]] = []
-    models = {
-        "arx(3,3)": lambda w: armax(w.stem, w.pv, ArmaxOrders(3, 3, 0)),
-        "armax(3,3,3)": lambda w: armax(w.stem, w.pv, ArmaxOrders(3, 3, 3)),
-        "arx, orders by BIC": lambda w: order_choice(w.stem, w.pv, noise=False),
-        "armax, orders by BIC": lambda w: order_choice(w.stem, w.pv, noise=True),
-    }
     for example in EXAMPLES:
         for measured in (False, True):
             windows = [_window(example, seed, measured=measured) for seed in range(options.runs)]
-            for name, fit in models.items():
+            for name, fit in _MODELS.items():
                 found = np.array([_errors(fit(window), example) for window in windows])
                 gain, slow = (np.quantile(found[:, i], [0.5, 0.9], method="lower") for i in (0, 1))
                 kind = "white, on PV" if measured else "in the equation"
                 rows.append((example.name, kind, name, *gain.tolist(), *slow.tolist()))
-    text = table(header, rows)
+    text = f"{heading('linear_part', __doc__, arguments)}\n\n{table(header, rows)}"
     print(text)
     figures = {
         "options": {"runs": options.runs},

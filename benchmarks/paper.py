@@ -22,7 +22,7 @@ from typing import Any
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.paper_methods import METHODS, Estimate, estimates
 from benchmarks.paper_summary import HEADER, Summary, published, summarise
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 from estimator import warm_up
 from loop_model import LoopModel
 
@@ -64,7 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             every += [{"example": example.name, "seed": seed, **_plain(one)} for one in found]
         rows += summarise(example.name, LoopModel(example.valve, example.process), windows)
         rows.append(published(example))
-    text = table(HEADER, [astuple(row) for row in rows])
+    head = heading("paper", __doc__, arguments)
+    text = f"{head}\n\n{table(HEADER, [astuple(row) for row in rows])}"
     print(text)
     figures = {
         "options": {k: v for k, v in vars(options).items() if k != "out"},

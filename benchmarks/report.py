@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-__all__ = ["keep", "machine", "table"]
+__all__ = ["heading", "keep", "machine", "table"]
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
@@ -32,6 +34,27 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return "\n".join(lines)
 
 
+_FOLDERS = ("--out", "--images", "--data")
+
+
+def heading(module: str, about: str | None, arguments: Sequence[str] | None) -> str:
+    """The head of a report in Markdown: title and text of the module's docstring, command, machine.
+
+    ``arguments`` are those of the command line, None for the process's own; folders are left out.
+    """
+    title, _, body = (about or module).strip().partition("\n")
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    shown = [
+        word
+        for i, word in enumerate(given)
+        if word not in _FOLDERS and (i == 0 or given[i - 1] not in _FOLDERS)
+    ]
+    command = " ".join(["python -m benchmarks." + module, *shown])
+    m = machine()
+    on = f"{m['machine']}, {m['cores']} cores, Python {m['python']}, NumPy {m['numpy']}"
+    return f"# {title.rstrip('.')}\n\n{body.strip()}\n\nThis run: `{command}` ({on})."
+
+
 def machine() -> dict[str, Any]:
     """What the figures were measured on."""
     return {
@@ -42,10 +65,26 @@ def machine() -> dict[str, Any]:
     }
 
 
+def _plain(value: Any) -> Any:
+    """The same for JSON, which has no NaN and no infinity: null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
 def keep(folder: Path | None, name: str, text: str, figures: Mapping[str, Any]) -> None:
-    """Write ``name.md`` and ``name.json`` into ``folder``; nothing when it is None."""
+    """Write ``name.md`` and ``name.json`` into ``folder``; nothing when it is None.
+
+    A figure that is NaN or infinite becomes null.
+    """
     if folder is None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.md").write_text(text + "\n")
-    (folder / f"{name}.json").write_text(json.dumps(figures, indent=2) + "\n")
+    (folder / f"{name}.json").write_text(
+        json.dumps(_plain(figures), indent=2, allow_nan=False) + "\n"
+    )

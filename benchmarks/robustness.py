@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks.judgement import Judgement, judge
 from benchmarks.loops import FMU_PLANTS, Loop, draw_loop, named_loop
 from benchmarks.recording import record
-from benchmarks.report import keep, machine
+from benchmarks.report import heading, keep, machine
 from benchmarks.robustness_table import tables
 from estimator import warm_up
 from fmu_models import fmu_path
@@ -87,7 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(options.seed, options.seed + options.runs)
     loops = [draw_loop(seed, healthy=healthy) for healthy in (False, True) for seed in seeds]
     judged = judge_all(loops, samples=options.samples, jobs=options.jobs)
-    text, figures = tables(judged, samples=options.samples)
+    body, figures = tables(judged, samples=options.samples)
+    text = f"{heading('robustness', __doc__, arguments)}\n\n{body}"
     print(text)
     kept = {
         "options": {k: v for k, v in vars(options).items() if k in ("runs", "seed", "samples")},

@@ -46,7 +46,9 @@ def test_published_files_give_table_1_and_verdicts(tmp_path, capsys):
     op, pv = window.op, window.pv
     loop = {"OP": op[:, None], "PV": pv[:, None], "Ts": 1.0, "comments": "made up"}
     isdb = tmp_path / "isdb.mat"
-    savemat(isdb, {"cdata": {"chemicals": {"loop10": loop}, "power": {}}})
+    savemat(
+        isdb, {"cdata": {"chemicals": {"loop10": loop}, "power": {"loop9": {"OP": [], "PV": []}}}}
+    )
     folder = tmp_path / "sacac"
     folder.mkdir()
     rows = "\r".join(f"x;{p};{u}" for u, p in zip(op, pv, strict=True))
@@ -57,6 +59,8 @@ def test_published_files_give_table_1_and_verdicts(tmp_path, capsys):
     assert (tmp_path / "industrial.md").read_text() == printed
     assert "CHEM 25: give the published file" in printed
     assert printed.count("| one ") == 1
+    assert "not read" in printed
+    assert "power.loop9 needs OP and PV" in printed
     table = json.loads((tmp_path / "industrial.json").read_text())["table1"]
     assert set(table) == {"CHEM 10"}
     ours = table["CHEM 10"][0]
