@@ -8,6 +8,7 @@ from fieldlink.plc.build import LoopSetup, PlcError
 from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.listening import Listening, PortError
 from fieldlink.plc.lockstep import LockstepLink
+from fieldlink.plc.plants import HostedPlant
 from fieldlink.plc.program import Commands, LoopFailedError, LoopProgram
 from fieldlink.plc.server import PlcServer, serve
 from fieldlink.plc.truth import CycleRecord, Truth
@@ -17,6 +18,7 @@ __all__ = [
     "Commands",
     "ControlledLoop",
     "CycleRecord",
+    "HostedPlant",
     "Listening",
     "LockstepLink",
     "LoopFailedError",

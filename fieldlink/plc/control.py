@@ -1,111 +1,140 @@
-"""A loop of the simulated PLC that is controlled: a plant as an FMU, and a controller before it."""
+"""Loops of the simulated PLC that have a plant: OP from the PLC, or from inside the plant."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from compensator import OpLimits, Supervisor, WithdrawReason
+from compensator import Supervisor
+from fieldlink.plc.plants import HostedPlant
 from fieldlink.plc.program import Commands, LoopFailedError
+from fieldlink.plc.sources import OpSource, Supervised
 from fieldlink.plc.truth import CycleRecord
-from fieldlink.registers import Fallback, ReaderState
-from fmu_models import Plant, PlantError
-from loop_model import LoopModel
 
-__all__ = ["ControlledLoop"]
-
-_REASONS = {
-    Fallback.EXPIRED: WithdrawReason.EXPIRED,
-    Fallback.HEARTBEAT_DEAD: WithdrawReason.HEARTBEAT_DEAD,
-}
+__all__ = ["ControlledLoop", "SelfControlledLoop", "Signals"]
 
 
-class ControlledLoop:
-    """Plant, controller and, while a block is in force, the compensator.
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """What a loop's signals are called in its plant; ``stem`` need not exist, None sends no SP."""
+
+    op: str = "op"
+    pv: str = "pv"
+    stem: str = "stem"
+    sp: str | None = None
+
+
+class _PlantLoop:
+    """What both kinds of loops have."""
+
+    def __init__(self, name: str, plant: HostedPlant, signals: Signals) -> None:
+        self._name = name
+        self._signals = signals
+        self.plant = plant
+
+    @property
+    def pv(self) -> float:
+        """PV as the next cycle will read it."""
+        return self.plant.values[self._signals.pv]
+
+    def close(self) -> None:
+        """End the plant."""
+        self.plant.close()
+
+    def _send(self, commands: Commands, inputs: dict[str, float]) -> None:
+        if self._signals.sp is not None and math.isfinite(commands.sp):
+            inputs[self._signals.sp] = commands.sp
+        self.plant.apply(inputs)
+
+    def _stem(self) -> float:
+        """The stem after the step; NaN where nobody knows it, or not yet."""
+        known = self.plant.is_fresh
+        return self.plant.values.get(self._signals.stem, math.nan) if known else math.nan
+
+    def _require_plant(self) -> None:
+        error = self.plant.failure
+        if error is not None:
+            raise LoopFailedError(
+                f"loop {self._name}: {error}; the loop stands still, restart the PLC to go on"
+            ) from error
+
+
+class ControlledLoop(_PlantLoop):
+    """A plant to which the PLC sends OP.
 
     A cycle reads PV, computes OP from it, applies OP and lets the plant move on by one period; the
     PV it reports is the one that OP was computed from.
 
     Args:
         name: of the loop, for messages.
-        plant: started; with input ``op`` and output ``pv``, and ``stem`` where it knows it.
-        supervisor: holds the controller; None leaves the loop to whoever writes OP.
+        plant: started.
+        signals: its variables.
+        source: who decides OP.
         op: OP at which the plant was started.
-        limits: range of OP, for the operator too.
     """
 
     def __init__(
-        self,
-        name: str,
-        plant: Plant,
-        supervisor: Supervisor | None,
-        op: float,
-        limits: OpLimits,
+        self, name: str, plant: HostedPlant, signals: Signals, source: OpSource, op: float
     ) -> None:
-        self._name = name
-        self._plant = plant
-        self.supervisor = supervisor
+        super().__init__(name, plant, signals)
+        self._source = source
         self._op = op
-        self._limits = limits
-        self._pv = plant.outputs()["pv"]
-        self._model: LoopModel | None = None
+        self._record = CycleRecord(op, math.nan, math.nan, math.nan, False, False)
+
+    @property
+    def supervisor(self) -> Supervisor | None:
+        """Who has controller and compensator; None for a loop without."""
+        return self._source.supervisor if isinstance(self._source, Supervised) else None
 
     @property
     def op(self) -> float:
         """OP as it is applied now."""
         return self._op
 
-    @property
-    def pv(self) -> float:
-        """PV as the next cycle will read it."""
-        return self._pv
-
-    def cycle(self, commands: Commands) -> CycleRecord:
-        """Run one control cycle."""
-        pv, op, supervisor = self._pv, self._op, self.supervisor
-        automatic = commands.automatic and supervisor is not None
-        if supervisor is not None:
-            self._follow(supervisor, commands.block)
-            action = supervisor.step(pv, commands.sp, op, automatic=automatic)
-            op = action.op if math.isfinite(action.op) else op
-        if not automatic and math.isfinite(commands.op):
-            op = min(max(commands.op, self._limits.low), self._limits.high)
-        try:
-            outputs = self._plant.step({"op": op})
-        except PlantError as error:
-            raise LoopFailedError(
-                f"loop {self._name}: {error}; the loop stands still, restart the PLC to go on"
-            ) from error
-        self._op, self._pv = op, outputs["pv"]
-        return CycleRecord(
-            op=op,
+    def begin(self, commands: Commands) -> None:
+        """Read PV and decide OP."""
+        self._require_plant()
+        pv = self.pv
+        decision = self._source.decide(pv, self._op, commands)
+        self._op = decision.op
+        supervisor = self.supervisor
+        self._record = CycleRecord(
+            op=decision.op,
             pv=pv,
             sp=commands.sp,
-            stem=outputs.get("stem", math.nan),
-            automatic=automatic,
+            stem=math.nan,
+            automatic=decision.automatic,
             compensated=supervisor is not None and supervisor.compensating,
+            status=decision.status,
         )
+        self._send(commands, {self._signals.op: decision.op})
 
-    def _follow(self, supervisor: Supervisor, block: ReaderState | None) -> None:
-        """Tell the supervisor of a change of model, once."""
-        model = None if block is None else block.model
-        if model == self._model:
-            return
-        self._model = model
-        if model is not None and math.isclose(model.process.period, self._plant.info.period):
-            supervisor.offer(model)
-        else:
-            supervisor.withdraw(_reason(block))
-
-    def close(self) -> None:
-        """End the plant."""
-        self._plant.close()
+    def end(self) -> CycleRecord:
+        """Return what the cycle did."""
+        self._require_plant()
+        return self._record.with_stem(self._stem())
 
 
-def _reason(block: ReaderState | None) -> WithdrawReason:
-    """Why a block gives no model, in the supervisor's words."""
-    if block is None:
-        return WithdrawReason.OPERATOR
-    if block.fallback is not None:
-        return _REASONS.get(block.fallback, WithdrawReason.OPERATOR)
-    # In force: either it says that the valve is healthy, or its model is of another period.
-    return WithdrawReason.NO_STICTION if block.model is None else WithdrawReason.REFUSED
+class SelfControlledLoop(_PlantLoop):
+    """A plant with its controller inside: OP is an output, and SP may be an input."""
+
+    def __init__(self, name: str, plant: HostedPlant, signals: Signals) -> None:
+        super().__init__(name, plant, signals)
+        self._pv = self._sp = math.nan
+
+    @property
+    def op(self) -> float:
+        """OP as it was applied last."""
+        return self.plant.values[self._signals.op]
+
+    def begin(self, commands: Commands) -> None:
+        """Read PV and send SP."""
+        self._require_plant()
+        self._pv, self._sp = self.pv, commands.sp
+        self._send(commands, {})
+
+    def end(self) -> CycleRecord:
+        """Return what the plant did; OP is the one that it applied in this step."""
+        self._require_plant()
+        op = self.op if self.plant.is_fresh else math.nan
+        return CycleRecord(op, self._pv, self._sp, self._stem(), True, False)

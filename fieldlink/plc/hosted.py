@@ -51,6 +51,8 @@ class HostedLoop:
         self.failure: str | None = None
         self.log = TruthLog()
         self.cycles = 0
+        self._stands = False
+        self.late = 0
         self.program = program
         self._tags = tags
         self._auto_values = loop.auto_values
@@ -62,24 +64,39 @@ class HostedLoop:
         self._show("mode", self._auto_values[0])
         self._show("op", program.op)
 
-    def cycle(self, now: float) -> None:
-        """Run one control cycle at ``now`` plant seconds and bring the registers up to date."""
+    def begin(self, now: float) -> None:
+        """Begin a control cycle at ``now`` plant seconds: judge a block, decide OP."""
         if self.exchange is not None:
             self.block = self.exchange.scan(now)
-        if self.failure is None:
+        commands = self._commands(now)
+        plant = self.program.plant
+        self._stands = self.failure is not None
+        if plant is not None and plant.is_at_work:
+            # It has not answered: there is no PV of this cycle to decide on.
+            self._stands = True
+            self.late += 1
+        elif not self._stands:
             try:
-                record = self.program.cycle(self._commands(now))
+                self.program.begin(commands)
+            except LoopFailedError as error:
+                self.failure, self._stands = str(error), True
+
+    def end(self) -> None:
+        """End the cycle, after the plant was stepped, and bring the registers up to date."""
+        record = self._standing_still()
+        if not self._stands:
+            try:
+                record = self.program.end()
             except LoopFailedError as error:
                 self.failure = str(error)
-                record = self._standing_still()
-        else:
-            record = self._standing_still()
         self.log.add(record)
         self.cycles += 1
         self._show("op", record.op)
         self._show("pv", record.pv)
         self._show("sp", record.sp)
         self._show("mode", self._auto_values[0] if record.automatic else self._manual_value)
+        if record.status is not None:
+            self._show("status", record.status)
         if "scan" in self._tags:
             self._tags["scan"].count(self.cycles)
 
@@ -94,6 +111,7 @@ class HostedLoop:
             op=self._operators("op"),
             sp=self._sp,
             block=self.block if self._compensate else None,
+            op_was_written="op" in self._tags and self._tags["op"].take_written(),
         )
 
     def _set_point(self, now: float) -> float:

@@ -17,6 +17,7 @@ class TagPort:
     def __init__(self, image: RegisterImage, tag: Tag) -> None:
         self._image = image
         self._tag = tag
+        self._written = False
         low, high = tag.data_type.bounds
         self._modulus = None if tag.data_type.is_float else int(high) - max(0, int(low)) + 1
         image.define(
@@ -31,6 +32,11 @@ class TagPort:
     def writable(self) -> bool:
         """Whether a client may write it."""
         return self._tag.writable
+
+    def take_written(self) -> bool:
+        """Whether a client has written it, the same value included, since this was asked last."""
+        written, self._written = self._written, False
+        return written
 
     def show(self, value: float) -> None:
         """Store a value, saturated at what the type holds.
@@ -56,6 +62,7 @@ class TagPort:
     def _check(self, words: Sequence[int]) -> str | None:
         reading = self._tag.decode(words)
         if reading.quality.is_good:
+            self._written = True
             return None
         return f"{self._tag.name} = {reading.value:g}: {reading.quality.value}"
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.plc.plants import HostedPlant
 from fieldlink.plc.truth import CycleRecord
 from fieldlink.registers import ReaderState
 from fieldlink.site import Recording
@@ -28,19 +29,21 @@ class Commands:
 
     Attributes:
         automatic: whether the controller may compute OP.
-        op: OP to apply while not automatic; NaN holds the last one.
+        op: OP that stands in the tag, where clients may write it; NaN holds the last one.
         sp: set-point.
         block: what came of the parameter blocks; None when the loop does not compensate.
+        op_was_written: whether a client has written OP since the cycle before.
     """
 
     automatic: bool
     op: float
     sp: float
     block: ReaderState | None = None
+    op_was_written: bool = False
 
 
 class LoopProgram(Protocol):
-    """One loop, one cycle at a time."""
+    """One loop, one cycle at a time: `begin`, a step of its plant, `end`."""
 
     @property
     def op(self) -> float:
@@ -52,11 +55,24 @@ class LoopProgram(Protocol):
         """PV as the next cycle will read it."""
         ...
 
-    def cycle(self, commands: Commands) -> CycleRecord:
-        """Run one control cycle and return what it did.
+    @property
+    def plant(self) -> HostedPlant | None:
+        """What is stepped between `begin` and `end`; None without a plant."""
+        ...
+
+    def begin(self, commands: Commands) -> None:
+        """Begin a control cycle: read, decide, hand over to the plant.
 
         Raises:
             LoopFailedError: the plant behind the loop has failed; do not call again.
+        """
+        ...
+
+    def end(self) -> CycleRecord:
+        """Return what the cycle did, after the plant was stepped.
+
+        Raises:
+            LoopFailedError: the plant failed in that step; do not call again.
         """
         ...
 
@@ -72,6 +88,8 @@ class ReplayedLoop:
     the first row would be an upset that never happened, and an identification across it wrong.
     """
 
+    plant: HostedPlant | None = None
+
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self._played = 0
@@ -86,7 +104,10 @@ class ReplayedLoop:
         """PV of the next row."""
         return float(self._recording.pv[min(self._played, len(self._recording) - 1)])
 
-    def cycle(self, commands: Commands) -> CycleRecord:  # noqa: ARG002
+    def begin(self, commands: Commands) -> None:
+        """Nothing that is asked of a recording changes it."""
+
+    def end(self) -> CycleRecord:
         """Return the next row."""
         recording = self._recording
         ended = self._played >= len(recording)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ class CycleRecord:
         stem: stem position while ``op`` was applied; NaN where nobody knows it.
         automatic: whether a controller computed ``op``.
         compensated: whether the compensator did.
+        status: of a controller outside, for its register; None without one.
     """
 
     op: float
@@ -32,6 +33,11 @@ class CycleRecord:
     stem: float
     automatic: bool
     compensated: bool
+    status: int | None = None
+
+    def with_stem(self, stem: float) -> CycleRecord:
+        """Return the record with the stem that the step led to."""
+        return replace(self, stem=stem)
 
 
 @dataclass(frozen=True, eq=False)

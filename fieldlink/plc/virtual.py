@@ -15,15 +15,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from functools import partial
 from types import TracebackType
 from typing import Self
 
 from compensator import Supervisor
-from fieldlink.plc.build import PlcError, build_program
+from fieldlink.plc.build import PlcError, Programs
 from fieldlink.plc.control import ControlledLoop
 from fieldlink.plc.hosted import HostedLoop, exact_period
 from fieldlink.plc.image import RegisterImage
+from fieldlink.plc.plants import step_all
 from fieldlink.plc.ports import ExchangePort, TagPort
 from fieldlink.plc.program import LoopProgram
 from fieldlink.plc.truth import Truth
@@ -32,7 +32,8 @@ from fieldlink.site import Device, Loop, Site
 
 __all__ = ["BuildProgram", "VirtualPlc", "scan_period"]
 
-BuildProgram = Callable[[Site, str], LoopProgram]
+BuildProgram = Callable[[str], LoopProgram]
+"""From the name of a loop to its program."""
 
 HEARTBEAT_TIMEOUT = 10.0
 
@@ -46,6 +47,9 @@ class VirtualPlc:
         speed: plant seconds per second of the wall clock, for who paces the scans. Fieldlink's
             heartbeat is dead after 10 seconds of the wall clock.
         isolated: run each FMU in a process of its own; a crash then ends one loop alone.
+        patience: seconds of the wall clock that a scan waits for its plants together. A plant that
+            takes longer goes on by itself and its loops stand still meanwhile; after 10 seconds it
+            is given up. Without a limit a run is the same on every machine.
         programs: builds the program of a loop of the site; by default what the site file says.
 
     Raises:
@@ -60,6 +64,7 @@ class VirtualPlc:
         *,
         speed: float = 1.0,
         isolated: bool = True,
+        patience: float = math.inf,
         programs: BuildProgram | None = None,
     ) -> None:
         self.device = device
@@ -69,14 +74,17 @@ class VirtualPlc:
         self._ports = {name: TagPort(self.image, tag) for name, tag in site.maps[device].items()}
         self._loops: dict[str, HostedLoop] = {}
         settings = site.devices[device]
-        build = programs or partial(build_program, isolated=isolated)
+        self._patience = patience
+        own = Programs(site, isolated=isolated)
+        build = programs or own.build
         try:
             for name, loop in site.loops_of(device).items():
                 if loop.plant is not None:
                     exchange = self._exchange(loop, settings, HEARTBEAT_TIMEOUT * speed)
-                    program = build(site, name)
+                    program = build(name)
                     self._loops[name] = HostedLoop(name, loop, program, self._roles(loop), exchange)
         except BaseException:
+            own.close()
             self.close()
             raise
         if not self._loops:
@@ -106,12 +114,23 @@ class VirtualPlc:
         """Loops that stand still, and why."""
         return {name: loop.failure for name, loop in self._loops.items() if loop.failure}
 
+    @property
+    def late_cycles(self) -> Mapping[str, int]:
+        """Cycles in which a loop stood still because its plant had not answered, by loop."""
+        return {name: loop.late for name, loop in self._loops.items()}
+
     def scan(self) -> None:
         """Run one control cycle of every loop whose period has passed."""
         moment = self.scans * self._period
-        for loop in self._loops.values():
-            if moment % loop.period == 0:
-                loop.cycle(float(moment))
+        due = [loop for loop in self._loops.values() if moment % loop.period == 0]
+        plants = [loop.program.plant for loop in due if loop.program.plant is not None]
+        for plant in plants:
+            plant.finish(0.0)  # what came late since the scan before
+        for loop in due:
+            loop.begin(float(moment))
+        step_all(plants, self._patience)
+        for loop in due:
+            loop.end()
         self.scans += 1
 
     def truth(self, loop: str) -> Truth:
@@ -156,6 +175,8 @@ class VirtualPlc:
 
     def _roles(self, loop: Loop) -> dict[str, TagPort]:
         roles = {role: getattr(loop, role) for role in ("op", "pv", "sp", "mode", "scan")}
+        if loop.plant is not None and loop.plant.external is not None:
+            roles["status"] = loop.plant.external.status
         return {role: self._ports[tag] for role, tag in roles.items() if tag is not None}
 
     def _exchange(self, loop: Loop, device: Device, heartbeat: float) -> ExchangePort | None:

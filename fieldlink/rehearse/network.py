@@ -142,5 +142,6 @@ class RehearsalLink(LockstepLink):
         if self._counter is None or not scan[self._counter].good:
             return scan
         self._answered += 1
-        counted = replace(scan[self._counter], value=float(self._answered))
+        true = scan[self._counter]
+        counted = Reading(float(self._answered), true.quality, true.monotonic, true.utc)
         return replace(scan, readings={**scan.readings, self._counter: counted})

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from fieldlink.rehearse.models import Scenario
 from fieldlink.site import Site, load_site
-from fmu_models import catalogue
 
 __all__ = ["DEVICE", "LOOP", "write_site"]
 
@@ -46,8 +45,9 @@ def _site(scenario: Scenario, file: Path) -> str:
     }
     if daemon.estimate_every is not None:
         loop["estimate_every"] = daemon.estimate_every
+    own = plant.fmu.endswith(".fmu")
     hosted: dict[str, object] = {
-        "fmu": plant.fmu if plant.fmu in catalogue else str((file.parent / plant.fmu).resolve()),
+        "fmu": str((file.parent / plant.fmu).resolve()) if own else plant.fmu,
         "controller": controller.kind,
         "compensate": controller.compensate,
         "seed": scenario.scenario.seed,

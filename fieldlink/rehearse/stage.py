@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator import HybridSettings, SupervisorSettings
-from fieldlink.plc import Commands, ControlledLoop, CycleRecord, LoopProgram, LoopSetup
+from fieldlink.plc import (
+    Commands,
+    ControlledLoop,
+    CycleRecord,
+    HostedPlant,
+    LoopProgram,
+    LoopSetup,
+)
 from fieldlink.rehearse.course import at
 from fieldlink.rehearse.defects import Defect
 from fieldlink.rehearse.errors import ScenarioError
@@ -94,6 +101,7 @@ class Stage:
         self._plant = _WornPlant(self._setup.open(), scenario)
         self._op = self._setup.op
         self._start_pv = self._plant.true_pv
+        self._pvs = self._plant.true_pv, self._plant.measured_pv
         self.moments: list[Moment] = []
 
     @property
@@ -101,28 +109,29 @@ class Stage:
         """Plant seconds since the start."""
         return len(self.moments) * self._scenario.plant.period
 
-    def program(self, site: Site, loop: str) -> LoopProgram:  # noqa: ARG002
+    def program(self, loop: str) -> LoopProgram:  # noqa: ARG002
         """Return the loop's program for a PLC that starts now."""
         limits = self._setup.limits
         forgiving = 1e9 if self._defect is Defect.NO_FALL_BACK else 1.3
         supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits), worse_by=forgiving)
-        return _Program(self, self._setup.control(self._plant, supervision, op=self._op))
+        return _Program(
+            self, self._setup.control(HostedPlant(self._plant), supervision, op=self._op)
+        )
 
     def coast(self) -> None:
         """Let a period pass without a PLC: OP stays where it is."""
-        time, pv, measured = self.time, self._plant.true_pv, self._plant.measured_pv
-        stem = self._plant.step({"op": self._op}).get("stem", math.nan)
-        self._note(
-            time, pv, measured, CycleRecord(self._op, math.nan, math.nan, stem, False, False)
-        )
+        self._pvs = self._plant.true_pv, self._plant.measured_pv
+        stem = self._plant.step({"op": self._op})["stem"]
+        self._note(CycleRecord(self._op, math.nan, math.nan, stem, False, False))
 
     def close(self) -> None:
         """End the plant."""
         self._plant.end()
 
-    def play(self, inner: ControlledLoop, commands: Commands) -> CycleRecord:
-        """Run one scan of the loop with what happens at its time."""
-        time, pv, measured = self.time, self._plant.true_pv, self._plant.measured_pv
+    def begin(self, inner: ControlledLoop, commands: Commands) -> None:
+        """Begin a scan of the loop with what happens at its time."""
+        time = self.time
+        self._pvs = self._plant.true_pv, self._plant.measured_pv
         course = self._scenario.setpoint
         sp = self._start_pv if course is None else at(course, time)
         automatic, op = commands.automatic, self._op
@@ -131,16 +140,18 @@ class Stage:
                 automatic = False
                 op = self._op if event.op is None else at(event.op, time)
         block = None if self._defect is Defect.NO_COMPENSATION else commands.block
-        record = inner.cycle(Commands(automatic, op, sp, block))
+        inner.begin(Commands(automatic, op, sp, block))
+
+    def end(self, inner: ControlledLoop) -> CycleRecord:
+        """End the scan."""
+        record = inner.end()
         self._op = record.op
         supervisor = inner.supervisor
-        reason = "" if supervisor is None else supervisor.reason.name.lower()
-        self._note(time, pv, measured, record, reason)
+        self._note(record, "" if supervisor is None else supervisor.reason.name.lower())
         return record
 
-    def _note(
-        self, time: float, pv: float, measured: float, record: CycleRecord, reason: str = ""
-    ) -> None:
+    def _note(self, record: CycleRecord, reason: str = "") -> None:
+        time, (pv, measured) = self.time, self._pvs
         S, J = self._plant.valve(time)
         self.moments.append(
             Moment(
@@ -174,14 +185,21 @@ class _Program:
     def pv(self) -> float:
         return self._inner.pv
 
-    def cycle(self, commands: Commands) -> CycleRecord:
-        return self._stage.play(self._inner, commands)
+    @property
+    def plant(self) -> HostedPlant:
+        return self._inner.plant
+
+    def begin(self, commands: Commands) -> None:
+        self._stage.begin(self._inner, commands)
+
+    def end(self) -> CycleRecord:
+        return self._stage.end(self._inner)
 
     def close(self) -> None:
         """The plant outlives the PLC."""
 
 
-class _WornPlant(Plant):
+class _WornPlant:
     """A plant whose valve wears, whose load varies and whose transmitter may fail.
 
     Outward it has input ``op`` and outputs ``pv`` (measured) and ``stem``, whatever the FMU calls
@@ -257,15 +275,6 @@ class _WornPlant(Plant):
             given[self._names.load] = self._load(time)
         self._outputs = self._measured(self._plant.step(given))
         return self._outputs
-
-    def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
-        return [self.step(one) for one in inputs]
-
-    def snapshot(self) -> bytes:
-        return self._plant.snapshot()
-
-    def restore(self, snapshot: bytes) -> None:
-        self._plant.restore(snapshot)
 
     def close(self) -> None:
         """A PLC that goes away leaves the plant where it is; see `end`."""

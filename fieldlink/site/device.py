@@ -122,6 +122,8 @@ class Device(Model):
     """Readable address ranges (first, last), both included; no request crosses their borders."""
     speed: Seconds = 1.0
     """Plant seconds per second of the wall clock, for a simulated plant."""
+    pace: Literal["clock", "plant"] = "clock"
+    """Who paces a simulated plant that is served: the clock, or the plant as fast as it can."""
     tls: Tls | None = None
     """Certificates; needed for modbus-tls."""
     quirks: Quirks = Quirks()

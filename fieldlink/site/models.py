@@ -7,7 +7,6 @@ in `fieldlink.site.rules`. Paths are as written; `fieldlink.site.Site` resolves 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal, Self
 
@@ -15,6 +14,7 @@ from pydantic import Field, model_validator
 
 from fieldlink.registers import ExchangeLayout
 from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
 
 __all__ = [
@@ -22,10 +22,12 @@ __all__ = [
     "EstimationSettings",
     "EstimatorSettings",
     "ExchangeAddresses",
+    "ExternalSettings",
     "HistorianSettings",
     "Loop",
     "PiSettings",
     "PlantSettings",
+    "PlantVariables",
     "SiteFile",
     "SiteSettings",
     "WebSettings",
@@ -140,59 +142,6 @@ class WriteBack(Model):
             _ = self.exchange
         except ValueError as error:
             raise ValueError(f"{error}; move the exchange area") from error
-        return self
-
-
-class PiSettings(Model):
-    """``[loops.NAME.plant.pi]``: the simulated PI controller."""
-
-    gain: float
-    """OP per PV."""
-    integral_time: Seconds
-    """Seconds."""
-
-
-class PlantSettings(Model):
-    """``[loops.NAME.plant]``: what the simulated PLC hosts. Not used with a real PLC."""
-
-    fmu: str | None = None
-    """Name in the catalogue, or path of an .fmu file relative to the site file."""
-    recording: Path | None = None
-    """CSV with columns op and pv that is replayed instead of a plant, relative to the site file."""
-    controller: Literal["mpc", "pi", "none"] | None = None
-    """The controller in the PLC; mpc for a plant and none for a recording unless given."""
-    pi: PiSettings | None = None
-    """Settings of controller = "pi"."""
-    compensate: bool = False
-    """Whether the PLC accepts blocks and lets the compensator take over."""
-    seed: int = Field(default=1, ge=0, le=0x7FFFFFFF)
-    """Seed of the plant's noise."""
-    setpoint: tuple[tuple[float, float], ...] = ()
-    """Set-point steps: (plant seconds, value), in order of time."""
-    parameters: Mapping[str, float] = {}
-    """Parameters of the FMU."""
-
-    @property
-    def controller_kind(self) -> Literal["mpc", "pi", "none"]:
-        """The controller, with the default filled in."""
-        return self.controller or ("none" if self.recording is not None else "mpc")
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if (self.fmu is None) == (self.recording is None):
-            raise ValueError("a plant is either an fmu or a recording; give exactly one of them")
-        if self.recording is not None and (self.controller_kind != "none" or self.compensate):
-            raise ValueError(
-                "a recording cannot be controlled; remove controller and compensate, or give an fmu"
-            )
-        if (self.controller_kind == "pi") != (self.pi is not None):
-            raise ValueError(
-                'controller = "pi" and the table pi belong together; '
-                "add pi = { gain = ..., integral_time = ... } or remove it"
-            )
-        times = [time for time, _ in self.setpoint]
-        if any(later <= earlier for earlier, later in pairwise(times)):
-            raise ValueError("setpoint: the times do not increase; sort the steps")
         return self
 
 

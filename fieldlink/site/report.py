@@ -111,7 +111,7 @@ def check(site: Site) -> CheckReport:
         name=site.name,
         file=str(site.path),
         data_dir=str(site.data_dir),
-        historian=site.historian_url,
+        historian=site.historian_shown,
         devices=tuple(
             _device(site, name, device, requests[name]) for name, device in site.devices.items()
         ),
@@ -153,7 +153,8 @@ def _loop(site: Site, name: str, loop: Loop, requests: tuple[ReadRequest, ...]) 
         writeback = WriteBackReport(loop.writeback.enabled, loop_id, layout.spans())
     plant = ""
     if loop.plant is not None:
-        what = loop.plant.fmu or f"recording {loop.plant.recording}"
+        part = loop.plant.of and f"FMU of {loop.plant.of}"
+        what = loop.plant.fmu or part or f"recording {loop.plant.recording}"
         plant = f"{what}, controller {loop.plant.controller_kind}"
     mapped = loop.device in site.maps
     return LoopReport(

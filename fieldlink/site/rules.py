@@ -16,9 +16,9 @@ from fieldlink.registers import (
     plan_reads,
 )
 from fieldlink.site.device import Device
-from fieldlink.site.errors import Problem, RecordingError, nearest
+from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
-from fieldlink.site.recording import read_recording
+from fieldlink.site.plant_rules import plant_fits
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
@@ -30,7 +30,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems = [
         problem
         for name, loop in site.loops.items()
-        for rule in (_known_device, _tags_exist, _beats, _plant_fits, _write_back_fits)
+        for rule in (_known_device, _tags_exist, _beats, plant_fits, _write_back_fits)
         for problem in rule(site, source, name, loop)
     ]
     problems.extend(_readable(site, source))
@@ -97,47 +97,6 @@ def _beats(_: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Probl
             ("loops", name, "estimate_every"),
             f"{loop.estimate_every:g} s is shorter than the period of {loop.period:g} s",
             "a quarter to a half of the window (window x period) is usual",
-        )
-
-
-def _plant_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
-    device = site.devices.get(loop.device)
-    plant = loop.plant
-    if device is not None and device.link == "fmu" and plant is None:
-        yield source.problem(
-            ("loops", name), f"device {loop.device!r} is simulated", "add a table plant with an fmu"
-        )
-    if (
-        device is not None
-        and device.link == "recording"
-        and (plant is None or plant.recording is None)
-    ):
-        yield source.problem(
-            ("loops", name),
-            f"device {loop.device!r} replays recordings",
-            'add a table plant with recording = "FILE.csv"',
-        )
-    if plant is None:
-        return
-    if plant.fmu is not None and plant.fmu.endswith(".fmu"):
-        path = site.resolve(plant.fmu)
-        if not path.is_file():
-            yield source.problem(
-                ("loops", name, "plant", "fmu"), f"there is no file {path}", "correct the path"
-            )
-    if plant.recording is not None:
-        key = ("loops", name, "plant", "recording")
-        try:
-            read_recording(site.resolve(plant.recording), period=loop.period)
-        except RecordingError as error:
-            remedy = "see what is wrong with it below"
-            yield source.problem(key, f"{plant.recording} cannot be replayed", remedy)
-            yield from error.problems
-    if plant.compensate and loop.writeback.exchange is None:
-        yield source.problem(
-            ("loops", name, "plant", "compensate"),
-            "there is no exchange area through which a block could come",
-            f"give [loops.{name}.writeback] a base and a loop_id",
         )
 
 

@@ -103,7 +103,7 @@ async def test_a_dead_plant_gives_bad_readings_and_the_link_lives(make_site: Mak
     link = lockstep(make_site())
     await link.open()
     await link.scan()
-    link.plc._loops["FC101"].program._plant.close()
+    link.plc._loops["FC101"].program.plant.close()
     scan = [await link.scan() for _ in range(2)][-1]
     assert scan["FC101.PV"].quality is Quality.NOT_A_NUMBER
     assert scan["FC101.MODE"].value == 0.0

@@ -26,6 +26,8 @@ from fieldlink.site import (
 from fieldlink.site.models import (
     EstimationSettings,
     ExchangeAddresses,
+    ExternalSettings,
+    PlantVariables,
     SiteSettings,
     WebSettings,
 )
@@ -44,7 +46,9 @@ MODELS: list[type[BaseModel]] = [
     ExchangeAddresses,
     WriteLimits,
     PlantSettings,
+    PlantVariables,
     PiSettings,
+    ExternalSettings,
     HistorianSettings,
     EstimationSettings,
     WebSettings,

@@ -1,0 +1,103 @@
+"""The door of a scenario file: what is wrong is said with its place and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fieldlink.rehearse import ScenarioError, find_scenario, load_scenario, shipped_scenarios
+from fieldlink.site import SiteError
+
+WriteScenario = Callable[..., Path]
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        (
+            {"daemon": "windows = 5"},
+            r"small.toml:15: daemon.windows: unknown key; did you mean 'window'\?",
+        ),
+        (
+            {"controller": 'kind = "pi"'},
+            r'controller: kind = "pi" needs its tuning; add gain and integral_time',
+        ),
+        (
+            {"controller": 'kind = "mpc"\ngain = 1.0'},
+            r'controller: kind = "mpc" has no gain and integral_time; remove them',
+        ),
+        (
+            {"more": "[valve]\nstick_band = [[10, 1], [5, 2]]"},
+            r"valve.stick_band: the time 5 comes after 10; sort the points",
+        ),
+        (
+            {"more": '[[sensor]]\nkind = "drift"\nbegin = 1\nend = 5'},
+            r'sensor.0: kind = "drift" needs a rate; give PV per second',
+        ),
+        (
+            {"more": '[[network]]\nkind = "drop"\nbegin = 5\nend = 5'},
+            r"network.0: end = 5 is not after begin = 5; exchange or correct them",
+        ),
+        (
+            {"more": '[[maintenance]]\nkind = "repare"\nat = 1'},
+            r"maintenance.0.kind: 'repare' is unknown; did you mean 'repair'\?",
+        ),
+        (
+            {"expect": '[[expect]]\nkind = "verdict"\nverdict = "no stiction"'},
+            r"expect.0.verdict: 'no stiction' is unknown; did you mean 'no_stiction'\?",
+        ),
+        (
+            {"expect": '[[expect]]\nverdict = "stiction"'},
+            r"expect.0.kind: is missing; use one of: verdict, estimate, take_over",
+        ),
+        (
+            {"expect": '[[expect]]\nkind = "verdict"\nverdict = "stiction"\nby = 5'},
+            r"expect.0.by: unknown key; use one of: after, before, windows",
+        ),
+        (
+            {"expect": '[[expect]]\nkind = "take_over"'},
+            r"expect.0: give either by = SECONDS or never = true; keep one of them",
+        ),
+        ({"expect": ""}, r"expect: is missing; add it \(What must come of it\)"),
+        (
+            {"controller": 'kind = "pi"\ngain = 1\nintegral_time = 5\ncompensate = true'},
+            r"compensate = true needs blocks; set daemon.write_back = true",
+        ),
+        (
+            {"first": "duration = 5"},
+            r"small.toml:1: duration: unknown key; use one of: scenario, plant",
+        ),
+    ],
+)
+def test_a_slip_is_named_with_its_remedy(
+    write_scenario: WriteScenario, parts: dict[str, str], message: str
+) -> None:
+    with pytest.raises(SiteError, match=message):
+        load_scenario(write_scenario(**parts))
+
+
+def test_a_window_longer_than_the_run_is_refused(write_scenario: WriteScenario) -> None:
+    path = write_scenario()
+    path.write_text(path.read_text().replace("window = 60", "window = 121"))
+    with pytest.raises(SiteError, match=r"one window takes 121 s and scenario.duration is 120 s"):
+        load_scenario(path)
+
+
+def test_each_entry_of_a_list_has_its_own_line(write_scenario: WriteScenario) -> None:
+    expect = '[[expect]]\nkind = "pv_std"\nfirst = [0, 5]\nthen = [5, 9]\nat_most = 1\n'
+    path = write_scenario(expect=expect + expect.replace("at_most = 1", "at_most = -1"))
+    line = path.read_text().splitlines().index("at_most = -1") + 1
+    with pytest.raises(SiteError, match=rf"small.toml:{line}: expect.1.at_most: -1"):
+        load_scenario(path)
+
+
+def test_a_name_means_a_shipped_scenario_and_a_path_a_file(write_scenario: WriteScenario) -> None:
+    own = write_scenario()
+    assert find_scenario(str(own)) == own
+    assert find_scenario("healthy-valve") in shipped_scenarios()
+    with pytest.raises(ScenarioError, match="did you mean 'healthy-valve'"):
+        find_scenario("healthy_valve")
+    with pytest.raises(ScenarioError, match="there is no scenario file nowhere.toml"):
+        find_scenario("nowhere.toml")

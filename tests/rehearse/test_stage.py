@@ -1,0 +1,150 @@
+"""What a scenario does to its plant, its transmitter, its network and its PLC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fieldlink.plc import PlcError
+from fieldlink.rehearse import Rehearsal, ScenarioError, ScenarioFile, rehearse
+from fieldlink.rehearse.course import over
+
+MakeScenario = Callable[..., ScenarioFile]
+
+
+def _events(run: Rehearsal, kind: str) -> list[float]:
+    return [event.utc_ms / 1000.0 for event in run.course.events if event.kind == kind]
+
+
+def test_points_are_joined_by_lines_and_two_at_one_time_make_a_step() -> None:
+    course = [(10.0, 1.0), (20.0, 3.0), (20.0, 7.0), (30.0, 5.0)]
+    times = np.array([0.0, 10.0, 15.0, 19.0, 20.0, 25.0, 99.0])
+    assert over(course, times).tolist() == [1.0, 1.0, 2.0, 2.8, 7.0, 6.0, 5.0]
+
+
+def test_the_valve_wears_and_is_repaired(make_scenario: MakeScenario) -> None:
+    run = rehearse(
+        make_scenario(
+            first="setpoint = [[0, 50], [10, 50], [10, 60]]",
+            more="[valve]\nstick_band = [[0, 0], [40, 4], [40, 100]]\nslip_jump = [[0, 2]]\n"
+            '[[maintenance]]\nkind = "repair"\nat = 100',
+        )
+    )
+    trend = run.course.trend
+    assert trend.stick_band[[0, 20, 39, 40, 99, 100]].tolist() == [0.0, 2.0, 3.9, 100.0, 100.0, 0.0]
+    # J is never above S.
+    assert trend.slip_jump[[0, 10, 20, 39]].tolist() == [0.0, 1.0, 2.0, 2.0]
+    # A band wider than the range holds the stem; a healthy stem is where OP is.
+    assert np.ptp(trend.stem[41:100]) == 0.0
+    assert trend.stem[101:].tolist() == trend.op[101:].tolist()
+
+
+def test_load_reaches_the_process(make_scenario: MakeScenario) -> None:
+    quiet = rehearse(make_scenario(plant="parameters = { stick_band = 0, slip_jump = 0 }"))
+    swung = rehearse(
+        make_scenario(
+            plant="parameters = { stick_band = 0, slip_jump = 0 }",
+            more="[load]\nsinusoids = [{ amplitude = 5, period = 40, begin = 20 }]",
+        )
+    )
+    before, after = slice(0, 20), slice(60, 120)
+    assert swung.course.trend.pv[before].tolist() == quiet.course.trend.pv[before].tolist()
+    assert np.std(swung.course.trend.pv[after]) > 10 * np.std(quiet.course.trend.pv[after])
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ('kind = "freeze"', lambda true: np.full(20, true[0])),
+        ('kind = "drift"\nrate = 0.5', lambda true: true + 0.5 * np.arange(20)),
+        ('kind = "bad"', lambda _: np.full(20, np.nan)),
+    ],
+)
+def test_a_faulty_transmitter_deceives_controller_and_daemon_alike(
+    make_scenario: MakeScenario,
+    fault: str,
+    expected: Callable[[np.ndarray], np.ndarray],
+) -> None:
+    run = rehearse(make_scenario(more=f"[[sensor]]\n{fault}\nbegin = 30\nend = 50"))
+    trend = run.course.trend
+    ill = slice(30, 50)
+    np.testing.assert_allclose(trend.measured[ill], expected(trend.pv[ill]))
+    well = np.r_[0:30, 50:120]
+    np.testing.assert_array_equal(trend.measured[well], trend.pv[well])
+    if "bad" in fault:
+        assert run.course.counts.bad == 20
+        assert np.ptp(trend.op[ill]) == 0.0  # a controller without PV holds OP
+        assert not run.passed
+
+
+def test_spikes_are_single_and_of_the_given_size(make_scenario: MakeScenario) -> None:
+    more = '[[sensor]]\nkind = "spikes"\nsize = 3\nshare = 0.2\nbegin = 0\nend = 120'
+    trend = rehearse(make_scenario(more=more)).course.trend
+    off = trend.measured - trend.pv
+    assert set(np.round(np.abs(off), 9)) == {0.0, 3.0}
+    assert 10 <= np.count_nonzero(off) <= 40
+
+
+def test_an_operator_has_the_loop_in_manual(make_scenario: MakeScenario) -> None:
+    more = '[[maintenance]]\nkind = "manual"\nbegin = 30\nend = 60\nop = [[30, 41], [45, 41], [45, 44]]'
+    trend = rehearse(make_scenario(more=more)).course.trend
+    assert not trend.automatic[30:60].any()
+    assert trend.automatic[[29, 60]].all()
+    assert trend.op[[30, 44, 45, 59]].tolist() == [41.0, 41.0, 44.0, 44.0]
+
+
+def test_unanswered_polls_are_missed_and_keep_their_places(make_scenario: MakeScenario) -> None:
+    run = rehearse(make_scenario(more='[[network]]\nkind = "drop"\nbegin = 70\nend = 80'))
+    counts = run.course.counts
+    assert (counts.read, counts.missed, counts.duplicates) == (110, 10, 0)
+    assert len(run.course.trend.time) == 120  # the PLC went on
+    assert _events(run, "device.demoted") == [70.0]
+
+
+def test_late_polls_repeat_a_cycle_and_lose_none_but_one(make_scenario: MakeScenario) -> None:
+    run = rehearse(make_scenario(more='[[network]]\nkind = "late"\nbegin = 70\nend = 80'))
+    counts = run.course.counts
+    assert counts.duplicates == 1  # the first late poll meets what the poll before had
+    assert (counts.read, counts.missed) == (119, 1)  # the last late cycle is never polled
+
+
+def test_a_plc_without_power_lets_the_plant_coast_and_counts_anew(
+    make_scenario: MakeScenario,
+) -> None:
+    run = rehearse(
+        make_scenario(
+            first="setpoint = [[0, 50], [5, 50], [5, 60]]",
+            plant="parameters = { stick_band = 0, slip_jump = 0, op_start = 50 }",
+            more='[[network]]\nkind = "restart"\nbegin = 20\nend = 40',
+        )
+    )
+    trend, counts = run.course.trend, run.course.counts
+    assert counts.restarts == 1
+    assert counts.missed == 20
+    assert np.ptp(trend.op[19:40]) == 0.0
+    assert np.ptp(trend.pv[20:40]) > 1.0  # the process goes on towards the OP that it was left
+    assert abs(trend.op[40] - trend.op[39]) < 20.0
+    assert trend.time.tolist() == list(range(120))
+
+
+def test_the_same_scenario_gives_the_same_run(make_scenario: MakeScenario) -> None:
+    more = '[[network]]\nkind = "drop"\nbegin = 10\nend = 100\nshare = 0.3'
+    one, other = (rehearse(make_scenario(more=more)).course for _ in range(2))
+    assert one.trend.pv.tolist() == other.trend.pv.tolist()
+    assert one.counts == other.counts
+
+
+def test_a_variable_that_the_plant_lacks_is_named(make_scenario: MakeScenario) -> None:
+    more = '[valve]\nstick_band = [[0, 1]]\n[plant.variables]\nstick_band = "S"'
+    with pytest.raises(ScenarioError, match=r"by the name 'S'; it has op, load, .*stick_band"):
+        rehearse(make_scenario(more=more))
+
+
+def test_a_plant_that_is_not_there_is_named(make_scenario: MakeScenario) -> None:
+    file = make_scenario()
+    plant = file.scenario.plant.model_copy(update={"fmu": "exampel1"})
+    scenario = file.scenario.model_copy(update={"plant": plant})
+    with pytest.raises(PlcError, match="did you mean 'example1'"):
+        rehearse(ScenarioFile(file.name, file.path, scenario))
