@@ -1,0 +1,76 @@
+"""Our plants in another importer than FMPy: Ecos, a C++ co-simulation engine."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+
+import pytest
+
+from fmu_models import catalogue, fmu_path, open_plant
+
+_PROGRAM = """
+import json, sys
+from ecospy import EcosSimulation, EcosSimulationStructure
+file, period, names, parameters, inputs = json.loads(sys.argv[1])
+with EcosSimulationStructure() as structure:
+    structure.add_model("plant", file)
+    structure.add_parameter_set("start", {f"plant::{k}": v for k, v in parameters.items()})
+    with EcosSimulation(structure=structure, step_size=period) as simulation:
+        simulation.init(parameter_set="start")
+        rows = []
+        for row in inputs:
+            for name, value in row.items():
+                simulation.set_real(f"plant::{name}", value)
+            simulation.step()
+            rows.append([simulation.get_real(f"plant::{name}") for name in names])
+        simulation.terminate()
+print("RESULT" + json.dumps(rows))
+"""
+
+
+def _missing() -> str | None:
+    if importlib.util.find_spec("ecospy") is None:
+        return "ecospy is not installed: pip install ecospy"
+    done = subprocess.run(
+        [sys.executable, "-c", "import ecospy"], capture_output=True, text=True, check=False
+    )
+    last = done.stderr.strip().splitlines()[-1:] or ["?"]
+    return None if done.returncode == 0 else f"ecospy does not load (libtbb12?): {last[0]}"
+
+
+@pytest.fixture(scope="module")
+def ecos() -> None:
+    why = _missing()
+    if why is not None:
+        pytest.skip(why)
+
+
+@pytest.mark.usefixtures("ecos")
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", sorted(catalogue))
+def test_ecos_and_fmpy_get_the_same_bits(name: str, version: int) -> None:
+    model = catalogue[name]
+    file = fmu_path(name, 2 if version == 2 else 3)
+    loops = model.loops
+    names = [signal for loop in loops for signal in (loop.pv, loop.stem, loop.op_out)]
+    # Half of the time OP comes from outside, half of it from the controller inside.
+    inside: dict[str, float] = {loop.controller: 1 for loop in loops}
+    for parameters in ({"seed": 3}, {"seed": 4, **inside}):
+        inputs = [{loop.op: 40.0 + k % 9, loop.load: 0.5} for k in range(25) for loop in loops[:1]]
+        request = [str(file), model.period, names, parameters, inputs]
+        done = subprocess.run(
+            [sys.executable, "-c", _PROGRAM, json.dumps(request)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        line = next(text for text in done.stdout.splitlines() if text.startswith("RESULT"))
+        rows = json.loads(line.removeprefix("RESULT"))
+        with open_plant(file, parameters=parameters, isolated=False) as plant:
+            expected = [[row[signal] for signal in names] for row in plant.steps(inputs)]
+        assert rows == expected
