@@ -312,3 +312,17 @@ def _range_of(text: str) -> tuple[float, float]:
     if len(bounds) != 2:
         raise typer.BadParameter(f"{text!r} is not LOW:HIGH", param_hint="--random")
     return bounds[0], bounds[1]
+
+
+@app.command("new")
+def new(
+    name: Annotated[str, typer.Argument(help="Of the model, in small letters: my_tank.")],
+    output: Annotated[Path, typer.Option(help="Folder of the C file.")] = Path(),
+) -> None:
+    """Begin a plant of your own: a C file that builds and runs, with what to fill in."""
+    from fmu_models.template import new_model
+
+    file = new_model(name, output)
+    typer.echo(f"{file}: fill in what is marked with (1) to (6), then")
+    typer.echo(f"  python -m fmu_models.build {file} --output {output}")
+    typer.echo(f"  fieldlink fmu run {output / f'{name}.fmi3.fmu'} --plot {name}.png")

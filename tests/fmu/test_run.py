@@ -10,7 +10,7 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from fieldlink.cli.app import app
+from fieldlink.cli.fmu import app
 from fieldlink.fmu import FmuError, FmuMap, RunSettings, load_map, run_fmu
 from fieldlink.fmu.inputs import read_inputs
 from fmu_models import fmu_path, open_plant, summarise
@@ -31,7 +31,7 @@ variable = "der(tank.h)"
 
 
 def command(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["fmu", *map(str, arguments)])
+    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 def test_without_a_map_it_is_the_default_experiment(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from fieldlink.cli.app import app
+from fieldlink.cli.fmu import app
 from fmu_models import PlantFileError, catalogue, fmu_path, summarise
 
 Minis = dict[str, Path]
@@ -67,17 +67,17 @@ def test_only_another_platforms_library(mini_fmus: Minis, tmp_path: Path) -> Non
     assert summary.platforms == ("win64",)
     assert not summary.runs_here
     assert any("no library for this platform" in warning for warning in summary.warnings)
-    done = CliRunner().invoke(app, ["fmu", "run", str(file), "--stop", "1"])
+    done = CliRunner().invoke(app, ["run", str(file), "--stop", "1"])
     assert isinstance(done.exception, PlantFileError)
     assert "it offers win64" in str(done.exception)
 
 
 def test_command_prints_it_and_as_json(mini_fmus: Minis) -> None:
-    printed = CliRunner().invoke(app, ["fmu", "info", str(mini_fmus["fmi2"]), "--all"])
+    printed = CliRunner().invoke(app, ["info", str(mini_fmus["fmi2"]), "--all"])
     assert printed.exit_code == 0, printed.output
     for word in ("FMI", "co-simulation, model exchange", "linux64", "pump.on", "der(tank.h)"):
         assert word in printed.output
-    machine = CliRunner().invoke(app, ["fmu", "info", "ph", "--json"])
+    machine = CliRunner().invoke(app, ["info", "ph", "--json"])
     described = json.loads(machine.output)
     assert described["name"] == "ph"
     assert {"op", "pv"} <= {variable["name"] for variable in described["variables"]}

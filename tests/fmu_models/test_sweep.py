@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from fieldlink.cli.app import app
+from fieldlink.cli.fmu import app
 from fmu_models import PlantInputError, PlantNameError, Sweep, SweepRun, open_plant, run_sweep
 
 PLAN = Sweep(
@@ -134,7 +134,7 @@ def test_command(tmp_path: Path) -> None:
     out = tmp_path / "out.parquet"
     done = CliRunner().invoke(
         app,
-        ["fmu", "sweep", "level", "--set", "stick_band=2,4,6", "--set", "slip_jump=1", "--runs",
+        ["sweep", "level", "--set", "stick_band=2,4,6", "--set", "slip_jump=1", "--runs",
          "2", "--steps", "100", "--random", "noise_std=0.01:0.1", "--workers", "0", "--signals",
          "--out", str(out)],
     )  # fmt: skip
