@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fieldlink.daemon.clock_watch import ClockWatch
 from fieldlink.daemon.device import DeviceRunner
 from fieldlink.daemon.journal import Journal
 from fieldlink.daemon.pipeline import LoopCounts
@@ -29,6 +30,7 @@ class Assembly:
         read_only: never write to any device.
         live: whether the clock goes by itself.
         links: makes the link of each device.
+        watch: knows how the wall clock has stepped; None where none does.
     """
 
     def __init__(
@@ -40,12 +42,14 @@ class Assembly:
         read_only: bool = False,
         live: bool = True,
         links: OpenLink = open_link,
+        watch: ClockWatch | None = None,
     ) -> None:
         self.journal = Journal(put, clock)
         self._clock = clock
         self._read_only = read_only
         self._live = live
         self._links = links
+        self._watch = watch
         used = dict.fromkeys(loop.device for loop in site.loops.values())
         self.runners = {name: self.runner(site, name) for name in used}
 
@@ -58,6 +62,7 @@ class Assembly:
             self.journal,
             read_only=self._read_only,
             live=self._live,
+            watch=self._watch,
         )
 
     async def open(self) -> None:
@@ -94,7 +99,6 @@ class Assembly:
         store: StoreReport,
         pool: PoolReport | None = None,
         *,
-        clock_steps: int = 0,
         reloads: int = 0,
         refused: int = 0,
     ) -> DaemonStatus:
@@ -108,7 +112,7 @@ class Assembly:
             },
             store=store,
             pool=pool or PoolReport(),
-            clock_steps=clock_steps,
+            clock_steps=0 if self._watch is None else self._watch.steps,
             reloads=reloads,
             refused=refused,
         )

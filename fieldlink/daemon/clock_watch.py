@@ -1,7 +1,7 @@
 """A wall clock that steps: noticed within a second by comparing it with the monotonic clock.
 
-Sampling goes by the monotonic clock and does not care. What does care is told: the samples' time
-stamps are marked from there on, and the scheduler's jobs are moved along.
+Sampling goes by the monotonic clock and does not care. What does care is told: every sample is
+marked with the stretch of time that its stamp belongs to, and the scheduler's jobs are moved along.
 """
 
 from __future__ import annotations
@@ -18,19 +18,37 @@ SMALLEST_STEP = 2.0
 
 
 class ClockWatch:
-    """Looks at a clock, now and then.
+    """Tells the stretches of time apart between which the wall clock has stepped.
 
     Args:
         clock: the clock.
 
     Attributes:
-        steps: steps seen so far.
+        steps: steps seen so far, which is also the number of the present stretch.
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._offset = clock.utc() - clock.monotonic()
+        self._before: float | None = None
+        self._stepped = 0.0
         self.steps = 0
+
+    def stretch_of(self, offset: float) -> int:
+        """Return the stretch to which a time stamp belongs.
+
+        Args:
+            offset: the stamp's time of day less its monotonic time, in seconds. One that is unlike
+                the present and the last stretch's begins a new one.
+        """
+        if abs(offset - self._offset) < SMALLEST_STEP:
+            self._offset = offset
+            return self.steps
+        if self._before is not None and abs(offset - self._before) < SMALLEST_STEP:
+            # Stamped before the step, and come late.
+            return self.steps - 1
+        self._begin(offset)
+        return self.steps
 
     def look(self) -> float:
         """Return by how many seconds the wall clock has stepped since the last look; 0 if not.
@@ -38,8 +56,14 @@ class ClockWatch:
         A machine that was suspended counts as a step forward: its monotonic clock stood still.
         """
         offset = self._clock.utc() - self._clock.monotonic()
-        step, self._offset = offset - self._offset, offset
-        if abs(step) < SMALLEST_STEP:
-            return 0.0
+        if abs(offset - self._offset) < SMALLEST_STEP:
+            self._offset = offset
+        else:
+            self._begin(offset)
+        stepped, self._stepped = self._stepped, 0.0
+        return stepped
+
+    def _begin(self, offset: float) -> None:
+        self._stepped += offset - self._offset
+        self._before, self._offset = self._offset, offset
         self.steps += 1
-        return step

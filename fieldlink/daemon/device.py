@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import TypeVar
 
+from fieldlink.daemon.clock_watch import ClockWatch
 from fieldlink.daemon.estimating import Estimate
 from fieldlink.daemon.exchange import Exchange
 from fieldlink.daemon.journal import Journal
@@ -52,6 +53,7 @@ class DeviceRunner:
         journal: where everything is said.
         read_only: never write to the device.
         live: whether time goes on by itself while something is awaited.
+        watch: knows how the wall clock has stepped; None where none does.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class DeviceRunner:
         *,
         read_only: bool = False,
         live: bool = True,
+        watch: ClockWatch | None = None,
     ) -> None:
         self.name = name
         self.link = link
@@ -70,7 +73,8 @@ class DeviceRunner:
         self.speed = site.devices[name].speed if live else 1.0
         self.lateness = Lateness()
         self.pipelines = {
-            loop: LoopPipeline.of_site(site, loop, self.speed) for loop in site.loops_of(name)
+            loop: LoopPipeline.of_site(site, loop, self.speed, watch)
+            for loop in site.loops_of(name)
         }
         self.ended = False
         self.late = 0
@@ -180,11 +184,6 @@ class DeviceRunner:
             outcomes=dict(self._attempt_counts[loop]),
             idle=self._now - self._sampled_at.get(loop, self._now),
         )
-
-    def mark_clock(self, steps: int) -> None:
-        """Mark the samples from here on with the number of steps of the wall clock."""
-        for pipeline in self.pipelines.values():
-            pipeline.clock_steps = steps
 
     def inherit(self, old: DeviceRunner) -> None:
         """Take over from a runner what a change of the site file leaves as it is.

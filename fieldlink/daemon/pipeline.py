@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from fieldlink.daemon.clock_watch import ClockWatch
 from fieldlink.daemon.estimating import EstimateRequest
 from fieldlink.daemon.placing import BeatPlacer, CounterPlacer, Place, Placer
 from fieldlink.daemon.window import LoopSample, Window
@@ -56,15 +57,20 @@ class LoopPipeline:
         loop: its settings.
         counter: the tag of its cycle counter, None when it has none.
         speed: plant seconds per second of the wall clock.
-
-    Attributes:
-        clock_steps: how often the wall clock has stepped so far; marks the samples' time stamps.
+        watch: tells to which stretch of a stepping clock a stamp belongs; None where none steps.
     """
 
-    def __init__(self, name: str, loop: Loop, counter: Tag | None, speed: float = 1.0) -> None:
+    def __init__(
+        self,
+        name: str,
+        loop: Loop,
+        counter: Tag | None,
+        speed: float = 1.0,
+        watch: ClockWatch | None = None,
+    ) -> None:
         self.name = name
         self.loop = loop
-        self.clock_steps = 0
+        self._watch = watch
         self._late_after = LATE_SHARE * loop.period / speed
         self._placer = _placer(loop, counter)
         self._window = Window(
@@ -76,11 +82,13 @@ class LoopPipeline:
         self.latest: SampleRecord | None = None
 
     @classmethod
-    def of_site(cls, site: Site, name: str, speed: float = 1.0) -> LoopPipeline:
+    def of_site(
+        cls, site: Site, name: str, speed: float = 1.0, watch: ClockWatch | None = None
+    ) -> LoopPipeline:
         """Build the pipeline of a loop of the site file."""
         loop = site.loops[name]
         counter = None if loop.scan is None else site.maps.get(loop.device, {}).get(loop.scan)
-        return cls(name, loop, counter, speed)
+        return cls(name, loop, counter, speed, watch)
 
     def resettle(self, loop: Loop) -> None:
         """Go on with changed settings of estimation or write-back, and with the window."""
@@ -141,7 +149,8 @@ class LoopPipeline:
             late=counts.late + (late is not None and late > self._late_after),
             restarts=counts.restarts + (placed.place is Place.RESTARTED),
         )
-        self.latest = self._record(placed.slot, sample, late)
+        steps = 0 if self._watch is None else self._watch.stretch_of(pv.utc - pv.monotonic)
+        self.latest = self._record(placed.slot, sample, late, steps)
         return self.latest
 
     def restart_window(self) -> None:
@@ -172,7 +181,9 @@ class LoopPipeline:
         quality = max(op.quality.code, pv.quality.code)
         return LoopSample(op.value, pv.value, sp, auto, pv.utc, quality)
 
-    def _record(self, slot: int, sample: LoopSample, late: float | None) -> SampleRecord:
+    def _record(
+        self, slot: int, sample: LoopSample, late: float | None, clock_steps: int
+    ) -> SampleRecord:
         return SampleRecord(
             loop=self.name,
             utc_ms=round(sample.utc * 1000.0),
@@ -183,7 +194,7 @@ class LoopPipeline:
             auto=None if math.isnan(sample.auto) else bool(sample.auto),
             quality=sample.quality,
             late_ms=None if late is None else round(1000.0 * late),
-            clock_steps=self.clock_steps,
+            clock_steps=clock_steps,
         )
 
 

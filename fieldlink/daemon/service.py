@@ -70,8 +70,14 @@ class Daemon:
         self._site = site
         self._clock = clock or SystemClock()
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
+        self._clock_watch = ClockWatch(self._clock)
         self._assembly = Assembly(
-            site, self._clock, self._historian.put, read_only=read_only, live=True
+            site,
+            self._clock,
+            self._historian.put,
+            read_only=read_only,
+            live=True,
+            watch=self._clock_watch,
         )
         self._pool_settings = pool or pool_settings_of(site)
         self._pool: EstimatorPool | None = None
@@ -84,7 +90,6 @@ class Daemon:
         self._devices: dict[str, DeviceTasks] = {}
         self._stopping = False
         self._failed: asyncio.Future[None] | None = None
-        self._clock_watch = ClockWatch(self._clock)
         self._reloads = self._refused = 0
         self.started = asyncio.Event()
 
@@ -93,7 +98,6 @@ class Daemon:
         return self._assembly.status(
             self._historian.report(),
             PoolReport() if self._pool is None else self._pool.report(),
-            clock_steps=self._clock_watch.steps,
             reloads=self._reloads,
             refused=self._refused,
         )
@@ -181,7 +185,6 @@ class Daemon:
             self._begin(runner, now + beat * number / len(runners), schedule)
 
     def _begin(self, runner: DeviceRunner, begin: float, schedule: Schedule) -> None:
-        runner.mark_clock(self._clock_watch.steps)
         tasks = DeviceTasks(runner, self._clock, begin)
         tasks.start()
         self._devices[runner.name] = tasks
@@ -230,13 +233,11 @@ class Daemon:
             if step == 0.0:
                 continue
             schedule.clock_stepped(step)
-            for runner in self._assembly.runners.values():
-                runner.mark_clock(self._clock_watch.steps)
             self._assembly.journal.event(
                 "clock.stepped",
                 "daemon",
-                f"the wall clock stepped by {step:+.1f} s; sampling goes on, samples from here on "
-                f"are marked clock_steps = {self._clock_watch.steps}",
+                f"the wall clock stepped by {step:+.1f} s; sampling goes on, its samples are now "
+                f"marked clock_steps = {self._clock_watch.steps}",
                 bad=True,
             )
 

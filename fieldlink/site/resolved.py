@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ __all__ = ["Site"]
 M = TypeVar("M", bound=BaseModel)
 
 _SQLITE = "sqlite:///"
+_PASSWORD = re.compile(r"(\w+://[^\s:/@]*):[^\s/@]+@")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,11 @@ class Site:
         if path == url or path in ("", ":memory:") or Path(path).is_absolute():
             return url
         return f"{_SQLITE}{self.data_dir / path}"
+
+    @property
+    def historian_shown(self) -> str:
+        """The historian's URL as it may be shown: without a password."""
+        return _PASSWORD.sub(r"\1:***@", self.historian_url)
 
     def resolve(self, path: str | Path) -> Path:
         """Return a path of the site file, which is relative to the file's folder."""

@@ -30,6 +30,12 @@ def load_helper(path: Path) -> Any:
     return sys.modules[name]
 
 
+@pytest.fixture(scope="session")
+def live() -> Any:
+    """What the tests of the live daemon share: sites, plants, running daemons."""
+    return load_helper(Path(__file__).with_name("test_daemon.py"))
+
+
 @pytest.fixture
 async def new_device() -> AsyncIterator[Callable[..., Any]]:
     made = []

@@ -1,0 +1,5 @@
+"""``python -m fieldlink.cli``."""
+
+from fieldlink.cli import main
+
+main()

@@ -1,0 +1,78 @@
+"""One line an event, whatever is in it, and no secret."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+PROGRAM = textwrap.dedent(
+    r"""
+    import logging
+    import structlog
+    from fieldlink.daemon import configure_logging
+    configure_logging()
+    log = structlog.get_logger()
+    log.info("a", message="two\nlines\r\nand a \x1b[31mcolour", url="postgresql://u:hunter2@db/x")
+    log.warning("b", error="Authorization: Bearer 0123456789abcdef0123")
+    log.error("c", error="token=0123456789abcdef0123; password: hunter2hunter2")
+    logging.getLogger("any").warning("cannot reach %s", "amqp://me:hunter2@broker/")
+    """
+)
+
+
+def test_lines_and_secrets() -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True
+    )
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 4
+    assert [part for line in lines for part in line.split() if part.startswith("event=")][:3] == [
+        "event=a",
+        "event=b",
+        "event=c",
+    ]
+    assert "two lines and a" in lines[0]
+    for secret in ("hunter2", "0123456789abcdef", "\x1b"):
+        assert secret not in result.stderr
+
+
+def test_the_password_of_the_store_is_never_said(tmp_path: Path) -> None:
+    (tmp_path / "map.csv").write_text(
+        "tag,table,address,type\nOP,holding,0,float32\nPV,holding,2,float32\n"
+    )
+    (tmp_path / "site.toml").write_text(
+        textwrap.dedent(
+            """
+            [site]
+            name = "secret"
+            [historian]
+            url = "postgresql://keeper:hunter2hunter2@127.0.0.1:9/history"
+            [web]
+            enabled = false
+            [devices.plc]
+            link = "modbus-tcp"
+            host = "127.0.0.1"
+            port = 9
+            register_map = "map.csv"
+            [loops.FC101]
+            device = "plc"
+            op = "OP"
+            pv = "PV"
+            period = 1.0
+            """
+        )
+    )
+    for command in (["run", "--duration", "1"], ["check"], ["check", "--json"]):
+        name, *options = command
+        result = subprocess.run(
+            [sys.executable, "-m", "fieldlink.cli", name, str(tmp_path / "site.toml"), *options],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert "keeper" in result.stdout + result.stderr
+        assert "hunter2" not in result.stdout + result.stderr
+    assert result.returncode == 0
