@@ -11,7 +11,7 @@ import sys
 
 import typer
 
-from fieldlink.cli import demo, fleet, fmu, history, identify, rehearse, site
+from fieldlink.cli import demo, fleet, fmu, history, identify, modbus, registers_io, rehearse, site
 
 __all__ = ["app", "main"]
 
@@ -31,6 +31,10 @@ app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
+app.command("scan")(modbus.scan)
+app.command("read")(modbus.read)
+app.command("write")(modbus.write)
+app.add_typer(registers_io.app, name="map")
 app.add_typer(fmu.app, name="fmu")
 app.command("warm-up")(identify.warm_up)
 

@@ -1,0 +1,82 @@
+"""``fieldlink map import`` and ``fieldlink map export``: register maps from and for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from fieldlink.cli.site import SiteFile
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="Register maps: from a vendor's list, to a file.")
+
+Out = Annotated[
+    Path | None, typer.Option("--out", help="File to write (.csv or .xlsx); else it is printed.")
+]
+
+
+@app.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="A list of registers: .csv or .xlsx.")],
+    out: Out = None,
+    addresses: Annotated[
+        Literal["zero", "one", "modicon"] | None,
+        typer.Option(help="How addresses are written; found out unless given."),
+    ] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook; the first.")] = None,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Write the good rows although others are bad.")
+    ] = False,
+) -> None:
+    """Turn a vendor's list into a register map, with a report of every bad row."""
+    from rich.console import Console
+
+    from fieldlink.site.map_export import map_as_csv, write_map
+    from fieldlink.site.map_import import import_map
+
+    found = import_map(file, addresses=addresses, sheet=sheet)
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    for note in found.notes:
+        console.print(f"  {note}")
+    for problem in found.problems:
+        console.print(f"[red]bad row[/red] {problem}")
+    console.print(
+        f"{found.rows} rows, {len(found.tags)} tags, {found.bad_rows} bad rows", style="bold"
+    )
+    if found.problems and not skip_bad:
+        console.print("nothing is written; correct the rows, or leave them out with --skip-bad")
+        raise typer.Exit(2)
+    if out is None:
+        typer.echo(map_as_csv(found.tags.values()), nl=False)
+    else:
+        write_map(found.tags.values(), out)
+        console.print(f"written to {out}")
+
+
+@app.command("export")
+def export(
+    site: SiteFile,
+    device: Annotated[
+        str | None, typer.Argument(help="Device of the site; needed where it has several.")
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Write the register map of a device with every column in the program's own words."""
+    from fieldlink.site import load_site
+    from fieldlink.site.map_export import map_as_csv, write_map
+
+    maps = load_site(site).maps
+    if device is None and len(maps) == 1:
+        device = next(iter(maps))
+    if device is None or device not in maps:
+        known = ", ".join(maps) or "none"
+        raise typer.BadParameter(f"devices with a register map: {known}", param_hint="DEVICE")
+    tags = maps[device].values()
+    if out is None:
+        typer.echo(map_as_csv(tags), nl=False)
+    else:
+        write_map(tags, out)
+        typer.echo(f"{len(tags)} tags written to {out}")

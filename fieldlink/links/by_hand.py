@@ -1,0 +1,179 @@
+"""Reading and writing single values by hand: for commissioning, not for the daemon.
+
+What may be written is what the register map allows: a tag that is writable, a value inside its
+range. A write is never repeated, and what the device holds afterwards is read back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fieldlink.errors import FieldlinkError
+from fieldlink.links.base import Reading
+from fieldlink.links.clock import SystemClock
+from fieldlink.links.errors import AccessRefusedError
+from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.registers import DataType, RegisterValueError, Table, Tag, plan_reads
+from fieldlink.site import Device, Site
+
+__all__ = ["ByHandError", "Point", "parse_point", "read_points", "words_for", "write_point"]
+
+
+class ByHandError(FieldlinkError):
+    """What was asked for is no tag, no address or no value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A value of a device.
+
+    Attributes:
+        name: the device's name.
+        device: the device.
+        tag: where the value is and what it means.
+        site: the site it is from; None for an address of a host.
+    """
+
+    name: str
+    device: Device
+    tag: Tag
+    site: Site | None = None
+
+    @property
+    def where(self) -> str:
+        """The place as people write it: table, registers, device."""
+        tag = self.tag
+        last = f" to {tag.end - 1}" if tag.count > 1 else ""
+        return f"{tag.table} {tag.address}{last} of {self.name} ({self.device.where})"
+
+
+def parse_point(text: str, device: Device) -> Tag:
+    """Return the tag that ``[table:]address[:type[:length]]`` describes, such as ``input:7``.
+
+    Raises:
+        ByHandError: it describes none.
+    """
+    parts = text.split(":")
+    table = Table.HOLDING
+    if parts[0] in list(Table):
+        table = Table(parts.pop(0))
+    default = DataType.BOOL if table.is_bits else DataType.UINT16
+    number, kind, length, *rest = (*parts, *("",) * (3 - len(parts)))
+    usage = "write [table:]address[:type[:length]], such as 7, input:7 or holding:100:float32"
+    if not number.isdecimal() or int(number) > 0xFFFF or rest:
+        raise ByHandError(f"{text!r} is no tag and no address; {usage}")
+    if kind and kind not in list(DataType):
+        raise ByHandError(f"{text!r}: {kind!r} is no type; use one of: {', '.join(DataType)}")
+    data_type = DataType(kind) if kind else default
+    if length and not (data_type is DataType.STRING and length.isdecimal()):
+        raise ByHandError(f"{text!r}: only a string has a length; {usage}")
+    if (data_type is DataType.STRING) != bool(length):
+        raise ByHandError(f"{text!r}: a string needs its registers, such as holding:100:string:8")
+    if table.is_bits and data_type is not DataType.BOOL:
+        raise ByHandError(f"{text!r}: a {table} is one bit; leave the type out")
+    return Tag(
+        text,
+        table,
+        int(number),
+        data_type,
+        writable=table.is_writable,
+        length=int(length or 0),
+        word_order=device.word_order,
+        byte_order=device.byte_order,
+    )
+
+
+async def read_points(points: Sequence[Point]) -> list[Reading]:
+    """Read points of one device once.
+
+    Raises:
+        LinkError: the device gave none of them, or refused one.
+    """
+    first = points[0]
+    link = _link(first, [point.tag for point in points])
+    try:
+        scan = await link.scan()
+    finally:
+        await link.close()
+    if scan.failures:
+        raise scan.failures[0]
+    return [scan[point.tag.name] for point in points]
+
+
+def words_for(point: Point, text: str) -> list[int]:
+    """Return the words, or the bit, that write ``text`` to a point.
+
+    Raises:
+        AccessRefusedError: the register map does not let it be written.
+        ByHandError: ``text`` is no value of its type.
+        RegisterValueError: the value is outside the range or does not fit the type.
+    """
+    tag = point.tag
+    if not tag.table.is_writable:
+        raise AccessRefusedError(
+            point.name,
+            f"{tag.name} is in the table {tag.table}, which Modbus cannot write",
+            "choose a holding register or a coil",
+        )
+    if not tag.writable:
+        raise AccessRefusedError(
+            point.name,
+            f"{tag.name} is not writable in the register map",
+            "write yes in its column writable, if that is meant",
+        )
+    if tag.data_type is DataType.STRING:
+        return tag.encode_text(text)
+    states = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
+    try:
+        value = states[text.lower()] if text.lower() in states else float(text)
+    except ValueError as error:
+        raise ByHandError(f"{text!r} is no value for {tag.name} ({tag.data_type})") from error
+    if not math.isfinite(value):
+        raise RegisterValueError(f"{tag.name}: {text} is no measured value; give a number")
+    return tag.encode(value)
+
+
+async def write_point(point: Point, words: Sequence[int]) -> Reading:
+    """Write a point once and return what the device holds afterwards.
+
+    Raises:
+        LinkError: it was not confirmed; after a `LinkTimeoutError` it may have been carried out.
+    """
+    tag = point.tag
+    link = _link(point, [tag])
+    try:
+        if tag.table is Table.COIL:
+            await link.write_coils(tag.address, words)
+        elif len(words) == 1:
+            await link.write_register(tag.address, words[0])
+        else:
+            await link.write_registers(tag.address, words)
+        scan = await link.scan()
+    finally:
+        await link.close()
+    if scan.failures:
+        raise scan.failures[0]
+    return scan[tag.name]
+
+
+def _link(point: Point, tags: Sequence[Tag]) -> ModbusLink:
+    device = point.device
+    coil = point.tag.table is Table.COIL
+    span = ((point.tag.address, point.tag.end - 1),)
+    plan = plan_reads(
+        tags,
+        device.max_gap,
+        device.max_registers,
+        device.ranges,
+        one_tag=device.quirks.one_request_per_tag,
+    )
+    settings = ModbusSettings(
+        point.name,
+        device,
+        site=point.site,
+        writable=() if coil else span,
+        writable_coils=span if coil else (),
+    )
+    return ModbusLink(settings, plan, SystemClock())

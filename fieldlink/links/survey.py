@@ -1,0 +1,248 @@
+"""Looking at a device nobody has described: which units answer, which addresses can be read.
+
+Only reads are sent, one at a time, with a pause between them and never more than allowed. A block
+that is refused is cut in halves; single addresses that are refused are not readable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fieldlink.links.backoff import Backoff, BackoffSettings
+from fieldlink.links.clock import SystemClock
+from fieldlink.links.connection import ModbusConnection
+from fieldlink.links.errors import (
+    ExceptionCode,
+    ExceptionReplyError,
+    LinkError,
+    LinkUnreachableError,
+)
+from fieldlink.links.transports import line_settings
+from fieldlink.registers import Table
+from fieldlink.site import Device
+
+__all__ = ["Survey", "SurveySettings", "TableSurvey", "UnitSurvey", "survey"]
+
+Progress = Callable[[str, int], None]
+"""Called with what is looked at, and the requests sent so far."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurveySettings:
+    """What to look at, and how gently.
+
+    Attributes:
+        units: unit ids to try.
+        tables: tables to look at.
+        first, last: addresses, both included.
+        block: addresses asked for at once.
+        pause: seconds between a reply and the next request.
+        max_requests: most requests in all.
+    """
+
+    units: tuple[int, ...] = (1,)
+    tables: tuple[Table, ...] = tuple(Table)
+    first: int = 0
+    last: int = 499
+    block: int = 100
+    pause: float = 0.02
+    max_requests: int = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class TableSurvey:
+    """One table of a unit.
+
+    Attributes:
+        table: which.
+        served: whether the unit knows the table's function code at all.
+        ranges: readable addresses (first, last), both included.
+        looked_to: the last address that was looked at.
+    """
+
+    table: str
+    served: bool
+    ranges: tuple[tuple[int, int], ...]
+    looked_to: int
+
+
+@dataclass(frozen=True, slots=True)
+class UnitSurvey:
+    """One unit id that answers."""
+
+    unit: int
+    tables: tuple[TableSurvey, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What was found.
+
+    Attributes:
+        where: the device.
+        units: the units that answer.
+        silent: the units that do not.
+        requests: how many were sent.
+        complete: False when the limit of requests, or a device that fell silent, ended it early.
+        note: why it is not complete.
+    """
+
+    where: str
+    units: tuple[UnitSurvey, ...]
+    silent: tuple[int, ...]
+    requests: int
+    complete: bool
+    note: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as dictionaries, lists, strings and numbers."""
+        return asdict(self)
+
+
+class _EnoughError(Exception):
+    """The survey ends here; the text says why."""
+
+
+@dataclass(slots=True)
+class _Look:
+    """One unit while it is looked at."""
+
+    settings: SurveySettings
+    progress: Progress
+    requests: int = 0
+    silent_in_a_row: int = 0
+    connections: list[ModbusConnection] = field(default_factory=list)
+
+    async def ask(self, link: ModbusConnection, table: Table, first: int, count: int) -> None:
+        if self.requests >= self.settings.max_requests:
+            raise _EnoughError(f"the limit of {self.settings.max_requests} requests is reached")
+        self.requests += 1
+        self.progress(f"{table} {first}", self.requests)
+        await link.read(table, first, count)
+
+
+async def survey(
+    device: Device,
+    settings: SurveySettings,
+    progress: Progress = lambda _what, _requests: None,
+    resolve: Callable[[str | Path], Path] = Path,
+) -> Survey:
+    """Look at a device; nothing is ever written. ``resolve`` finds the files of a site's device.
+
+    Raises:
+        LinkUnreachableError: there is no connection at all.
+    """
+    look = _Look(settings, progress)
+    found: list[UnitSurvey] = []
+    silent: list[int] = []
+    note = ""
+    try:
+        for unit in settings.units:
+            link = _connection(device, unit, settings.pause, resolve)
+            look.connections.append(link)
+            if not await _answers(look, link):
+                silent.append(unit)
+                await link.close()
+                continue
+            tables = []
+            found.append(UnitSurvey(unit, ()))
+            for table in settings.tables:
+                tables.append(await _look_at(look, link, table))
+                found[-1] = UnitSurvey(unit, tuple(tables))
+            await link.close()
+    except _EnoughError as enough:
+        note = str(enough)
+    finally:
+        for link in look.connections:
+            await link.close()
+    where = device.where.rsplit(" unit", 1)[0]
+    return Survey(where, tuple(found), tuple(silent), look.requests, not note, note)
+
+
+def _connection(
+    device: Device, unit: int, pause: float, resolve: Callable[[str | Path], Path]
+) -> ModbusConnection:
+    quirks = device.quirks.model_copy(update={"pause_between_requests": pause})
+    device = device.model_copy(update={"unit": unit, "quirks": quirks})
+    backoff = Backoff(BackoffSettings(first=1e-6, cap=1e-6))
+    line = line_settings(device, device.where, resolve)
+    return ModbusConnection(
+        device.where, device.where, unit, line, device.timeout, backoff, SystemClock()
+    )
+
+
+async def _answers(look: _Look, link: ModbusConnection) -> bool:
+    """Whether the unit answers to anything; one request, and one more when it keeps silent."""
+    for table in (Table.HOLDING, Table.INPUT):
+        try:
+            await look.ask(link, table, look.settings.first, 1)
+        except ExceptionReplyError as error:
+            return not error.code.is_the_gateways
+        except LinkUnreachableError as error:
+            if link.connects == 0:
+                raise
+            look.progress(str(error), look.requests)
+        except LinkError as error:
+            look.progress(str(error), look.requests)
+        else:
+            return True
+    return False
+
+
+async def _look_at(look: _Look, link: ModbusConnection, table: Table) -> TableSurvey:
+    settings = look.settings
+    readable: list[int] = []
+    first = settings.first
+    while first <= settings.last:
+        count = min(settings.block, settings.last - first + 1)
+        try:
+            readable.extend(await _readable(look, link, table, first, count))
+        except ExceptionReplyError as error:
+            if error.code is not ExceptionCode.ILLEGAL_FUNCTION:
+                raise
+            return TableSurvey(table.value, False, (), first)
+        first += count
+    return TableSurvey(table.value, True, tuple(_runs(readable)), settings.last)
+
+
+async def _readable(
+    look: _Look, link: ModbusConnection, table: Table, first: int, count: int
+) -> list[int]:
+    """Return the addresses of a block that can be read."""
+    try:
+        await look.ask(link, table, first, count)
+    except LinkError as error:
+        if isinstance(error, ExceptionReplyError) and not error.code.is_the_gateways:
+            look.silent_in_a_row = 0
+            if error.code is ExceptionCode.ILLEGAL_FUNCTION:
+                raise
+            return await _halves(look, link, table, first, count)
+        look.silent_in_a_row += 1
+        if look.silent_in_a_row >= 3:
+            raise _EnoughError(f"the device fell silent: {error}") from error
+        return await _halves(look, link, table, first, count)
+    look.silent_in_a_row = 0
+    return list(range(first, first + count))
+
+
+async def _halves(
+    look: _Look, link: ModbusConnection, table: Table, first: int, count: int
+) -> list[int]:
+    if count == 1:
+        return []
+    half = count // 2
+    lower = await _readable(look, link, table, first, half)
+    return lower + await _readable(look, link, table, first + half, count - half)
+
+
+def _runs(addresses: Sequence[int]) -> list[tuple[int, int]]:
+    runs: list[tuple[int, int]] = []
+    for address in addresses:
+        if runs and runs[-1][1] == address - 1:
+            runs[-1] = (runs[-1][0], address)
+        else:
+            runs.append((address, address))
+    return runs

@@ -1,0 +1,237 @@
+"""Vendors' register lists, CSV or Excel, to register maps; every bad row is reported.
+
+    found = import_map(Path("vendor.xlsx"))
+    found.tags, found.problems, found.notes
+
+Headings and cells are understood in the words of `map_words`, addresses as in `map_addresses`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldlink.registers import DataType, Order, Tag
+from fieldlink.site.csv_file import read_csv
+from fieldlink.site.errors import Problem, SiteError
+from fieldlink.site.map_addresses import AddressStyle, guess_style, parse_address
+from fieldlink.site.map_row import REQUIRED, RowReader
+from fieldlink.site.map_words import column_of, meaning_of
+from fieldlink.site.register_map import collect_tags
+
+__all__ = ["ImportedMap", "import_map"]
+
+_HEADER_WITHIN = 30
+_LONG_TEXT = re.compile(r"(?:string|char|ascii|text)\s*[\[(]?(\d+)[\])]?", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedMap:
+    """What a list holds.
+
+    Attributes:
+        tags: the tags of the good rows, by name.
+        problems: what is wrong, row by row.
+        notes: how the list was understood, for a person to agree or not.
+        rows: how many rows there were.
+    """
+
+    tags: Mapping[str, Tag]
+    problems: tuple[Problem, ...]
+    notes: tuple[str, ...]
+    rows: int
+
+    @property
+    def bad_rows(self) -> int:
+        """How many rows have a problem."""
+        return len({problem.line for problem in self.problems})
+
+
+@dataclass(frozen=True, slots=True)
+class _Sheet:
+    """A list as text: heading cells, and (line, cells) of each row."""
+
+    header: tuple[str, ...]
+    header_line: int
+    rows: tuple[tuple[int, tuple[str, ...]], ...]
+
+
+def import_map(
+    path: Path,
+    *,
+    addresses: AddressStyle | None = None,
+    sheet: str | None = None,
+    word_order: Order = "big",
+    byte_order: Order = "big",
+) -> ImportedMap:
+    """Read a vendor's list.
+
+    Args:
+        path: a CSV file, or an Excel workbook (.xlsx, .xlsm).
+        addresses: how addresses are written; found out unless given.
+        sheet: name of the workbook's sheet; the first unless given.
+        word_order, byte_order: of rows without an order of their own.
+
+    Raises:
+        SiteError: the file cannot be read, or names no columns that a register map needs.
+    """
+    workbook = path.suffix.lower() in (".xlsx", ".xlsm")
+    table = _read_workbook(path, sheet) if workbook else _read_text(path)
+    columns, notes = _columns(path, table)
+    texts = [cells[columns["address"]] for _, cells in table.rows]
+    style = addresses or guess_style(texts)
+    notes.append(_about(style, guessed=addresses is None))
+    rows: list[tuple[int, RowReader]] = []
+    early: list[Problem] = []
+    for line, cells in table.rows:
+        values = {name: cells[number] for name, number in columns.items()}
+        problem = _translate(path, line, values, style)
+        if problem is not None:
+            early.append(problem)
+        else:
+            rows.append((line, RowReader(str(path), line, _cells(values), _number)))
+    tags, problems = collect_tags(str(path), rows, word_order, byte_order)
+    found = sorted((*early, *problems), key=lambda problem: problem.line or 0)
+    return ImportedMap(tags, tuple(found), tuple(notes), len(table.rows))
+
+
+def _read_text(path: Path) -> _Sheet:
+    file = read_csv(path, SiteError)
+    rows = tuple((row.line, row.cells) for row in file.rows if any(row.cells))
+    return _Sheet(file.header, file.header_line, rows)
+
+
+def _read_workbook(path: Path, sheet: str | None) -> _Sheet:
+    try:
+        import openpyxl
+    except ImportError as error:
+        raise SiteError(
+            [
+                Problem(
+                    str(path),
+                    "",
+                    "Excel workbooks need the extra excel",
+                    "install fieldlink[excel], or save the sheet as CSV",
+                )
+            ]
+        ) from error
+    from zipfile import BadZipFile
+
+    import pandas as pd
+    from openpyxl.utils.exceptions import InvalidFileException
+
+    assert openpyxl is not None
+    try:
+        frame = pd.read_excel(
+            path,
+            sheet_name=0 if sheet is None else sheet,
+            header=None,
+            dtype=str,
+            keep_default_na=False,
+            engine="openpyxl",
+        )
+    except (OSError, ValueError, KeyError, BadZipFile, InvalidFileException) as error:
+        remedy = "check the path, the sheet's name, and that it is an .xlsx workbook"
+        raise SiteError([Problem(str(path), "", f"cannot be read ({error})", remedy)]) from error
+    lines = [
+        (number, tuple(str(cell).strip() for cell in row))
+        for number, row in enumerate(frame.itertuples(index=False), start=1)
+    ]
+    for at, (number, cells) in enumerate(lines[:_HEADER_WITHIN]):
+        if "address" in {column_of(cell) for cell in cells}:
+            return _Sheet(cells, number, tuple(row for row in lines[at + 1 :] if any(row[1])))
+    remedy = "name a column address, or another sheet with --sheet"
+    message = f"no heading of an address in the first {_HEADER_WITHIN} rows"
+    raise SiteError([Problem(str(path), "", message, remedy)])
+
+
+def _columns(path: Path, table: _Sheet) -> tuple[dict[str, int], list[str]]:
+    """Return the place of every known column, and what was made of the headings."""
+    columns: dict[str, int] = {}
+    notes: list[str] = []
+    for number, heading in enumerate(table.header):
+        column = column_of(heading)
+        if column is None or column in columns:
+            if heading:
+                notes.append(f"column {heading!r} is left out")
+            continue
+        columns[column] = number
+        if heading != column:
+            notes.append(f"column {heading!r} is taken as {column}")
+    problems = [
+        Problem(
+            str(path),
+            name,
+            "no column means it",
+            f"rename the heading that does to {name!r}",
+            table.header_line,
+        )
+        for name in REQUIRED
+        if name not in columns
+    ]
+    if problems:
+        raise SiteError(problems)
+    return columns, notes
+
+
+def _about(style: AddressStyle, *, guessed: bool) -> str:
+    said = {
+        "zero": "addresses count from 0, as requests do",
+        "one": "addresses count from 1: 1 is address 0",
+        "modicon": "addresses are written with their table: 40001 is holding register 0, 30001 "
+        "input register 0, 10001 discrete input 0, 00001 coil 0",
+    }[style]
+    hint = "; if the manual counts from 1, say --addresses one" if style == "zero" else ""
+    return said + (hint if guessed else "")
+
+
+def _translate(
+    path: Path, line: int, values: dict[str, str], style: AddressStyle
+) -> Problem | None:
+    """Put a row into the register map's own words; the problem with its address, if any."""
+    for column in ("table", "type", "order", "writable"):
+        if column in values:
+            values[column] = meaning_of(column, values[column])
+    if long := _LONG_TEXT.fullmatch(values["type"].strip()):
+        # Vendors count characters there.
+        values["type"] = DataType.STRING.value
+        values.setdefault("length", "")
+        values["length"] = values["length"] or str((int(long[1]) + 1) // 2)
+    try:
+        found = parse_address(values["address"], style)
+    except ValueError as error:
+        message, _, remedy = str(error).partition("; ")
+        return Problem(str(path), "address", message, remedy, line)
+    values["address"] = str(found.address)
+    if found.table is not None:
+        if values.get("table") and values["table"] != found.table.value:
+            message = f"{values['table']} is given for an address of the table {found.table}"
+            return Problem(str(path), "table", message, "correct one of them", line)
+        values["table"] = found.table.value
+    if found.bit is not None:
+        values["bit"] = str(found.bit)
+        values["type"] = DataType.BOOL.value
+    if values["type"] in list(DataType) and values["type"] != DataType.STRING:
+        # A list that gives every row's registers says nothing new, or something wrong.
+        own = str(DataType(values["type"]).registers)
+        if values.get("length") == own:
+            values["length"] = ""
+    return None
+
+
+def _cells(values: Mapping[str, str]) -> Callable[[str], str]:
+    return lambda column: values.get(column, "")
+
+
+def _number(cell: str) -> float:
+    """Return a number as vendors write it: 0.1, 0,1, 1/10."""
+    text = cell.replace(",", ".", 1) if "." not in cell else cell
+    over = re.fullmatch(r"\s*1\s*/\s*(\d+)\s*", text)
+    if "_" in text:
+        raise ValueError(cell)
+    value = 1.0 / float(over[1]) if over and int(over[1]) else float(text)
+    if value - value != 0.0:
+        raise ValueError(cell)
+    return value

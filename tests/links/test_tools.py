@@ -1,0 +1,204 @@
+"""``fieldlink scan``, ``read`` and ``write`` against a server in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from fieldlink.cli.app import app
+from fieldlink.errors import FieldlinkError
+from fieldlink.plc import Listening
+from fieldlink.plc.image import RegisterImage
+from fieldlink.plc.listening import listen
+from fieldlink.plc.modbus import modbus_device, other_units
+from fieldlink.registers import Table
+
+SITE = """\
+[site]
+name = "tools"
+[devices.plc]
+link = "modbus-tcp"
+host = "127.0.0.1"
+port = {port}
+timeout = 5.0
+register_map = "map.csv"
+[loops.FC1]
+device = "plc"
+op = "OP"
+pv = "PV"
+period = 1.0
+"""
+MAP = """\
+tag,table,address,type,bit,length,scale,unit,low,high,writable
+OP,holding,10,int16,,,0.1,%,0,100,yes
+PV,holding,11,float32,,,,m,,,
+NAME,holding,14,string,,4,,,,,yes
+RUN,holding,13,bool,3,,,,,,
+PUMP,coil,19,bool,,,,,,,yes
+"""
+
+
+@pytest.fixture
+def image() -> RegisterImage:
+    image = RegisterImage()
+    image.define(Table.HOLDING, 10, 10, writable=True)
+    image.put(Table.HOLDING, 10, [425, 0x41C8, 0, 8])
+    image.put(Table.HOLDING, 14, [0x4643, 0x3130, 0x3100, 0])
+    image.define(Table.HOLDING, 40, 3)
+    image.define(Table.INPUT, 0, 2)
+    image.define(Table.COIL, 16, 16, writable=True)
+    return image
+
+
+@pytest.fixture
+def port(image: RegisterImage) -> Iterator[int]:
+    """The port of a server that runs in another thread: a command has an event loop of its own."""
+    ready, ports = threading.Event(), []
+    loop = asyncio.new_event_loop()
+    stop = asyncio.Event()
+
+    async def serve() -> None:
+        server, number = await listen([modbus_device(image, 1), other_units()], Listening())
+        ports.append(number)
+        ready.set()
+        await stop.wait()
+        await server.shutdown()  # type: ignore[no-untyped-call]
+        await asyncio.sleep(0)
+
+    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
+    thread.start()
+    assert ready.wait(20.0)
+    yield ports[0]
+    loop.call_soon_threadsafe(stop.set)
+    thread.join()
+    loop.close()
+
+
+@pytest.fixture
+def site(tmp_path: Path, port: int) -> str:
+    (tmp_path / "site.toml").write_text(SITE.format(port=port))
+    (tmp_path / "map.csv").write_text(MAP)
+    return str(tmp_path / "site.toml")
+
+
+def run(*arguments: str, stdin: str | None = None) -> Result:
+    return CliRunner().invoke(app, list(arguments), input=stdin)
+
+
+def refusal(result: Result) -> str:
+    assert isinstance(result.exception, FieldlinkError)
+    return str(result.exception)
+
+
+def test_tags_are_read_in_engineering_units(site: str) -> None:
+    result = run("read", site, "OP", "PV", "NAME", "RUN", "PUMP", "holding:10")
+    lines = [line.split("   (")[0] for line in result.stdout.splitlines()]
+    assert lines == [
+        "OP = 42.5 %",
+        "PV = 25 m",
+        "NAME = 'FC101'",
+        "RUN = 1",
+        "PUMP = 0",
+        "holding:10 = 425",
+    ]
+
+
+def test_addresses_of_a_host_are_read(port: int) -> None:
+    result = run("read", f"127.0.0.1:{port}", "11:float32", "--json", "--timeout", "5")
+    assert json.loads(result.stdout)["11:float32"]["value"] == 25.0
+
+
+def test_what_cannot_be_read_is_said(site: str) -> None:
+    assert "holding 700" in refusal(run("read", site, "700"))
+    assert "did you mean 'PUMP'?" in refusal(run("read", site, "PUMB"))
+
+
+@pytest.mark.parametrize("what", ["-1", "holding:", "holding:1:float", "1:string", "coil:1:int16"])
+def test_what_is_no_address_is_said(port: int, what: str) -> None:
+    assert what in refusal(run("read", f"127.0.0.1:{port}", "--", what))
+
+
+def test_a_tag_is_written_and_read_back(site: str, image: RegisterImage) -> None:
+    result = run("write", site, "OP", "50", "--yes")
+    assert "holds 42.5 %" in result.stdout
+    assert "it holds 50 % now" in result.stdout
+    assert image.get(Table.HOLDING, 10, 1) == [500]
+    assert run("write", site, "PUMP", "on", "--yes").exit_code == 0
+    assert image.get(Table.COIL, 19, 1) == [1]
+    assert run("write", site, "NAME", "FC7", "--yes").exit_code == 0
+    assert image.get(Table.HOLDING, 14, 4) == [0x4643, 0x3700, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("tag", "value", "why"),
+    [
+        ("PV", "1", "not writable in the register map"),
+        ("RUN", "1", "not writable in the register map"),
+        ("OP", "100.5", "above the high limit"),
+        ("OP", "nan", "no measured value"),
+        ("OP", "much", "no value for OP"),
+        ("PUMP", "2", "no bool"),
+        ("NAME", "too long a name", "15 characters"),
+    ],
+)
+def test_what_the_site_forbids_is_refused(
+    site: str, image: RegisterImage, tag: str, value: str, why: str
+) -> None:
+    before = image.get(Table.HOLDING, 10, 10)
+    with pytest.raises(FieldlinkError, match=why):
+        raise run("write", site, tag, value, "--yes").exception or AssertionError("was written")
+    assert image.get(Table.HOLDING, 10, 10) == before
+
+
+def test_a_site_lets_no_bare_address_be_written(site: str) -> None:
+    result = run("write", site, "holding:10", "1", "--yes")
+    assert result.exit_code == 2
+    assert "only its tags are written" in " ".join(result.output.replace("│", " ").split())
+
+
+def test_without_a_person_nothing_is_written(site: str, image: RegisterImage) -> None:
+    assert run("write", site, "OP", "50").exit_code == 2
+    assert image.get(Table.HOLDING, 10, 1) == [425]
+
+
+def test_an_address_of_a_host_is_written(port: int, image: RegisterImage) -> None:
+    result = run("write", f"127.0.0.1:{port}", "--yes", "--timeout", "5", "--", "10:int16", "-7")
+    assert result.exit_code == 0, result.output
+    assert image.get(Table.HOLDING, 10, 1) == [0xFFF9]
+
+
+def test_a_survey_finds_units_and_ranges(port: int) -> None:
+    target = f"127.0.0.1:{port}"
+    result = run(
+        *("scan", target, "--units", "1,7", "--last", "60", "--pause", "0", "--timeout", "5"),
+        "--json",
+    )
+    found = json.loads(result.stdout)
+    assert [unit["unit"] for unit in found["units"]] == [1]
+    assert found["silent"] == [7]
+    assert found["complete"]
+    tables = {table["table"]: table["ranges"] for table in found["units"][0]["tables"]}
+    assert tables == {
+        "holding": [[10, 19], [40, 42]],
+        "input": [[0, 1]],
+        "coil": [[16, 31]],
+        "discrete": [],
+    }
+
+
+def test_a_survey_stops_at_its_limit(port: int) -> None:
+    result = run(
+        *("scan", f"127.0.0.1:{port}", "--units", "1", "--max-requests", "9", "--timeout", "5"),
+        *("--pause", "0"),
+    )
+    assert "not complete: the limit of 9 requests is reached" in result.stdout
+
+
+def test_an_absent_host_is_no_empty_survey() -> None:
+    assert "no connection" in refusal(run("scan", "127.0.0.1:1"))
