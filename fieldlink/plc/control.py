@@ -46,7 +46,8 @@ class _PlantLoop:
             inputs[self._signals.sp] = commands.sp
         self.plant.apply(inputs)
 
-    def _stem(self) -> float:
+    @property
+    def stem(self) -> float:
         """The stem after the step; NaN where nobody knows it, or not yet."""
         known = self.plant.is_fresh
         return self.plant.values.get(self._signals.stem, math.nan) if known else math.nan
@@ -112,7 +113,7 @@ class ControlledLoop(_PlantLoop):
     def end(self) -> CycleRecord:
         """Return what the cycle did."""
         self._require_plant()
-        return self._record.with_stem(self._stem())
+        return self._record.with_stem(self.stem)
 
 
 class SelfControlledLoop(_PlantLoop):
@@ -137,4 +138,4 @@ class SelfControlledLoop(_PlantLoop):
         """Return what the plant did; OP is the one that it applied in this step."""
         self._require_plant()
         op = self.op if self.plant.is_fresh else math.nan
-        return CycleRecord(op, self._pv, self._sp, self._stem(), True, False)
+        return CycleRecord(op, self._pv, self._sp, self.stem, True, False)

@@ -15,6 +15,9 @@ from fieldlink.site import Loop
 
 __all__ = ["HostedLoop", "exact_period"]
 
+SETTLE = 1.0
+"""Seconds that who asks for the truth waits for a plant at work."""
+
 
 def exact_period(loop: Loop) -> Fraction:
     """Return a loop's period in seconds as written, to the microsecond, without rounding."""
@@ -52,7 +55,9 @@ class HostedLoop:
         self.log = TruthLog()
         self.cycles = 0
         self._stands = False
+        self._late_automatic = False
         self.late = 0
+        self._stem_comes = False
         self.program = program
         self._tags = tags
         self._auto_values = loop.auto_values
@@ -69,11 +74,13 @@ class HostedLoop:
         if self.exchange is not None:
             self.block = self.exchange.scan(now)
         commands = self._commands(now)
+        self._amend()
         plant = self.program.plant
-        self._stands = self.failure is not None
+        self._stands, self._late_automatic = self.failure is not None, False
         if plant is not None and plant.is_at_work:
             # It has not answered: there is no PV of this cycle to decide on.
             self._stands = True
+            self._late_automatic = commands.automatic
             self.late += 1
         elif not self._stands:
             try:
@@ -89,6 +96,8 @@ class HostedLoop:
                 record = self.program.end()
             except LoopFailedError as error:
                 self.failure = str(error)
+        plant = self.program.plant
+        self._stem_comes = not self._stands and plant is not None and plant.is_at_work
         self.log.add(record)
         self.cycles += 1
         self._show("op", record.op)
@@ -99,6 +108,20 @@ class HostedLoop:
             self._show("status", record.status)
         if "scan" in self._tags:
             self._tags["scan"].count(self.cycles)
+
+    def settle(self) -> None:
+        """Wait for a plant that is at work, so that the record of the last cycle is whole."""
+        plant = self.program.plant
+        if self._stem_comes and plant is not None:
+            plant.finish(SETTLE)
+        self._amend()
+
+    def _amend(self) -> None:
+        """Put the stem into the last record when the plant has only just told it."""
+        plant = self.program.plant
+        if self._stem_comes and plant is not None and not plant.is_at_work:
+            self.log.amend_stem(self.program.stem)
+            self._stem_comes = False
 
     def close(self) -> None:
         """End the program."""
@@ -132,7 +155,9 @@ class HostedLoop:
         return port.value() if port is not None and port.writable else math.nan
 
     def _standing_still(self) -> CycleRecord:
-        return CycleRecord(self.program.op, math.nan, self._sp, math.nan, False, False)
+        # A plant that is late has not switched the loop to manual, one that failed has.
+        automatic = self._late_automatic
+        return CycleRecord(self.program.op, math.nan, self._sp, math.nan, automatic, False)
 
     def _show(self, role: str, value: float) -> None:
         if role in self._tags:

@@ -56,6 +56,11 @@ class LoopProgram(Protocol):
         ...
 
     @property
+    def stem(self) -> float:
+        """Stem position that the last step led to; NaN where nobody knows it, or not yet."""
+        ...
+
+    @property
     def plant(self) -> HostedPlant | None:
         """What is stepped between `begin` and `end`; None without a plant."""
         ...
@@ -89,6 +94,7 @@ class ReplayedLoop:
     """
 
     plant: HostedPlant | None = None
+    stem = math.nan
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording

@@ -35,7 +35,7 @@ class ClientState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """OP, whether a controller decided it, and the status to show (None for none)."""
+    """OP, whether the loop is in automatic, and the status to show (None for none)."""
 
     op: float
     automatic: bool
@@ -115,7 +115,7 @@ class ByClient:
     """A controller outside: a client that writes OP, if only to show that it lives.
 
     While it is silent for too long the policy of the time-out has the loop; the first write gives
-    it back.
+    it back. The mode stays what the operator chose: who has the loop is for the status to say.
 
     Args:
         time_out: the policy.
@@ -149,8 +149,8 @@ class ByClient:
             return Decision(kept, True, ClientState.TAKEN_OVER)
         if self._time_out.policy == "fail_safe":
             safe = min(max(self._time_out.fail_safe_op, self._limits.low), self._limits.high)
-            return Decision(safe, False, ClientState.FAIL_SAFE)
-        return Decision(op, False, ClientState.HELD)
+            return Decision(safe, True, ClientState.FAIL_SAFE)
+        return Decision(op, True, ClientState.HELD)
 
 
 def _written(op: float, commands: Commands, limits: OpLimits) -> float:

@@ -81,6 +81,10 @@ class TruthLog:
             for flags in self._flags:
                 del flags[: -self._capacity]
 
+    def amend_stem(self, stem: float) -> None:
+        """Set the stem of the last cycle, which became known after it."""
+        self._signals[3][-1] = stem
+
     def arrays(self) -> Truth:
         """Return what is kept, as copies."""
         kept = min(self._cycles, self._capacity)

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 from compensator import Supervisor
 from fieldlink.plc.build import PlcError, Programs
@@ -46,6 +46,8 @@ class VirtualPlc:
         device: the device's name.
         speed: plant seconds per second of the wall clock, for who paces the scans. Fieldlink's
             heartbeat is dead after 10 seconds of the wall clock.
+        pace: who paces the scans: the clock, or the plants, scan after scan as fast as they can.
+            Without a clock no heartbeat is ever dead.
         isolated: run each FMU in a process of its own; a crash then ends one loop alone.
         patience: seconds of the wall clock that a scan waits for its plants together. A plant that
             takes longer goes on by itself and its loops stand still meanwhile; after 10 seconds it
@@ -63,12 +65,14 @@ class VirtualPlc:
         device: str,
         *,
         speed: float = 1.0,
+        pace: Literal["clock", "plant"] = "clock",
         isolated: bool = True,
         patience: float = math.inf,
         programs: BuildProgram | None = None,
     ) -> None:
         self.device = device
         self.speed = speed
+        self.pace = pace
         self.image = RegisterImage()
         self.scans = 0
         self._ports = {name: TagPort(self.image, tag) for name, tag in site.maps[device].items()}
@@ -77,10 +81,11 @@ class VirtualPlc:
         self._patience = patience
         own = Programs(site, isolated=isolated)
         build = programs or own.build
+        dead_after = HEARTBEAT_TIMEOUT * speed if pace == "clock" else math.inf
         try:
             for name, loop in site.loops_of(device).items():
                 if loop.plant is not None:
-                    exchange = self._exchange(loop, settings, HEARTBEAT_TIMEOUT * speed)
+                    exchange = self._exchange(loop, settings, dead_after)
                     program = build(name)
                     self._loops[name] = HostedLoop(name, loop, program, self._roles(loop), exchange)
         except BaseException:
@@ -135,7 +140,9 @@ class VirtualPlc:
 
     def truth(self, loop: str) -> Truth:
         """Return what really happened in a loop, for judging."""
-        return self._loops[loop].log.arrays()
+        hosted = self._loops[loop]
+        hosted.settle()
+        return hosted.log.arrays()
 
     def block(self, loop: str) -> ReaderState | None:
         """Return what the loop's last cycle made of its parameter block; None without an area."""

@@ -156,6 +156,7 @@ class CountingPlc:
     """The part of a PLC that pacing uses."""
 
     device, speed, scan_period, failures = "plc", 50.0, 1.0, MappingProxyType({})
+    pace = "clock"
 
     def __init__(self, cost: Callable[[int], float]) -> None:
         self.scans = 0
