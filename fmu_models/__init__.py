@@ -16,6 +16,7 @@ from .plant import Plant, PlantInfo
 from .stepping import open_plant
 from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
 from .sweep import Sweep, SweepRun, run_sweep
+from .windows import collect_windows
 
 __all__ = [
     "CatalogueModel",
@@ -37,6 +38,7 @@ __all__ = [
     "UnitDefinition",
     "VariableSummary",
     "catalogue",
+    "collect_windows",
     "fmu_path",
     "open_plant",
     "run_sweep",

@@ -30,6 +30,7 @@ from .catalogue import LoopVariables, catalogue, fmu_path
 from .errors import PlantError, PlantInputError, PlantNameError, nearest
 from .stepping import open_plant
 from .variables import is_settable
+from .windows import collect_windows
 
 __all__ = ["Sweep", "SweepRun", "run_sweep"]
 
@@ -213,19 +214,11 @@ def _one(sweep: Sweep, number: int, keep: bool) -> dict[str, Any]:
         with open_plant(
             sweep.model, parameters=parameters, watch=[names.sp], isolated=False
         ) as plant:
-            first = plant.outputs()
-            table = plant.run(sweep.steps, {})
+            signals = next(collect_windows(plant, sweep.steps, names))
             row["period"] = plant.info.period
     except PlantError as error:
         period = catalogue[sweep.model].period
         return row | {"error": str(error), "signals": {}, "figures": {}, "period": period}
-    pv = np.concatenate([[first[names.pv]], table[names.pv][:-1]])
-    signals = {
-        "op": table[names.op_out],
-        "pv": pv,
-        "sp": table[names.sp],
-        "stem": table[names.stem],
-    }
     row["figures"] = _figures(signals)
     row["signals"] = {name: values.tolist() for name, values in signals.items()} if keep else {}
     return row
