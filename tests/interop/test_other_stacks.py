@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import ctypes
-import ctypes.util
 import re
 import shutil
 import struct
@@ -14,6 +12,7 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 
+from benchmarks.libmodbus import LibModbus
 from fieldlink.plc import PlcServer, VirtualPlc
 from fieldlink.registers import (
     BLOCK_FIELDS,
@@ -108,46 +107,7 @@ async def test_mbpoll_sees_the_acknowledgement(server: PlcServer) -> None:
     assert await mbpoll(server.port, "-t", "4", "-r", first, "-c", "3") == ["4", "1", "1"]
 
 
-class LibModbus:
-    """As much of libmodbus as the tests call, through its C interface; every call blocks."""
-
-    def __init__(self, port: int) -> None:
-        name = ctypes.util.find_library("modbus")
-        if name is None:
-            pytest.skip("libmodbus is not installed (Debian package libmodbus5)")
-        self._library = ctypes.CDLL(name, use_errno=True)
-        self._library.modbus_new_tcp.restype = ctypes.c_void_p
-        self._library.modbus_get_float_abcd.restype = ctypes.c_float
-        self._library.modbus_strerror.restype = ctypes.c_char_p
-        self._context = ctypes.c_void_p(self._library.modbus_new_tcp(HOST.encode(), port))
-        self._library.modbus_set_slave(self._context, 1)
-        self._library.modbus_set_response_timeout(self._context, 5, 0)
-        self._check(self._library.modbus_connect(self._context))
-
-    def read(self, address: int, count: int) -> list[int]:
-        words = (ctypes.c_uint16 * count)()
-        self._check(self._library.modbus_read_registers(self._context, address, count, words))
-        return list(words)
-
-    def write(self, address: int, words: list[int]) -> None:
-        values = (ctypes.c_uint16 * len(words))(*words)
-        self._check(
-            self._library.modbus_write_registers(self._context, address, len(words), values)
-        )
-
-    def real(self, words: list[int]) -> float:
-        """Decode a float with libmodbus's own function."""
-        return float(self._library.modbus_get_float_abcd((ctypes.c_uint16 * 2)(*words)))
-
-    def close(self) -> None:
-        self._library.modbus_close(self._context)
-        self._library.modbus_free(self._context)
-
-    def _check(self, result: int) -> None:
-        if result < 0:
-            raise OSError(self._library.modbus_strerror(ctypes.get_errno()).decode())
-
-
+@pytest.mark.usefixtures("libmodbus")
 async def test_libmodbus_decodes_the_block_s_stick_band(server: PlcServer) -> None:
     def read_block() -> tuple[list[int], float]:
         client = LibModbus(server.port)
@@ -160,6 +120,7 @@ async def test_libmodbus_decodes_the_block_s_stick_band(server: PlcServer) -> No
     assert stick_band == struct.unpack("f", struct.pack("f", 1.79))[0]
 
 
+@pytest.mark.usefixtures("libmodbus")
 async def test_libmodbus_writes_a_block_that_the_plc_accepts(server: PlcServer) -> None:
     block = ParameterBlock.from_model(
         MODEL, loop_id=101, seq=5, valid_for=3600, window_end_ms=1_795_000_000_000
@@ -182,6 +143,7 @@ async def test_libmodbus_writes_a_block_that_the_plc_accepts(server: PlcServer) 
     assert await asyncio.to_thread(write_block) == [5, 1, int(Bank.A)]
 
 
+@pytest.mark.usefixtures("libmodbus")
 async def test_libmodbus_names_the_refusals(server: PlcServer) -> None:
     def refused() -> list[str]:
         client = LibModbus(server.port)
