@@ -52,7 +52,9 @@ def heading(module: str, about: str | None, arguments: Sequence[str] | None) -> 
     command = " ".join(["python -m benchmarks." + module, *shown])
     m = machine()
     on = f"{m['machine']}, {m['cores']} cores, Python {m['python']}, NumPy {m['numpy']}"
-    return f"# {title.rstrip('.')}\n\n{body.strip()}\n\nThis run: `{command}` ({on})."
+    # The first paragraph may be indented code: only empty lines are taken away.
+    text = body.strip("\n")
+    return f"# {title.rstrip('.')}\n\n{text}\n\nThis run: `{command}` ({on})."
 
 
 def machine() -> dict[str, Any]:
