@@ -77,6 +77,7 @@ class InProcessPlant(Plant):
             parameters=roles.parameters,
             can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
         )
+        self._period = self._info.period
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if folder is None:
             self._folder = tempfile.TemporaryDirectory(
@@ -129,15 +130,16 @@ class InProcessPlant(Plant):
         if inputs:
             self._write(instance, inputs)
         try:
-            instance.advance(self.time, self._info.period)
+            instance.advance(self._start + self._count * self._period, self._period)
             self._count += 1
-            self._outputs = self._variables.read_outputs(instance.fmu, self.time)
+            now = self._start + self._count * self._period
+            self._outputs = self._variables.read_outputs(instance.fmu, now)
         except (FMICallException, StoppedError) as error:
             raise self._failed(f"{error}{last_words()}") from error
         except PlantStepError as error:
             self._failure = str(error)
             raise
-        return dict(self._outputs)
+        return self._outputs.copy()
 
     def _write(self, instance: Instance, inputs: Mapping[str, float]) -> None:
         try:

@@ -5,9 +5,9 @@ FMPy ignores names it does not know and passes NaN on, so both are checked here.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -128,7 +128,8 @@ class VariableAccess:
                     f"plant {self._model} has no number {name!r}; {nearest(name, self._variables)}"
                 )
         self.watched = tuple(n for n in dict.fromkeys(watch) if n not in self.roles.outputs)
-        self._outputs = self._groups((*self.roles.outputs, *self.watched), "Get")
+        self._names = (*self.roles.outputs, *self.watched)
+        self._outputs = self._groups(self._names, "Get")
         self._writers: dict[tuple[str, ...], tuple[_Group, ...]] = {}
 
     def _where(self, condition: Any) -> tuple[str, ...]:
@@ -176,7 +177,10 @@ class VariableAccess:
                 del self._writers[key]  # other names are allowed later
         for group in groups:
             for i, name in enumerate(group.names):
-                group.view[i] = self._checked(group, name, values[name])
+                value = values[name]
+                if not (group.real and type(value) is float and isfinite(value)):
+                    value = self._checked(group, name, value)
+                group.view[i] = value
         for group in groups:
             self._call(fmu, group)
 
@@ -191,14 +195,18 @@ class VariableAccess:
         Raises:
             PlantStepError: one of them is NaN or infinite.
         """
-        result = dict.fromkeys((*self.roles.outputs, *self.watched), 0.0)
-        for group in self._outputs:
-            self._call(fmu, group)
-            for name, value in zip(group.names, group.view.tolist(), strict=True):
-                if not math.isfinite(value):
-                    raise PlantStepError(self.not_finite(name, value, time))
-                result[name] = float(value)
-        return result
+        if len(self._outputs) == 1 and self._outputs[0].real:
+            self._call(fmu, self._outputs[0])
+            row = self._outputs[0].view.tolist()
+        else:
+            table = np.empty(len(self._names))
+            self.read_row(fmu, table)
+            row = table.tolist()
+        if not all(map(isfinite, row)):
+            pairs = zip(self._names, row, strict=True)
+            name, value = next((name, value) for name, value in pairs if not isfinite(value))
+            raise PlantStepError(self.not_finite(name, value, time))
+        return dict(zip(self._names, row, strict=True))
 
     def read_row(self, fmu: Any, row: NDArray[np.float64]) -> None:
         """Read all outputs into ``row``; whoever calls looks for NaN, many rows at once."""
@@ -249,7 +257,7 @@ class VariableAccess:
 
     def _checked(self, group: _Group, name: str, value: float) -> float | int | bool:
         number = float(value)
-        if not math.isfinite(number):
+        if not isfinite(number):
             raise PlantInputError(
                 f"plant {self._model}: {name} = {number:g} cannot be set; it must be a finite "
                 "number"
