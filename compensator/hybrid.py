@@ -11,7 +11,10 @@ shows: an error that noise explains is not worth a move.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from compensator.action import (
     Action,
@@ -21,16 +24,16 @@ from compensator.action import (
     require_finite,
     require_not_negative,
 )
-from compensator.moves import MovePlan, MovePlanner
+from compensator.moves import MovePlan, MovePlanner, Ramp
 from compensator.prediction import NoiseModel, Prediction
 from compensator.stem import FRICTION, Belief, StemTracker, TrackerSettings
+from compensator.tracking import NOISE_KINDS, TrackerBank
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]
 
-QUIET_NOISE = NoiseModel(equation=1.0, measurement=0.3, disturbance=1.0)
-"""Equation noise first: PV's wandering is carried on with the process and not taken for an offset.
-With a process model of too low an order less of it (0.1 and 1.0) is the more robust choice."""
+_EDGE = 0.85
+"""Share of the static friction up to which OP may approach a slip without causing it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,8 @@ class HybridSettings:
         spread: relative uncertainty of fS (that of fD is taken as half of it).
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
-        noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``).
+        noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
+            the loop's own noise decide (`TrackerBank`).
     """
 
     limits: OpLimits = field(default_factory=OpLimits)
@@ -63,7 +67,7 @@ class HybridSettings:
     overshoot: float = 0.5
     spread: float = 0.1
     offset_memory: float = 2.0
-    noise: NoiseModel = QUIET_NOISE
+    noise: NoiseModel | None = None
 
     def __post_init__(self) -> None:
         require_not_negative(
@@ -76,6 +80,10 @@ class HybridSettings:
             overshoot=self.overshoot,
             spread=self.spread,
         )
+
+    def with_limits(self, limits: OpLimits) -> HybridSettings:
+        """Return the same settings with other limits of OP."""
+        return replace(self, limits=limits)
 
 
 class HybridMpc:
@@ -92,19 +100,17 @@ class HybridMpc:
 
     def __init__(self, model: LoopModel, settings: HybridSettings | None = None) -> None:
         self.settings = settings or HybridSettings()
-        self.model = model
-        self.prediction = Prediction.of(model.process, "input")
+        self._model = model
+        self._prediction = Prediction.of(model.process, "input")
         self.planner = MovePlanner(self.prediction, self.settings.horizon)
-        self._tracker_settings = TrackerSettings(
-            self.settings.noise,
-            self.settings.spread,
-            self.settings.offset_memory,
-        )
-        self.tracker = StemTracker(self.prediction, model.valve, self._tracker_settings)
+        noise = self.settings.noise
+        noises = NOISE_KINDS if noise is None else (noise,)
+        tracking = TrackerSettings(noises[0], self.settings.spread, self.settings.offset_memory)
+        self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
         self._reach = self.require_reachable(model.valve)
         self._op = math.nan
         self._pv_bad = False
-        self._moving = False
+        self._moving = self.stem_moved = False
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -118,9 +124,49 @@ class HybridMpc:
         return low, high
 
     @property
+    def tracker(self) -> StemTracker:
+        """What is believed of stem, state, load and noise."""
+        return self._bank.chosen
+
+    @property
+    def noise(self) -> NoiseModel:
+        """The noise model in use."""
+        return self._bank.noise
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Lowest and highest position that moves can end at."""
+        return self._reach
+
+    @property
     def stem(self) -> float:
         """Stem position believed now; NaN before the first observation."""
         return self.tracker.best.stem if self.tracker.ready else math.nan
+
+    @property
+    def model(self) -> LoopModel:
+        """The model in use."""
+        return self._model
+
+    @property
+    def prediction(self) -> Prediction:
+        """The process, its disturbance at the input."""
+        return self._prediction
+
+    @property
+    def ready(self) -> bool:
+        """Whether a PV was ever seen."""
+        return self.tracker.ready
+
+    @property
+    def horizon(self) -> int:
+        """Samples that a plan looks ahead."""
+        return self.planner.horizon
+
+    @property
+    def held_variance(self) -> float:
+        """Variance of PV that the noise seen so far makes with the stem held (PV squared)."""
+        return self.tracker.held_variance
 
     @property
     def is_moving(self) -> bool:
@@ -130,16 +176,16 @@ class HybridMpc:
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""
         self._reach = self.require_reachable(valve)
-        self.tracker.valve = valve
-        self.model = LoopModel(valve, self.model.process)
+        self._bank.change_valve(valve)
+        self._model = LoopModel(valve, self.model.process)
 
     def observe(self, pv: float, op: float) -> None:
         """See `Controller.observe`."""
         require_finite("HybridMpc.observe", op=op)
         self._pv_bad = not math.isfinite(pv)
         before = self.stem
-        self.tracker.observe(pv, op)
-        self._moving = self.stem != before
+        self._bank.observe(pv, op)
+        self.stem_moved = self._moving = self.stem != before
         self._op = op
 
     def decide(self, sp: float) -> Action:
@@ -158,7 +204,7 @@ class HybridMpc:
         limited = not low <= target <= high
         target = min(max(target, low), high)
         self._moving = self._moving or bool(plan.times)
-        if plan.times and plan.times[0] == 0:
+        if plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
             change = plan.changes[0]
             position = self._stem_for(belief, change, math.copysign(1.0, change))
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
@@ -181,16 +227,11 @@ class HybridMpc:
 
     def plan(self, sp: float) -> MovePlan:
         """Return the best plan from the present belief for the set-point ``sp``."""
-        tracker, s, valve = self.tracker, self.settings, self.model.valve
+        tracker, s = self.tracker, self.settings
         belief = tracker.best
         error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - sp
         smallest = self._smallest_move(belief)
-        # An offset not yet known well is no reason to move: waiting will tell.
-        variance = tracker.held_variance + tracker.offset_variance + s.noise_band**2
-        # A floor for loops without noise: a thousandth of what one slip makes of PV.
-        floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
-        move_cost = s.move_penalty * max(variance, floor) * float(self.planner.weights.sum())
-        travel_cost = s.travel_penalty * move_cost / max(smallest, valve.static_friction, 1e-9)
+        move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         way = wanted - tracker.drive(belief)
         beyond = smallest + s.overshoot * abs(way)
@@ -198,7 +239,38 @@ class HybridMpc:
             max(self._change_for(belief, self._reach[0], -1.0), min(0.0, way) - beyond),
             min(self._change_for(belief, self._reach[1], 1.0), max(0.0, way) + beyond),
         )
-        return self.planner.plan(error, reach, smallest, move_cost, travel_cost)
+        ramp = self._ramp(belief, smallest)
+        return self.planner.plan(error, reach, smallest, move_cost, travel_cost, ramp)
+
+    def prices(self) -> tuple[float, float]:
+        """Return the price of a move and of its size, in PV squared times samples."""
+        tracker, s, valve = self.tracker, self.settings, self.model.valve
+        smallest = self._smallest_move(tracker.best)
+        # An offset not yet known well is no reason to move: waiting will tell.
+        variance = tracker.held_variance + tracker.offset_variance + s.noise_band**2
+        # A floor for loops without noise: a thousandth of what one slip makes of PV.
+        floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
+        move_cost = s.move_penalty * max(variance, floor) * float(self.planner.weights.sum())
+        travel_cost = s.travel_penalty * move_cost / max(smallest, valve.static_friction, 1e-9)
+        return move_cost, travel_cost
+
+    def plan_op(self, sp: float, samples: int) -> NDArray[np.float64]:
+        """Return the OP, scan by scan, that carries out the present plan, shape ``(samples,)``."""
+        plan, belief = self.plan(sp), self.tracker.best
+        low, high = self._reach
+        fd = self.model.valve.dynamic_friction
+        path = np.empty(samples)
+        stem, before = belief.stem, self._op
+        moves = dict(zip(plan.times, plan.changes, strict=True))
+        reached = 0.0
+        for k in range(samples):
+            wanted = stem
+            if k in moves:
+                side = math.copysign(1.0, moves[k] - reached)
+                stem = min(max(self._stem_for(belief, moves[k], side), low), high)
+                wanted, reached = stem + side * fd, moves[k]
+            path[k] = before = self.settings.limits.clip(wanted, before)
+        return path
 
     def _smallest_move(self, belief: Belief) -> float:
         """Return J and the margin above it; more after a command that the valve has withstood."""
@@ -206,7 +278,43 @@ class HybridMpc:
         margin = s.slip_margin
         if belief.survived > 0.0:
             margin += s.spread * belief.survived
+        if self._creeps:
+            margin = 0.0  # OP goes on until the stem slips, whatever its friction
         return valve.slip_jump + margin * valve.static_friction
+
+    @property
+    def _creeps(self) -> bool:
+        """Whether OP is too slow to leap over the uncertainty of the static friction."""
+        s, valve = self.settings, self.model.valve
+        return s.limits.rate < (1.0 - _EDGE + s.slip_margin) * valve.static_friction
+
+    def _begins_at(self, belief: Belief, change: float) -> int:
+        """Return the first move time of a plan that OP, set off now, can keep."""
+        ramp = self._ramp(belief, self._smallest_move(belief))
+        times = self.planner.times
+        first = int(np.searchsorted(times, ramp.up if change > 0.0 else ramp.down))
+        return int(times[min(first, times.size - 1)])
+
+    def _ramp(self, belief: Belief, smallest: float) -> Ramp:
+        """Return what OP's rate limit means for moves from here: OP has to travel to the edge of
+        the band first, a slip begins from there with one scan's worth of rate, and after it OP
+        stands fD away from the stem.
+        """
+        rate, valve = self.settings.limits.rate, self.model.valve
+        if math.isinf(rate):
+            return Ramp()
+        fd, lead = valve.dynamic_friction, self._op - belief.stem
+
+        def scans(way: float) -> int:
+            return max(0, math.ceil(min(way / rate, 1e6) - 1e-9))
+
+        return Ramp(
+            up=max(0, scans(smallest + fd - lead) - 1),
+            down=max(0, scans(smallest + fd + lead) - 1),
+            same=max(1, scans(smallest)),
+            opposite=max(1, scans(smallest + 2.0 * fd)),
+            largest=smallest + rate if self._creeps else _EDGE * valve.static_friction + rate - fd,
+        )
 
     def _move(self, belief: Belief, position: float) -> float:
         """Return the OP that moves the stem to ``position``, as far as the rate limit lets it."""
@@ -214,7 +322,13 @@ class HybridMpc:
         side = math.copysign(1.0, position - belief.stem)
         wanted = position + side * valve.dynamic_friction
         op = limits.clip(wanted, self._op)
-        edge = belief.stem + side * 0.85 * valve.static_friction
+        if self._creeps:
+            # From here one scan's worth of rate slips, and lands where it should.
+            ahead = min((wanted - belief.stem) * side - limits.rate, 0.97 * valve.static_friction)
+            way = ahead - (self._op - belief.stem) * side
+            step = way if 0.1 * limits.rate < way < limits.rate else limits.rate
+            return limits.clip(self._op + side * step, self._op)
+        edge = belief.stem + side * _EDGE * valve.static_friction
         slips_early = op != wanted and (op - edge) * side > 0.0
         if slips_early and (self._op - edge) * side < -1e-9:
             # Too slow to do it in one go: wait at the band's edge, then jump from there.

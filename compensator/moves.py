@@ -6,6 +6,8 @@ process's step response, ``e`` the error PV would have with the stem at rest):
     min  sum_p w_p (e_p + sum_j D_j s(p - t_j))**2 + sum_j (move_cost + travel_cost |D_j|)
     s.t. |D_j| >= smallest,   low <= stem + D_1 + ... + D_j <= high,   at most two moves
 
+A rate limit of OP makes the first slip wait, keeps slips apart and bounds their size (`Ramp`).
+
 For given times and signs it is a convex quadratic in one or two unknowns on a polygon, solved in
 closed form: the interior optimum if it is inside, else the best point of the polygon's edges. All
 times and signs are tried, so the result is the global optimum on the grid of times.
@@ -25,7 +27,7 @@ from numpy.typing import NDArray
 
 from compensator.prediction import Prediction, settling_samples
 
-__all__ = ["MovePlan", "MovePlanner", "warm_up"]
+__all__ = ["MovePlan", "MovePlanner", "Ramp", "warm_up"]
 
 Array = NDArray[np.float64]
 
@@ -46,6 +48,23 @@ class MovePlan:
     cost: float
     hold_cost: float
     final_pv: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """What OP's rate limit asks of a plan; the default is no limit.
+
+    Attributes:
+        up, down: samples before OP can have made the stem slip upwards, downwards.
+        same, opposite: samples between a slip and the next in the same, in the other direction.
+        largest: size of one slip.
+    """
+
+    up: int = 0
+    down: int = 0
+    same: int = 1
+    opposite: int = 1
+    largest: float = math.inf
 
 
 def _spread(first: int, dense: int, last: int, ratio: float) -> NDArray[np.int64]:
@@ -104,6 +123,7 @@ class MovePlanner:
         smallest: float,
         move_cost: float,
         travel_cost: float,
+        ramp: Ramp | None = None,
     ) -> MovePlan:
         """Return the best plan.
 
@@ -113,11 +133,19 @@ class MovePlanner:
             smallest: least size of a move.
             move_cost, travel_cost: price of one move, and of its size, in units of PV squared
                 times samples.
+            ramp: what OP's rate limit asks; None: nothing.
         """
+        r = ramp or Ramp()
         correlation = self._weighted @ error
         hold = float(np.sum(self.weights * error**2))
         count, i, p, j, q, gain = best_moves(
-            self.gram, correlation, reach[0], reach[1], smallest, move_cost, travel_cost
+            self.gram,
+            correlation,
+            self.times,
+            reach,
+            (smallest, max(smallest, r.largest)),
+            (move_cost, travel_cost),
+            (r.up, r.down, r.same, r.opposite),
         )
         times = (int(self.times[i]), int(self.times[j]))[:count]
         effects = (self._effects[i, -1] * p, self._effects[j, -1] * (q - p))[:count]
@@ -127,7 +155,7 @@ class MovePlanner:
 
 @numba.njit(
     "UniTuple(float64, 3)(float64, float64, float64, float64, float64,"
-    " float64, float64, float64, float64, float64, float64)",
+    " float64, float64, float64, float64, float64, float64, float64)",
     cache=True,
 )
 def best_on_polygon(
@@ -142,10 +170,11 @@ def best_on_polygon(
     q_high: float,
     sign: float,
     smallest: float,
+    largest: float,
 ) -> tuple[float, float, float]:
     """Minimise ``hpp p² + 2 hpq p q + hqq q² + 2 gp p + 2 gq q`` over ``p_low <= p <= p_high``,
-    ``q_low <= q <= q_high``, ``sign (q - p) >= smallest``; return value, p, q (value infinite when
-    there is no such point).
+    ``q_low <= q <= q_high``, ``smallest <= sign (q - p) <= largest``; return value, p, q (value
+    infinite when there is no such point).
     """
     if p_low > p_high or q_low > q_high:
         return math.inf, 0.0, 0.0
@@ -153,27 +182,30 @@ def best_on_polygon(
     if det > 1e-14 * hpp * hqq:
         p = (hpq * gq - hqq * gp) / det
         q = (hpq * gp - hpp * gq) / det
-        if p_low <= p <= p_high and q_low <= q <= q_high and sign * (q - p) >= smallest:
+        size = sign * (q - p)
+        if p_low <= p <= p_high and q_low <= q <= q_high and smallest <= size <= largest:
             return gp * p + gq * q, p, q
     best, best_p, best_q = math.inf, 0.0, 0.0
-    for edge in range(5):
+    for edge in range(6):
+        if edge == 5 and largest == math.inf:
+            continue
         # Along every edge: p = p0 + dp t, q = q0 + dq t with t in [low, high].
         if edge < 2:
             p0, dp, q0, dq = (p_low if edge == 0 else p_high), 0.0, 0.0, 1.0
             low, high = q_low, q_high
             if sign > 0.0:
-                low = max(low, p0 + smallest)
+                low, high = max(low, p0 + smallest), min(high, p0 + largest)
             else:
-                high = min(high, p0 - smallest)
+                low, high = max(low, p0 - largest), min(high, p0 - smallest)
         elif edge < 4:
             p0, dp, q0, dq = 0.0, 1.0, (q_low if edge == 2 else q_high), 0.0
             low, high = p_low, p_high
             if sign > 0.0:
-                high = min(high, q0 - smallest)
+                low, high = max(low, q0 - largest), min(high, q0 - smallest)
             else:
-                low = max(low, q0 + smallest)
+                low, high = max(low, q0 + smallest), min(high, q0 + largest)
         else:
-            p0, dp, q0, dq = 0.0, 1.0, sign * smallest, 1.0
+            p0, dp, q0, dq = 0.0, 1.0, sign * (smallest if edge == 4 else largest), 1.0
             low, high = max(p_low, q_low - q0), min(p_high, q_high - q0)
         if low > high:
             continue
@@ -190,21 +222,30 @@ def best_on_polygon(
 
 @numba.njit(
     "Tuple((int64, int64, float64, int64, float64, float64))"
-    "(float64[:, ::1], float64[::1], float64, float64, float64, float64, float64)",
+    "(float64[:, ::1], float64[::1], int64[::1], UniTuple(float64, 2), UniTuple(float64, 2),"
+    " UniTuple(float64, 2), UniTuple(int64, 4))",
     cache=True,
 )
 def best_moves(
     gram: Array,
     correlation: Array,
-    low: float,
-    high: float,
-    smallest: float,
-    move_cost: float,
-    travel_cost: float,
+    times: NDArray[np.int64],
+    reach: tuple[float, float],
+    sizes: tuple[float, float],
+    costs: tuple[float, float],
+    ramp: tuple[int, int, int, int],
 ) -> tuple[int, int, float, int, float, float]:
     """Return moves, first time index, first position, second time index, second position, and the
     cost relative to holding; positions are relative to the present stem.
+
+    ``sizes`` are the smallest and the largest of a move, ``costs`` those of a move and of its size,
+    ``ramp`` the first sample of a move up, of one down, and the samples between two moves in the
+    same and in opposite directions.
     """
+    low, high = reach
+    smallest, largest = sizes
+    move_cost, travel_cost = costs
+    first_up, first_down, same, opposite = ramp
     count, best_i, best_p, best_j, best_q, best = 0, 0, 0.0, 0, 0.0, 0.0
     n = correlation.size
     for i in range(n):
@@ -212,9 +253,9 @@ def best_moves(
         if hii <= 0.0:
             continue
         for up in (1.0, -1.0):
-            p_low = max(low, smallest) if up > 0.0 else low
-            p_high = high if up > 0.0 else min(high, -smallest)
-            if p_low > p_high:
+            p_low = max(low, smallest) if up > 0.0 else max(low, -largest)
+            p_high = min(high, largest) if up > 0.0 else min(high, -smallest)
+            if p_low > p_high or times[i] < (first_up if up > 0.0 else first_down):
                 continue
             g = gi + 0.5 * travel_cost * up
             p = min(max(-g / hii, p_low), p_high)
@@ -233,6 +274,8 @@ def best_moves(
                         continue
                 # In positions p and q after the moves: sizes are p and q - p.
                 for on in (1.0, -1.0):
+                    if times[j] - times[i] < (same if on == up else opposite):
+                        continue
                     a = gi + 0.5 * travel_cost * up
                     b = gj + 0.5 * travel_cost * on
                     value, p, q = best_on_polygon(
@@ -247,6 +290,7 @@ def best_moves(
                         high,
                         on,
                         smallest,
+                        largest,
                     )
                     cost = value + 2.0 * move_cost
                     if cost < best:
@@ -256,4 +300,5 @@ def best_moves(
 
 def warm_up() -> None:
     """Load the compiled kernels (compile them on a first run), ahead of the first deadline."""
-    best_moves(np.eye(2), np.ones(2), -1.0, 1.0, 0.1, 0.01, 0.01)
+    times = np.arange(2, dtype=np.int64)
+    best_moves(np.eye(2), np.ones(2), times, (-1.0, 1.0), (0.1, 1.0), (0.01, 0.01), (0, 0, 1, 1))

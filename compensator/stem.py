@@ -113,6 +113,7 @@ class StemTracker:
         self.variance = 0.0
         self._count = 0
         self._trend = 0.0
+        self.evidence = 0.0  # log-density that the last PV had
         self.colour = 0.0  # correlation of successive innovations: 0 if the model is right
         self._last_normal = 0.0
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
@@ -200,6 +201,7 @@ class StemTracker:
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
+        self.evidence = 0.0
         if not self.ready:
             if math.isfinite(pv):
                 self.start(pv, op)
@@ -337,6 +339,7 @@ class StemTracker:
             square = min(square, 4.0 * variance)
         self.variance += (square - self.variance) / min(self._count, 80)
         normal = surprise / math.sqrt(self._innovation)
+        self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(self._innovation))
         if self._count > 20 and abs(normal) < 3.0:
             product = (normal - self._trend) * (self._last_normal - self._trend)
             self.colour += (product - self.colour) / min(self._count, 80)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,9 +23,11 @@ __all__ = [
     "EXAMPLE_2",
     "Performance",
     "Plant",
+    "SteppedPlant",
     "Study",
     "Trace",
     "assess",
+    "drive",
     "held_stem_std",
     "run",
 ]
@@ -43,7 +46,8 @@ EXAMPLE_2 = LoopModel(
     ValveModel.from_friction(5.0, 2.0),
     ProcessModel((-2.091, 1.375, -0.2725), (0.002445, 0.007181, 0.001278), 1, 0.0, 1.0),
 )
-"""Example 2, (18); its equation noise has a deviation of 10**-1.5, its gain is 1.68."""
+"""Example 2, (18); its equation noise has a deviation of 10**-1.5. The printed
+coefficients are those of 1/((10s+1)(5s+1)(s+1)) rounded, which makes a gain of 0.948 of 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +82,21 @@ class Study:
                 "a study needs samples >= 1 and a set-point that begins at sample 0; got "
                 f"samples={self.samples}, setpoint={tuple(self.setpoint)}"
             )
+
+
+class SteppedPlant(Protocol):
+    """A plant that is moved on by hand, from its own equations or an FMU."""
+
+    @property
+    def pv(self) -> float:
+        """PV now, without measurement noise."""
+
+    @property
+    def stem(self) -> float:
+        """Stem position under the OP applied last."""
+
+    def step(self, op: float, noise: float = 0.0, load: float = 0.0) -> float:
+        """Apply ``op`` for one period; return (and keep as ``pv``) PV at its end."""
 
 
 class Plant:
@@ -145,13 +164,20 @@ def run(
     study: Study,
 ) -> Trace:
     """Run ``controller`` on ``plant`` behind ``valve``; deterministic for ``study.seed``."""
+    return drive(Plant(plant, valve, study.op0, study.stem0), controller, study)
+
+
+def drive(model: SteppedPlant, controller: Controller, study: Study) -> Trace:
+    """Run ``controller`` on a plant that stands at ``study.op0``.
+
+    A plant that makes its own noise is given a study without.
+    """
     rng = np.random.default_rng(study.seed)
     n = study.samples
     equation = rng.normal(0.0, 1.0, n) * study.equation_noise
     measurement = rng.normal(0.0, 1.0, n) * study.measurement_noise
     sp = _levels(study.setpoint, n, study.setpoint[0][1])
     load = _levels(study.load, n, 0.0)
-    model = Plant(plant, valve, study.op0, study.stem0)
     pv, op, stem = np.empty(n), np.empty(n), np.empty(n)
     status: list[ActionStatus] = []
     applied = study.op0

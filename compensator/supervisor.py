@@ -9,7 +9,8 @@ supervisor decides when to switch. Rules:
   process means a new compensator, which first relives the recent history;
 * the compensated loop is compared with itself before; when it is worse, grows or hunts, the base
   controller gets the loop back and that model is not tried again;
-* PV bad for long, expiry, dead heartbeat or an operator do the same; the reason stays visible.
+* PV bad or frozen for long, a solver that keeps passing its bound, expiry, a dead heartbeat or an
+  operator do the same; the reason stays visible.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Protocol
 
 from compensator.action import (
     Action,
@@ -30,6 +32,8 @@ from compensator.action import (
     require_positive,
 )
 from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.prediction import Prediction
+from compensator.screen import PvScreen
 from compensator.watch import LoopWatch, WatchVerdict, WindowFigures
 from loop_model import LoopModel, ValveModel
 
@@ -54,6 +58,8 @@ class WithdrawReason(Enum):
     OPERATOR = "withdrawn by an operator, or the enable bit is off"
     NO_STICTION = "the valve was found healthy; the base controller suffices"
     PV_BAD = "PV was bad for too long; the compensator returns when PV does"
+    PV_FROZEN = "PV repeats one value: its sensor is frozen; the compensator returns with PV"
+    SOLVER = "the compensator's solver passed its bound several scans in a row; use another one"
     WORSE = "PV deviated more than before; the model was given up, identify again"
     GROWING = "the oscillation grew; the model was given up, identify again"
     HUNTING = "OP travelled more than before for no gain; the model was given up, identify again"
@@ -76,6 +82,8 @@ class SupervisorSettings:
         friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
         history: scans that a new compensator relives, to find stem and load at once.
         pv_bad_limit: scans of bad PV after which the base controller gets the loop.
+        pv_frozen_limit: least scans in which PV repeats one value to count as frozen (`PvScreen`).
+        solver_limit: scans in a row that the compensator's solver may pass its bound.
         worse_by: factor of PV's mean square error, against before, that is too much.
     """
 
@@ -83,6 +91,8 @@ class SupervisorSettings:
     friction_rate: float = 0.05
     history: int = 300
     pv_bad_limit: int = 10
+    pv_frozen_limit: int = 30
+    solver_limit: int = 3
     worse_by: float = 1.3
 
     def __post_init__(self) -> None:
@@ -91,8 +101,44 @@ class SupervisorSettings:
             friction_rate=self.friction_rate,
             history=self.history,
             pv_bad_limit=self.pv_bad_limit,
+            pv_frozen_limit=self.pv_frozen_limit,
+            solver_limit=self.solver_limit,
             worse_by=self.worse_by,
         )
+
+
+class Compensator(Controller, Protocol):
+    """A controller with a valve model, as the supervisor needs it; `HybridMpc`, `EmbeddingMpc`."""
+
+    @property
+    def model(self) -> LoopModel:
+        """The model in use."""
+
+    @property
+    def prediction(self) -> Prediction:
+        """The process of the model."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether a PV was ever seen."""
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the valve is being moved."""
+
+    @property
+    def horizon(self) -> int:
+        """Samples that it looks ahead."""
+
+    @property
+    def held_variance(self) -> float:
+        """Variance of PV that noise alone makes, the stem held."""
+
+    def change_valve(self, valve: ValveModel) -> None:
+        """Go on with other valve parameters."""
+
+    def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
+        """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,22 +161,26 @@ class Supervisor:
         self,
         base: Controller,
         settings: SupervisorSettings | None = None,
-        build: Callable[[LoopModel], HybridMpc] | None = None,
+        build: Callable[[LoopModel], Compensator] | None = None,
     ) -> None:
         self.base = base
         self.settings = settings or SupervisorSettings()
-        self._build = build or (lambda model: HybridMpc(model, self.settings.hybrid))
+        self._build: Callable[[LoopModel], Compensator] = build or (
+            lambda model: HybridMpc(model, self.settings.hybrid)
+        )
         self.state = SupervisorState.BASE
         self.reason = WithdrawReason.NONE
         self.refusal = ""
-        self._compensator: HybridMpc | None = None
-        self._next: HybridMpc | None = None
+        self._compensator: Compensator | None = None
+        self._next: Compensator | None = None
         self._goal: ValveModel | None = None
         self._given_up: LoopModel | None = None
         self._watch: LoopWatch | None = None
         self._history: deque[_Sample] = deque(maxlen=self.settings.history)
         self._sp = math.nan
         self._bad_scans = 0
+        self._screen = PvScreen(self.settings.pv_frozen_limit)
+        self._unsolved = 0
 
     @property
     def model(self) -> LoopModel | None:
@@ -193,6 +243,7 @@ class Supervisor:
             automatic: False while an operator has the loop; OP then follows ``op_applied``.
         """
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
+        pv = self._screened(pv)
         moved = abs(op_applied - self._history[-1].op) if self._history else 0.0
         self._history.append(_Sample(pv, sp, op_applied))
         for controller in (self.base, self._compensator, self._next):
@@ -207,7 +258,8 @@ class Supervisor:
             self.state = SupervisorState.WAITING if waiting else SupervisorState.BASE
         if self._bad_scans > self.settings.pv_bad_limit and self.compensating:
             self._stand_by(SupervisorState.WAITING)
-            self.reason = WithdrawReason.PV_BAD
+            frozen = self._screen.frozen
+            self.reason = WithdrawReason.PV_FROZEN if frozen else WithdrawReason.PV_BAD
         self._ramp_frictions()
         if self._take_over():
             self._sp = sp
@@ -217,21 +269,34 @@ class Supervisor:
             return self.base.decide(sp)
         return self._compensate(pv, sp, op_applied, moved)
 
+    def _screened(self, pv: float) -> float:
+        """Return PV, NaN if it is frozen."""
+        known = self._compensator or self._next
+        if known is None or not known.ready:
+            return self._screen.check(pv, 0.0, 1.0)
+        return self._screen.check(pv, math.sqrt(known.held_variance), known.prediction.scale)
+
     def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
         assert self._compensator is not None
         assert self._watch is not None
         if sp != self._sp:
-            self._watch.restart(self._compensator.planner.horizon // 2)
+            self._watch.restart(self._compensator.horizon // 2)
         self._sp = sp
         if math.isfinite(pv):
-            verdict = self._watch.push(pv - sp, moved, self._compensator.tracker.held_variance)
+            verdict = self._watch.push(pv - sp, moved, self._compensator.held_variance)
             if verdict is not WatchVerdict.FINE:
                 self._given_up = LoopModel(
                     self._goal or self._compensator.model.valve, self._compensator.model.process
                 )
                 self.withdraw(_GIVEN_UP[verdict])
                 return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
-        return self._compensator.decide(sp)
+        action = self._compensator.decide(sp)
+        failed = action.status is ActionStatus.SOLVER_FAILED
+        self._unsolved = self._unsolved + 1 if failed else 0
+        if self._unsolved >= self.settings.solver_limit:
+            self._unsolved = 0
+            self.withdraw(WithdrawReason.SOLVER)
+        return action
 
     def _stand_by(self, state: SupervisorState) -> None:
         """Let go of the loop but keep the model and go on observing."""
@@ -241,17 +306,17 @@ class Supervisor:
     def _take_over(self) -> bool:
         """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
         candidate = self._next or (None if self.compensating else self._compensator)
-        if candidate is None or not candidate.tracker.ready or self._bad_scans:
+        if candidate is None or not candidate.ready or self._bad_scans:
             return False
         if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
             return False
         if self._watch is None:
-            window = min(max(candidate.planner.horizon, 40), self.settings.history // 2)
+            window = min(max(candidate.horizon, 40), self.settings.history // 2)
             self._watch = LoopWatch(window, self._before(window), self.settings.worse_by)
-        self._watch.restart(candidate.planner.horizon // 2)
+        self._watch.restart(candidate.horizon // 2)
         self._compensator, self._next = candidate, None
         self.state = SupervisorState.COMPENSATING
-        if self.reason is WithdrawReason.PV_BAD:
+        if self.reason in (WithdrawReason.PV_BAD, WithdrawReason.PV_FROZEN):
             self.reason = WithdrawReason.NONE
         return True
 

@@ -3,11 +3,10 @@
 It knows the linear process only. On a sticky valve its disturbance estimate never settles, and the
 loop oscillates; the other controllers of this package are measured against it.
 
-Numerics: the states are eliminated (condensed form), so the quadratic programme has one unknown a
-sample of the horizon. The terminal weight is the Riccati solution, hence without active limits the
-programme's optimum is the linear-quadratic regulator's; it is tried first, and only when it hits a
-limit is the QP solved, by PIQP (interior point; measured as fast as OSQP at this size, and exact to
-1e-8 where OSQP stops at its 1e-5).
+Numerics: the states are eliminated (`CondensedCost`), so the quadratic programme has one unknown a
+sample of the horizon. Without active limits its optimum is the linear-quadratic regulator's; that
+is tried first, and only when it hits a limit is the QP solved, by PIQP (interior point; measured as
+fast as OSQP at this size, and exact to 1e-8 where OSQP stops at its 1e-5).
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from typing import Any
 import numpy as np
 import piqp
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 
 from compensator.action import (
     Action,
@@ -29,6 +27,7 @@ from compensator.action import (
     require_finite,
     require_positive,
 )
+from compensator.condensed import CondensedCost
 from compensator.prediction import Disturbance, NoiseModel, Prediction, StateFilter
 from loop_model import ProcessModel
 
@@ -103,35 +102,11 @@ class UnawareMpc:
 
     def _build(self) -> None:
         s, p = self.settings, self.prediction
-        horizon = s.horizon + p.dead_time - 1
-        n = p.order
-        stage = np.zeros((n, n))
-        stage[0, 0] = s.pv_weight
-        op_weight = s.op_weight * p.scale**2
-        # The floor keeps the delayed states of the pencil well posed; no digit that counts moves.
-        terminal = solve_discrete_are(
-            p.A, p.B[:, None], stage + 1e-12 * np.eye(n), np.array([[op_weight]])
-        )
-        free = np.empty((horizon, n))  # PV from the first free state
-        forced = np.zeros((horizon, horizon))  # PV from the inputs
-        state_map = np.eye(n)
-        input_map = np.zeros((n, horizon))
-        hessian = op_weight * np.eye(horizon)
-        linear = np.zeros((horizon, n))
-        for i in range(horizon):
-            input_map[:, i] = p.B
-            free[i], forced[i] = state_map[0], input_map[0]
-            weight = terminal if i == horizon - 1 else stage
-            hessian += input_map.T @ weight @ input_map
-            linear += input_map.T @ weight @ state_map
-            if i < horizon - 1:
-                state_map = p.A @ state_map
-                input_map = p.A @ input_map
-        self.horizon = horizon
-        self._hessian = 0.5 * (hessian + hessian.T)
-        self._linear = linear
-        self._free, self._forced = free, forced
-        self._regulator = -np.linalg.solve(self._hessian, linear)
+        cost = CondensedCost.of(p, s.horizon, s.pv_weight, s.op_weight)
+        self.horizon = cost.samples
+        self._hessian = cost.hessian + cost.op_weight * np.eye(cost.samples)
+        self._linear, self._free, self._forced = cost.linear, cost.free, cost.forced
+        self._regulator = -np.linalg.solve(self._hessian, self._linear)
         self._solver: Any = None
 
     def observe(self, pv: float, op: float) -> None:

@@ -104,11 +104,16 @@ def test_the_polygon_s_optimum_is_scipy_s(seed: int) -> None:
     g = rng.normal(size=2) * 3.0
     low, high = np.sort(rng.uniform(-2.0, 2.0, (2, 2)), axis=0)
     sign, smallest = float(rng.choice([-1.0, 1.0])), float(rng.uniform(0.0, 1.5))
+    largest = smallest + float(rng.uniform(0.0, 2.0)) if seed % 2 else np.inf
     value, p, q = best_on_polygon(
-        H[0, 0], H[0, 1], H[1, 1], g[0], g[1], low[0], high[0], low[1], high[1], sign, smallest
+        *(H[0, 0], H[0, 1], H[1, 1], g[0], g[1]),
+        *(low[0], high[0], low[1], high[1], sign, smallest, largest),
     )
     feasible = optimize.linprog(
-        [0.0, 0.0], [[sign, -sign]], [-smallest], bounds=list(zip(low, high, strict=True))
+        [0.0, 0.0],
+        [[sign, -sign], [-sign, sign]],
+        [-smallest, min(largest, 1e6)],
+        bounds=list(zip(low, high, strict=True)),
     )
     if not feasible.success:
         assert value == np.inf
@@ -118,13 +123,16 @@ def test_the_polygon_s_optimum_is_scipy_s(seed: int) -> None:
         feasible.x,
         jac=lambda z: 2.0 * (H @ z + g),
         bounds=list(zip(low, high, strict=True)),
-        constraints=[{"type": "ineq", "fun": lambda z: sign * (z[1] - z[0]) - smallest}],
+        constraints=[
+            {"type": "ineq", "fun": lambda z: sign * (z[1] - z[0]) - smallest},
+            {"type": "ineq", "fun": lambda z: min(largest, 1e6) - sign * (z[1] - z[0])},
+        ],
         method="SLSQP",
         options={"ftol": 1e-12, "maxiter": 300},
     )
     assert value == pytest.approx(best.fun, abs=1e-6)
     assert low[0] - 1e-9 <= p <= high[0] + 1e-9
-    assert sign * (q - p) >= smallest - 1e-9
+    assert smallest - 1e-9 <= sign * (q - p) <= largest + 1e-9
 
 
 def test_a_target_nearer_than_the_slip_jump_is_reached_by_moving_away_and_back() -> None:

@@ -9,6 +9,8 @@ import pytest
 from compensator import (
     Action,
     ActionStatus,
+    EmbeddingMpc,
+    EmbeddingSettings,
     Supervisor,
     SupervisorSettings,
     SupervisorState,
@@ -16,6 +18,7 @@ from compensator import (
     WithdrawReason,
 )
 from compensator.study import EXAMPLE_1, Plant
+from compensator.watch import LoopWatch, WatchVerdict, WindowFigures
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 REST = EXAMPLE_1.process.gain * 50.0
@@ -207,3 +210,71 @@ def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
     assert loop.supervisor.offer(EXAMPLE_1)
     loop.run(400)
     assert loop.supervisor.compensating
+
+
+def test_a_frozen_pv_is_told_from_a_quiet_one(compensated: Loop) -> None:
+    frozen = compensated.plant.pv
+    held = None
+    for _ in range(60):
+        action = compensated.supervisor.step(frozen, REST + 2.5, compensated.op[-1])
+        held = action.op if held is None or action.status is not ActionStatus.PV_BAD else held
+        compensated.op.append(action.op)
+    assert compensated.supervisor.reason is WithdrawReason.PV_FROZEN
+    assert not compensated.supervisor.compensating
+    assert compensated.op[-1] == held
+    compensated.run(200)
+    assert compensated.supervisor.compensating
+    assert compensated.supervisor.reason is WithdrawReason.NONE
+
+
+def test_a_solver_that_keeps_passing_its_bound_is_given_up() -> None:
+    pytest.importorskip("casadi")
+    supervisor = Supervisor(
+        UnawareMpc(EXAMPLE_1.process),
+        build=lambda model: EmbeddingMpc(model, EmbeddingSettings(max_iterations=1)),
+    )
+    plant = Plant(EXAMPLE_1.process, EXAMPLE_1.valve, 50.0)
+    supervisor.offer(EXAMPLE_1)
+    op, ops, failed = 50.0, [], 0
+    for _ in range(40):
+        action = supervisor.step(plant.pv, REST, op)
+        failed += action.status is ActionStatus.SOLVER_FAILED
+        op = action.op
+        ops.append(op)
+        plant.step(op)
+    assert failed == SupervisorSettings().solver_limit
+    assert supervisor.state is SupervisorState.BASE
+    assert supervisor.reason is WithdrawReason.SOLVER
+    # Bumpless: held while the solver failed, and the base goes on from there.
+    assert np.abs(np.diff(ops)).max() < 1.0
+
+
+def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
+    period, growth = 40, 1.3
+    watch = LoopWatch(window=400)
+    noise = np.random.default_rng(1).normal(0.0, 0.1, 20 * period)
+    for k in range(20 * period):
+        error = 0.5 * growth ** (k / period) * math.sin(2.0 * math.pi * k / period) + noise[k]
+        if watch.push(error, 0.0, 0.01) is not WatchVerdict.FINE:
+            break
+    # It begins at five deviations of the noise.
+    assert k < 5 * period
+
+
+def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> None:
+    watch = LoopWatch(window=400, before=WindowFigures(0.5, 1.0))
+    for k in range(400):
+        verdict = watch.push(1.2 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01)
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.WORSE
+    assert k < 5 * 40
+
+
+@pytest.mark.parametrize("amplitude", [0.9, 0.3])
+def test_a_steady_oscillation_no_worse_than_before_is_let_be(amplitude: float) -> None:
+    watch = LoopWatch(window=100, before=WindowFigures(0.5, 1.0))
+    noise = np.random.default_rng(2).normal(0.0, 0.1, 2000)
+    for k in range(2000):
+        error = amplitude * math.sin(2.0 * math.pi * k / 40.0) + noise[k]
+        assert watch.push(error, 0.5, 0.01) is WatchVerdict.FINE
