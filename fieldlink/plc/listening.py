@@ -94,6 +94,16 @@ class _Mbap(_Tolerant, FramerSocket):
     pass
 
 
+class _Datagram(_Mbap):
+    """Keeps nothing of a datagram: the next one, of whatever client, is a frame of its own."""
+
+    def handleFrame(  # noqa: N802
+        self, data: bytes, exp_devid: int, exp_tid: int
+    ) -> tuple[int, ModbusPDU | None]:
+        _, pdu = super().handleFrame(data, exp_devid, exp_tid)
+        return len(data), pdu
+
+
 class _Rtu(_Tolerant, FramerRTU):
     """Hears every request on the line and lets those to other units pass."""
 
@@ -108,7 +118,7 @@ class _Rtu(_Tolerant, FramerRTU):
 
 def _framer(link: str, devices: list[SimDevice]) -> type[FramerBase]:
     if "rtu" not in link:
-        return _Mbap
+        return _Datagram if link == "modbus-udp" else _Mbap
     return type("_RtuOfUnits", (_Rtu,), {"units": frozenset(device.id for device in devices)})
 
 
