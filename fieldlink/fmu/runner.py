@@ -153,6 +153,7 @@ class _Run:
         series = self.settings.inputs
         columns = set(series.columns) if series is not None else set()
         controlled = self.mapping.controller.op if self.mapping.controller else None
+        undriven: list[str] = []
         for tag, entry in self.inputs.items():
             variable = self.fmu.variable(entry.variable)
             driven = tag in columns or tag == controlled or entry.variable in values
@@ -164,7 +165,11 @@ class _Run:
                     "drives it; give it one in the map, as a column of the inputs, or with --set "
                     f"{entry.variable}=VALUE"
                 )
-            self.notes.append(f"input {tag} is not driven; it stays at {variable.start}")
+            undriven.append(tag)
+        if undriven:
+            self.notes.append(
+                f"inputs that nothing drives keep their start values: {', '.join(undriven)}"
+            )
         return values
 
     def _recorded(self, plant: Plant, begun: float) -> RunResult:

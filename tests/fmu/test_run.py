@@ -43,7 +43,7 @@ def test_without_a_map_it_is_the_default_experiment(tmp_path: Path) -> None:
     with open_plant("heat") as plant:
         rows = [plant.outputs(), *plant.steps([{}] * 1000)]
     np.testing.assert_allclose(table["pv"], [row["pv"] for row in rows], rtol=1e-12)
-    assert "input op is not driven; it stays at 50.0" in done.output
+    assert "nothing drives keep their start values: op, load, sp" in done.output
 
 
 def test_map_inputs_units_and_parquet(mini_fmus: Minis, tmp_path: Path) -> None:
