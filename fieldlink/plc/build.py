@@ -159,22 +159,23 @@ class LoopSetup:
     def control(
         self,
         plant: HostedPlant,
-        supervision: SupervisorSettings | None = None,
         op: float | None = None,
+        supervise: type[Supervisor] = Supervisor,
     ) -> ControlledLoop:
         """Put the loop's controller before a plant whose OP is ``op``, at its start unless given.
+
+        ``supervise`` makes who switches between controller and compensator.
 
         Raises:
             PlcError: the controller does not fit the plant.
         """
-        supervision = supervision or SupervisorSettings(hybrid=HybridSettings(limits=self.limits))
         try:
-            source = self._source(supervision)
+            source = self._source(supervise)
         except CompensatorError as error:
             raise PlcError(f"loop {self.name}: {error}") from error
         return ControlledLoop(self.name, plant, self.signals, source, self.op if op is None else op)
 
-    def _source(self, supervision: SupervisorSettings) -> OpSource:
+    def _source(self, supervise: type[Supervisor]) -> OpSource:
         kind, period, limits = self.settings.controller_kind, self.loop.period, self.limits
         if kind == "none":
             return ByHand(limits)
@@ -184,7 +185,8 @@ class LoopSetup:
             own = self._pi() if asked.policy == "take_over" else None
             return ByClient(TimeOut(asked.timeout, asked.policy, safe), period, limits, own)
         controller = self._pi() if kind == "pi" else self._mpc()
-        return Supervised(Supervisor(controller, supervision), period, limits)
+        settings = SupervisorSettings(hybrid=HybridSettings(limits=limits))
+        return Supervised(supervise(controller, settings), period, limits)
 
     def _pi(self) -> Controller:
         tuning = self.settings.pi

@@ -103,7 +103,7 @@ class PlantVariables(_Model):
     stem: str = "stem"
     """Output: stem position, for judging; need not exist."""
     load: str = "load"
-    """Input: load disturbance; needed with [[load]]."""
+    """Input: load disturbance; needed with [load]."""
     stick_band: str = "stick_band"
     """Tunable parameter or input: S; needed with [valve]."""
     slip_jump: str = "slip_jump"
@@ -157,7 +157,7 @@ class ValveWear(_Model):
 
 
 class Sinusoid(_Spell):
-    """A sinusoid."""
+    """``sinusoids`` of ``[load]``: oscillations from outside, each a table."""
 
     begin: Moment = 0.0
     """Plant second at which it begins."""
@@ -182,7 +182,7 @@ class SensorFault(_Spell):
     """``[[sensor]]``: a fault of the transmitter of PV, seen by controller and daemon alike."""
 
     kind: Literal["freeze", "drift", "spikes", "bad"]
-    """Value stands still, slope added, single outliers, or NaN."""
+    """Value stands still; slope added; single outliers; NaN."""
     rate: float = 0.0
     """PV per second, of a drift."""
     size: float = 0.0
@@ -203,8 +203,8 @@ class NetworkFault(_Spell):
     """``[[network]]``: what is wrong between daemon and PLC, or with the PLC."""
 
     kind: Literal["drop", "late", "write_lost", "restart"]
-    """Polls unanswered, polls that get the cycle before, writes unanswered and without effect, or
-    the PLC off from begin to end: it starts with empty registers."""
+    """Polls unanswered; polls that get the cycle before; writes unanswered and without effect; the
+    PLC off, to start with empty registers."""
     share: Share = 1.0
     """Of the polls or writes that are hit."""
 
@@ -278,7 +278,7 @@ class DaemonSettings(_Model):
 
 
 class Scenario(_Model):
-    """A whole scenario file."""
+    """Top of the file: its tables, and the set-point."""
 
     scenario: Summary
     """The rehearsal as a whole."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator import HybridSettings, SupervisorSettings
+from compensator import Supervisor, WithdrawReason
 from fieldlink.plc import (
     Commands,
     ControlledLoop,
@@ -111,12 +111,9 @@ class Stage:
 
     def program(self, loop: str) -> LoopProgram:  # noqa: ARG002
         """Return the loop's program for a PLC that starts now."""
-        limits = self._setup.limits
-        forgiving = 1e9 if self._defect is Defect.NO_FALL_BACK else 1.3
-        supervision = SupervisorSettings(hybrid=HybridSettings(limits=limits), worse_by=forgiving)
-        return _Program(
-            self, self._setup.control(HostedPlant(self._plant), supervision, op=self._op)
-        )
+        supervise = _Unwatched if self._defect is Defect.NO_FALL_BACK else Supervisor
+        plant = HostedPlant(self._plant)
+        return _Program(self, self._setup.control(plant, self._op, supervise))
 
     def coast(self) -> None:
         """Let a period pass without a PLC: OP stays where it is."""
@@ -186,6 +183,10 @@ class _Program:
         return self._inner.pv
 
     @property
+    def stem(self) -> float:
+        return self._inner.stem
+
+    @property
     def plant(self) -> HostedPlant:
         return self._inner.plant
 
@@ -197,6 +198,14 @@ class _Program:
 
     def close(self) -> None:
         """The plant outlives the PLC."""
+
+
+class _Unwatched(Supervisor):
+    """The defect of a PLC that does not notice that compensation makes the loop worse."""
+
+    def withdraw(self, reason: WithdrawReason) -> None:
+        if reason not in (WithdrawReason.WORSE, WithdrawReason.GROWING, WithdrawReason.HUNTING):
+            super().withdraw(reason)
 
 
 class _WornPlant:

@@ -193,7 +193,7 @@ async def test_a_hanging_and_a_crashing_fmu_stall_nobody(make_many: MakeMany, fa
     try:
         async with asyncio.timeout(60.0):
             # Three seconds of the clock, well before the ten of the plant that hangs have passed.
-            while await scans(2) < 60:  # noqa: ASYNC110
+            while await scans(2) < 60:
                 await asyncio.sleep(0.05)
             hanging, dying, living = [
                 decode(

@@ -99,5 +99,5 @@ def test_a_name_means_a_shipped_scenario_and_a_path_a_file(write_scenario: Write
     assert find_scenario("healthy-valve") in shipped_scenarios()
     with pytest.raises(ScenarioError, match="did you mean 'healthy-valve'"):
         find_scenario("healthy_valve")
-    with pytest.raises(ScenarioError, match="there is no scenario file nowhere.toml"):
+    with pytest.raises(ScenarioError, match=r"there is no scenario file nowhere\.toml"):
         find_scenario("nowhere.toml")

@@ -88,7 +88,8 @@ def test_spikes_are_single_and_of_the_given_size(make_scenario: MakeScenario) ->
 
 
 def test_an_operator_has_the_loop_in_manual(make_scenario: MakeScenario) -> None:
-    more = '[[maintenance]]\nkind = "manual"\nbegin = 30\nend = 60\nop = [[30, 41], [45, 41], [45, 44]]'
+    spell = "begin = 30\nend = 60\nop = [[30, 41], [45, 41], [45, 44]]"
+    more = f'[[maintenance]]\nkind = "manual"\n{spell}'
     trend = rehearse(make_scenario(more=more)).course.trend
     assert not trend.automatic[30:60].any()
     assert trend.automatic[[29, 60]].all()
