@@ -182,7 +182,7 @@ def _served(seconds: float) -> dict[str, float]:
     """Cores used, and memory, of a served PLC with its plants."""
     with tempfile.TemporaryDirectory() as folder:
         site = _write_site(Path(folder), _PLANTS, served=True)
-        command = [sys.executable, "-m", "fieldlink.cli.app", "plant", str(site), "--port", "0"]
+        command = [sys.executable, "-m", "fieldlink.cli", "plant", str(site), "--port", "0"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
             assert program.stdout is not None
             line = program.stdout.readline()
