@@ -76,7 +76,7 @@ def _print_device(console: Console, device: DeviceReport) -> None:
     for request in device.requests:
         console.print(
             f"  FC{request.function} {request.table} {request.first}-{request.last}: "
-            f"{', '.join(request.tags)}"
+            f"{', '.join(request.tags)}" + (f"; every {request.every:g} s" if request.every else "")
         )
 
 

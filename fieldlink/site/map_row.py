@@ -190,7 +190,7 @@ class RowReader:
     def _length(self, data_type: DataType | None) -> int:
         if data_type is not DataType.STRING:
             if self._cell("length") and data_type is not None:
-                self.report("length", f"a {data_type} has its own length", "leave it empty")
+                self.report("length", f"{data_type} has its own length", "leave it empty")
             return 0
         remedy = f"give the registers of the string, 1 to {_LONGEST_TEXT}"
         if not self._cell("length"):

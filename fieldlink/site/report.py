@@ -200,6 +200,9 @@ def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -
                 break
     views: dict[tuple[str, int], list[str]] = {}
     for tag in site.maps.get(name, {}).values():
+        if tag.bit is not None:
+            # Bits of a status word are meant to share it.
+            continue
         views.setdefault((tag.table.value, tag.address), []).append(tag.name)
     warnings.extend(
         f"device {name}: {', '.join(names)} are the same registers ({table} {address})"

@@ -1,0 +1,155 @@
+"""Vendors' lists become register maps, and a register map that is written reads back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fieldlink.registers import DataType, Table
+from fieldlink.site import SiteError, read_register_map
+from fieldlink.site.map_addresses import FoundAddress, guess_style, parse_address
+from fieldlink.site.map_export import write_map
+from fieldlink.site.map_import import import_map
+
+VENDOR = """\
+Register Name;Modbus Address;Data Type;Access;Factor;Unit;Min;Max;Remarks;Vendor id
+Tank level;40001;REAL;R;;m;0;12,5;main tank;7
+Pump speed;40003;UINT;R/W;0,1;rpm;0;3000;;8
+Running;40010.3;BOOL;R;;;;;bit of the status;9
+Serial number;40020;STRING16;R;;;;;;10
+Feed;30005;INT;R;1/10;degC;;;;11
+Valve open;10004;BOOL;R;;;;;;12
+Start;00002;BOOL;RW;;;;;;13
+"""
+
+
+def write(folder: Path, text: str, name: str = "vendor.csv") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_vendors_list_is_understood(tmp_path: Path) -> None:
+    found = import_map(write(tmp_path, VENDOR))
+    assert found.problems == ()
+    places = {name: (tag.table, tag.address, tag.data_type) for name, tag in found.tags.items()}
+    assert places == {
+        "Tank level": (Table.HOLDING, 0, DataType.FLOAT32),
+        "Pump speed": (Table.HOLDING, 2, DataType.UINT16),
+        "Running": (Table.HOLDING, 9, DataType.BOOL),
+        "Serial number": (Table.HOLDING, 19, DataType.STRING),
+        "Feed": (Table.INPUT, 4, DataType.INT16),
+        "Valve open": (Table.DISCRETE, 3, DataType.BOOL),
+        "Start": (Table.COIL, 1, DataType.BOOL),
+    }
+    assert found.tags["Running"].bit == 3
+    assert found.tags["Serial number"].length == 8
+    assert found.tags["Pump speed"].scale == 0.1
+    assert found.tags["Pump speed"].writable
+    assert found.tags["Feed"].scale == 0.1
+    assert found.tags["Tank level"].high == 12.5
+    notes = " / ".join(found.notes)
+    assert "40001 is holding register 0" in notes
+    assert "'Vendor id' is left out" in notes
+
+
+def test_every_bad_row_is_reported_and_the_good_ones_are_kept(tmp_path: Path) -> None:
+    bad = """\
+name,register,format,length
+good,40001,float,2
+no address,,float,
+other style,17,float,
+no such type,40005,decimal,
+too long,40007,int16,3
+no bit 16,40009.16,bool,
+below,40000,int16,
+good,40020,int16,
+"""
+    lines = bad.splitlines()
+    more = "\n".join(f"n{i},{40100 + i},word," for i in range(30))
+    found = import_map(write(tmp_path, "\n".join([*lines, more])))
+    said = {problem.line: f"{problem.key}: {problem.message}" for problem in found.problems}
+    assert said == {
+        3: "address: '' is no address",
+        4: "address: '17' is not written like the others (40001)",
+        5: "type: 'decimal' is unknown",
+        6: "length: int16 has its own length",
+        7: "address: '40009.16': a register has no bit 16",
+        8: "address: '40000' is address -1",
+        9: "tag: good is already on line 2",
+    }
+    assert found.bad_rows == 7
+    assert len(found.tags) == 31
+
+
+@pytest.mark.parametrize(
+    ("cell", "style", "expected"),
+    [
+        ("0", "zero", FoundAddress(0)),
+        ("0x64", "zero", FoundAddress(100)),
+        ("100.0", "zero", FoundAddress(100)),
+        ("100.12", "zero", FoundAddress(100, None, 12)),
+        ("1", "one", FoundAddress(0)),
+        ("40001", "modicon", FoundAddress(0, Table.HOLDING)),
+        ("400001", "modicon", FoundAddress(0, Table.HOLDING)),
+        ("4x00100", "modicon", FoundAddress(99, Table.HOLDING)),
+        ("465536", "modicon", FoundAddress(65535, Table.HOLDING)),
+        ("30011", "modicon", FoundAddress(10, Table.INPUT)),
+        ("10001", "modicon", FoundAddress(0, Table.DISCRETE)),
+        ("00001", "modicon", FoundAddress(0, Table.COIL)),
+    ],
+)
+def test_addresses_as_manuals_write_them(cell: str, style: str, expected: FoundAddress) -> None:
+    assert parse_address(cell, style) == expected  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("cell", "style"),
+    [("", "zero"), ("ten", "zero"), ("65536", "zero"), ("0", "one"), ("40000", "modicon")],
+)
+def test_what_is_no_address_is_refused(cell: str, style: str) -> None:
+    with pytest.raises(ValueError, match=";"):
+        parse_address(cell, style)  # type: ignore[arg-type]
+
+
+def test_one_slip_among_many_does_not_change_the_style() -> None:
+    assert guess_style([*(str(40001 + n) for n in range(9)), "17"]) == "modicon"
+    assert guess_style(["0", "1", "40001"]) == "zero"
+
+
+def test_a_list_without_addresses_says_which_heading_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(SiteError, match="address: no column means it"):
+        import_map(write(tmp_path, "name,type\nA,int16\n"))
+
+
+def test_a_workbook_with_a_title_above_the_headings(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    rows = [
+        ["Pump station, register list", None, None],
+        [],
+        ["Signal", "Address", "Type"],
+        ["Level", 40001, "FLOAT"],
+        ["Pressure", 40003, "FLOAT"],
+        ["Spare", None, None],
+    ]
+    for row in rows:
+        book.active.append(row)
+    book.save(tmp_path / "list.xlsx")
+    found = import_map(tmp_path / "list.xlsx")
+    assert {name: tag.address for name, tag in found.tags.items()} == {"Level": 0, "Pressure": 2}
+    assert [(problem.line, problem.key) for problem in found.problems] == [(6, "address")]
+    with pytest.raises(SiteError, match="Sheet9"):
+        import_map(tmp_path / "list.xlsx", sheet="Sheet9")
+
+
+@pytest.mark.parametrize("name", ["written.csv", "written.xlsx"])
+def test_what_is_written_reads_back(tmp_path: Path, name: str) -> None:
+    tags = import_map(write(tmp_path, VENDOR)).tags
+    write_map(tags.values(), tmp_path / name)
+    again = import_map(tmp_path / name)
+    assert again.problems == ()
+    assert dict(again.tags) == dict(tags)
+    if name.endswith(".csv"):
+        assert dict(read_register_map(tmp_path / name)) == dict(tags)
