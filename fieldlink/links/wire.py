@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import cycle
 from typing import Any
 
 from pymodbus.transport import CommParams, CommType, ModbusProtocol
@@ -20,6 +21,10 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 from fieldlink.links.frames import Frame, Framing, FramingError, Request
 
 __all__ = ["Wire", "WireLostError", "WrongReplyError"]
+
+_TRANSACTIONS = cycle(range(1, 0x10000))
+"""Ids go on from one connection to the next: gateways are known to deliver the late reply to a
+request of a connection that is gone on the one that took its place."""
 
 Late = Callable[[bytes], bool]
 """Whether a PDU of the right unit is the late reply to an earlier request."""
@@ -60,7 +65,6 @@ class Wire(ModbusProtocol):
             self.call_create = partial(create, server_hostname=server_name)
         self._framing = framing
         self._datagrams = params.comm_type is CommType.UDP
-        self._transaction = 0
         self._buffer = b""
         self._waiting: _Waiting | None = None
 
@@ -102,13 +106,13 @@ class Wire(ModbusProtocol):
         """
         if not self.is_open:
             raise WireLostError("the connection is closed")
-        self._transaction = self._transaction % 0xFFFF + 1
+        transaction = next(_TRANSACTIONS)
         reply: asyncio.Future[bytes] = self.loop.create_future()
-        self._waiting = _Waiting(request, unit, self._transaction, late, reply)
+        self._waiting = _Waiting(request, unit, transaction, late, reply)
         timer = self.loop.call_later(within, self._fail, TimeoutError())
         try:
             self._buffer = b""
-            self._send(self._framing.encode(unit, self._transaction, request.pdu))
+            self._send(self._framing.encode(unit, transaction, request.pdu))
             return await reply
         finally:
             timer.cancel()
