@@ -277,3 +277,15 @@ def test_sixteen_fmus_run_in_one_plc(make_many: MakeMany) -> None:
         pids = {os.getpid()} | {plc._loops[loop].program.plant._plant._key for loop in plc.loops}
         assert len(pids) == 17
         assert all(np.isfinite(plc.truth(loop).pv).all() for loop in plc.loops)
+
+
+def test_the_shipped_site_of_many_plants_runs() -> None:
+    site = load_site(Path(__file__).parents[2] / "site_configs" / "plants.toml")
+    with VirtualPlc(site, "plc") as plc:
+        for _ in range(40):
+            plc.scan()
+        assert plc.failures == {}
+        (status,) = plc.image.read(Table.HOLDING, 69, 1)
+        truths = {loop: plc.truth(loop) for loop in plc.loops}
+    assert status == 3  # nobody wrote OP of LC104 for 30 s: the PLC's own PI has it
+    assert all(np.isfinite(truth.pv).all() and truth.automatic.all() for truth in truths.values())
