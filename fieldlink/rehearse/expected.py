@@ -167,6 +167,8 @@ class EventExpected(_Expected):
     """The kind."""
     event: str = Field(min_length=1)
     """The event's name."""
+    after: Moment = 0.0
+    """From this plant second on."""
     by: Moment | None = None
     """At this plant second at the latest."""
     never: bool = False

@@ -179,13 +179,19 @@ def _samples(expected: SamplesExpected, course: RunCourse) -> Finding:
 
 
 def _event(expected: EventExpected, course: RunCourse) -> Finding:
-    times = [r.utc_ms / 1000.0 for r in course.events if r.kind == expected.event]
-    found = f"at {', '.join(f'{t:g}' for t in times)} s" if times else "never"
+    times = [
+        record.utc_ms / 1000.0
+        for record in course.events
+        if record.kind == expected.event and record.utc_ms / 1000.0 >= expected.after
+    ]
+    shown = ", ".join(f"{time:g}" for time in times[:8]) + (", ..." if len(times) > 8 else "")
+    found = f"at {shown} s" if times else "never"
+    since = f" after {expected.after:g} s" if expected.after else ""
     if expected.never:
-        return Finding(f"no event {expected.event}", found, not times)
+        return Finding(f"no event {expected.event}{since}", found, not times)
     assert expected.by is not None
     return Finding(
-        f"event {expected.event} by {expected.by:g} s",
+        f"event {expected.event}{since} by {expected.by:g} s",
         found,
         any(time <= expected.by for time in times),
     )

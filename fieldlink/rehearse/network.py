@@ -20,6 +20,7 @@ from fieldlink.links import (
 from fieldlink.plc import LockstepLink
 from fieldlink.registers import ExchangeLayout, Table
 from fieldlink.rehearse.defects import Defect
+from fieldlink.rehearse.errors import ScenarioError
 from fieldlink.rehearse.models import Disable, Scenario
 from fieldlink.rehearse.stage import Stage
 from fieldlink.site import Site
@@ -71,7 +72,11 @@ class RehearsalLink(LockstepLink):
         return LinkState.DEMOTED if self._off else super().state
 
     async def scan(self) -> Scan:
-        """Run one control cycle, then read every mapped tag, as far as the faults let it."""
+        """Run one control cycle, then read every mapped tag, as far as the faults let it.
+
+        Raises:
+            ScenarioError: the plant has failed, which no scenario means to rehearse.
+        """
         now = self._stage.time
         if self._hit("restart", now):
             if not self._off:
@@ -89,6 +94,8 @@ class RehearsalLink(LockstepLink):
             self.plc.scan()
         else:
             scan = await super().scan()
+        for failure in self.plc.failures.values():
+            raise ScenarioError(f"the rehearsal cannot go on at {now:g} s: {failure}")
         return self._without_gap(scan)
 
     async def _read(self, table: Table, address: int, count: int) -> list[int]:

@@ -118,7 +118,8 @@ class Stage:
     def coast(self) -> None:
         """Let a period pass without a PLC: OP stays where it is."""
         self._pvs = self._plant.true_pv, self._plant.measured_pv
-        stem = self._plant.step({"op": self._op})["stem"]
+        names = self._scenario.plant.variables
+        stem = self._plant.step({names.op: self._op}).get(names.stem, math.nan)
         self._note(CycleRecord(self._op, math.nan, math.nan, stem, False, False))
 
     def close(self) -> None:
@@ -211,8 +212,7 @@ class _Unwatched(Supervisor):
 class _WornPlant:
     """A plant whose valve wears, whose load varies and whose transmitter may fail.
 
-    Outward it has input ``op`` and outputs ``pv`` (measured) and ``stem``, whatever the FMU calls
-    them.
+    Its PV is the measured one.
     """
 
     def __init__(self, plant: Plant, scenario: Scenario) -> None:
@@ -276,7 +276,7 @@ class _WornPlant:
 
     def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
         time = self.time
-        given = {self._names.op: inputs["op"]}
+        given = dict(inputs)
         S, J = self.valve(time)
         if math.isfinite(S):
             given |= {self._names.stick_band: S, self._names.slip_jump: J}
@@ -295,7 +295,7 @@ class _WornPlant:
     def _measured(self, outputs: Mapping[str, float]) -> dict[str, float]:
         self.true_pv = outputs[self._names.pv]
         self.measured_pv = self._transmitter.measure(self.time, self.true_pv)
-        return {"pv": self.measured_pv, "stem": outputs.get(self._names.stem, math.nan)}
+        return {**outputs, self._names.pv: self.measured_pv}
 
     def _load(self, time: float) -> float:
         load = self._scenario.load

@@ -90,3 +90,17 @@ def test_the_defects_are_listed() -> None:
     run = in_this_process("--inject", "list")
     assert run.exit_code == 0, run.output
     assert re.search(r"^no-repair +the repair is not done", run.stdout, re.M)
+
+
+@pytest.mark.parametrize(("defect", "status"), [("closed-gaps", 0), ("no-repair", 1)])
+def test_a_self_test_wants_every_defect_to_show(
+    write_scenario: WriteScenario, defect: str, status: int
+) -> None:
+    path = write_scenario(
+        more='[[network]]\nkind = "drop"\nbegin = 70\nend = 80',
+        expect=FAILING.replace("at_least = 1", "at_least = 10"),
+    )
+    path.write_text(path.read_text().replace("duration", f'defects = ["{defect}"]\nduration'))
+    run = in_this_process(str(path), "--self-test")
+    assert run.exit_code == status, run.output
+    assert re.search(rf"small +{defect} +(failed +yes|passed +no)", run.output)

@@ -137,6 +137,8 @@ PV = {"kind": "pv_std", "first": (100.0, 300.0), "then": (310.0, 440.0)}
         ({"kind": "event", "event": "device.demoted", "by": 70.0}, True),
         ({"kind": "event", "event": "device.demoted", "by": 69.0}, False),
         ({"kind": "event", "event": "device.demoted", "never": True}, False),
+        ({"kind": "event", "event": "device.demoted", "after": 71.0, "never": True}, True),
+        ({"kind": "event", "event": "device.demoted", "after": 71.0, "by": 99.0}, False),
         ({"kind": "event", "event": "loop.silent", "never": True}, True),
         ({"kind": "change", "direction": "increase", "at": 400.0, "within": 100.0}, False),
         ({"kind": "change", "direction": "increase", "never": True}, True),

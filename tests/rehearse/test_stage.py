@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fieldlink.plc import PlcError
-from fieldlink.rehearse import Rehearsal, ScenarioError, ScenarioFile, rehearse
+from fieldlink.rehearse import (
+    Rehearsal,
+    ScenarioError,
+    ScenarioFile,
+    load_scenario,
+    rehearse,
+)
 from fieldlink.rehearse.course import over
+from fmu_models import fmu_path
+from fmu_models.packing import build_source
 
 MakeScenario = Callable[..., ScenarioFile]
 
@@ -149,3 +159,33 @@ def test_a_plant_that_is_not_there_is_named(make_scenario: MakeScenario) -> None
     scenario = file.scenario.model_copy(update={"plant": plant})
     with pytest.raises(PlcError, match="did you mean 'example1'"):
         rehearse(ScenarioFile(file.name, file.path, scenario))
+
+
+def test_an_fmu_of_one_s_own_with_names_of_its_own(make_scenario: MakeScenario) -> None:
+    """Loop 2 of the four tanks as a file, as anybody's FMU would be."""
+    file = make_scenario(
+        first="setpoint = [[0, 12]]",
+        controller='kind = "pi"\ngain = 22.5\nintegral_time = 40.0',
+        more="[valve]\nstick_band = [[0, 3]]\nslip_jump = [[0, 1]]\n"
+        '[plant.variables]\nop = "op2"\npv = "pv2"\nstem = "stem2"\nload = "load2"\n'
+        'stick_band = "stick_band2"\nslip_jump = "slip_jump2"',
+    )
+    copied = shutil.copy(fmu_path("fourtank"), file.path.with_name("tanks.fmu"))
+    file.path.write_text(file.path.read_text().replace('"example1"', f'"{copied.name}"'))
+    trend = rehearse(load_scenario(file.path)).course.trend
+    assert np.isfinite(trend.stem).all()
+    moved = np.abs(np.diff(trend.stem))
+    assert np.count_nonzero(moved) > 5
+    # A valve with J = 1 and S = 3 leaves its place when OP is 2 away, and then by more than J.
+    assert moved[moved > 0.0].min() >= 1.0
+
+
+def test_a_plant_that_fails_ends_the_rehearsal_with_its_cause(
+    make_scenario: MakeScenario, tmp_path: Path
+) -> None:
+    sources = Path(__file__).parents[1] / "fmu_models" / "sources"
+    built = build_source(sources / "faulty.c", output=tmp_path)[1]
+    file = make_scenario(plant="parameters = { fault = 2 }")
+    file.path.write_text(file.path.read_text().replace('"example1"', f'"{built.name}"'))
+    with pytest.raises(ScenarioError, match=r"cannot go on at 0 s: .*died of SIGSEGV"):
+        rehearse(load_scenario(file.path))
