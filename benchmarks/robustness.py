@@ -80,6 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--loop", metavar="NAME", help="one loop alone: s17 or h17")
     parser.add_argument("--csv", type=Path, help="with --loop: keep its window here")
+    parser.add_argument("--loops", type=Path, help="keep every judgement here, one JSON a line")
     parser.add_argument("--out", type=Path, help="folder for robustness.md and robustness.json")
     options = parser.parse_args(arguments)
     if options.loop is not None:
@@ -94,8 +95,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "options": {k: v for k, v in vars(options).items() if k in ("runs", "seed", "samples")},
         "machine": machine(),
         **figures,
-        "loops": [{"name": one.loop.name, **asdict(one)} for one in judged],
     }
+    if options.loops is not None:
+        lines = [json.dumps({"name": one.loop.name, **asdict(one)}) for one in judged]
+        options.loops.write_text("\n".join(lines) + "\n")
     keep(options.out, "robustness", text, kept)
     return 0
 

@@ -137,23 +137,22 @@ def tables(judged: Sequence[Judgement], *, samples: int) -> tuple[str, dict[str,
     healthy_rows = [healthy_row("all", healthy)]
     trouble = ("trouble", lambda one: one.loop.trouble)
     healthy_rows += [healthy_row(*group) for group in _groups(healthy, (trouble, *_WAYS))]
-    fair_missed = [one for one in fair if one.is_missed or _unknown(one)]
+    failed = {
+        "False alarms": [one for one in healthy if one.is_false_alarm],
+        "S >= 2 %, moderate noise, not found": [o for o in fair if o.is_missed or _unknown(o)],
+        "Other misses": [one for one in cycling if one.is_missed and one not in fair],
+    }
     text = "\n\n".join(
         (
             table(("figure", "share (90 % interval)"), [(k, str(v)) for k, v in figures.items()]),
             table(STICKY_HEADER, sticky_rows),
             table(_HEALTHY_HEADER, healthy_rows),
-            _failures("False alarms", [one for one in healthy if one.is_false_alarm], samples),
-            _failures("S >= 2 %, moderate noise, not found", fair_missed, samples),
-            _failures(
-                "Other misses",
-                [one for one in cycling if one.is_missed and one not in fair],
-                samples,
-            ),
+            *(_failures(title, chosen, samples) for title, chosen in failed.items()),
         )
     )
     return text, {
         "summary": {k: {"hits": v.hits, "count": v.count} for k, v in figures.items()},
         "sticky": [dict(zip(STICKY_HEADER, row, strict=True)) for row in sticky_rows],
         "healthy": [dict(zip(_HEALTHY_HEADER, row, strict=True)) for row in healthy_rows],
+        "failed": {title: [o.loop.name for o in chosen] for title, chosen in failed.items()},
     }

@@ -93,11 +93,14 @@ def test_share_gives_the_exact_interval():
 
 def test_a_small_run_writes_tables_and_figures(tmp_path, capsys):
     options = ["--runs", "1", "--seed", "3", "--samples", "300", "--jobs", "1"]
-    assert main([*options, "--out", str(tmp_path)]) == 0
+    every = tmp_path / "loops.jsonl"
+    assert main([*options, "--out", str(tmp_path), "--loops", str(every)]) == 0
     assert (tmp_path / "robustness.md").read_text() == capsys.readouterr().out
     figures = json.loads((tmp_path / "robustness.json").read_text())
-    assert [loop["name"] for loop in figures["loops"]] == ["s3", "h3"]
+    loops = [json.loads(line) for line in every.read_text().splitlines()]
+    assert [loop["name"] for loop in loops] == ["s3", "h3"]
+    assert figures["summary"]["false alarms on healthy valves"]["count"] == 1
     assert main(["--loop", "s3", "--samples", "300", "--csv", str(tmp_path / "s3.csv")]) == 0
     shown = json.loads(capsys.readouterr().out.rsplit("}", 1)[0] + "}")
-    assert shown["verdict"] == figures["loops"][0]["verdict"]
+    assert shown["verdict"] == loops[0]["verdict"]
     assert (tmp_path / "s3.csv").read_text().startswith("op,pv,sp,stem\n")
