@@ -139,15 +139,16 @@ class LoopPipeline:
         skipped = self._window.put(placed.slot, sample)
         good = sample.quality == 0
         late = None if due is None else max(0.0, pv.monotonic - due)
+        # Written out: it runs for every sample of every loop.
         counts = self.counts
-        self.counts = replace(
-            counts,
-            expected=counts.expected + skipped + 1,
-            read=counts.read + good,
-            bad=counts.bad + (not good),
-            missed=counts.missed + skipped,
-            late=counts.late + (late is not None and late > self._late_after),
-            restarts=counts.restarts + (placed.place is Place.RESTARTED),
+        self.counts = LoopCounts(
+            counts.expected + skipped + 1,
+            counts.read + good,
+            counts.bad + (not good),
+            counts.missed + skipped,
+            counts.late + (late is not None and late > self._late_after),
+            counts.duplicates,
+            counts.restarts + (placed.place is Place.RESTARTED),
         )
         steps = 0 if self._watch is None else self._watch.stretch_of(pv.utc - pv.monotonic)
         self.latest = self._record(placed.slot, sample, late, steps)

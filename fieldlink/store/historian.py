@@ -102,7 +102,7 @@ class Historian:
         self._sweep: Iterator[int] | None = None
         self._sweep_due = threading.Event()
         self._settings = settings or HistorianSettings()
-        self._queue: queue.Queue[Record] = queue.Queue(self._settings.queue)
+        self._queue: queue.SimpleQueue[Record] = queue.SimpleQueue()
         self._samples_stop_at = int(0.9 * self._settings.queue)
         self._lock = threading.Lock()
         self._written = self._dropped = self._retries = self._in_hand = 0
@@ -137,29 +137,23 @@ class Historian:
 
         With ``wait`` it waits for room instead, for runs that are faster than any disk.
         """
-        if wait:
-            self._queue.put(record)
-            return True
-        room = not (
-            isinstance(record, SampleRecord) and self._queue.qsize() >= self._samples_stop_at
+        room_for = (
+            self._samples_stop_at if isinstance(record, SampleRecord) else self._settings.queue
         )
-        if room:
-            try:
-                self._queue.put_nowait(record)
-            except queue.Full:
-                room = False
-        if not room:
+        while wait and self._queue.qsize() >= room_for:
+            time.sleep(0.001)
+        if self._queue.qsize() >= room_for:
             self._drop(1)
             if self._overflowing_since is None:
                 self._overflowing_since = self._dropped - 1
                 _log.error("store.overflow", waiting=self._queue.qsize(), error=self._last_error)
-        elif (
-            self._overflowing_since is not None
-            and self._queue.qsize() < 0.5 * self._samples_stop_at
-        ):
-            lost, self._overflowing_since = self._dropped - self._overflowing_since, None
-            self._note_loss(lost)
-        return room
+            return False
+        self._queue.put(record)
+        since = self._overflowing_since
+        if since is not None and self._queue.qsize() < 0.5 * self._samples_stop_at:
+            self._overflowing_since = None
+            self._note_loss(self._dropped - since)
+        return True
 
     def tidy(self) -> None:
         """Let the retention be applied soon, between two batches; returns at once."""

@@ -1,0 +1,187 @@
+"""Five hundred loops at one second: processor, memory, lateness and missed samples of the daemon.
+
+    python -m benchmarks.load                   # a minute of each layout, beside a busy estimator
+    python -m benchmarks.load --minutes 10
+
+Two layouts: one PLC with 500 loops, and 50 PLCs with 10 loops each. PLC, daemon and estimator are
+processes of their own. The measurement begins when the windows are full, so that the estimator's
+pool has more to do than it can: 500 windows wait all the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.load_plc import REGISTERS_A_LOOP
+from benchmarks.report import keep, machine, table
+from fieldlink.store import read_estimates, read_samples, read_slots
+
+__all__ = ["Load", "main", "measure"]
+
+WINDOW = 50
+LAYOUTS = {"1 PLC x 500 loops": (1, 500), "50 PLCs x 10 loops": (50, 10)}
+START = 20.0
+"""Seconds for the daemon to start and for the estimator to load its kernels."""
+
+TICKS = 100.0
+"""Clock ticks a second in /proc (sysconf SC_CLK_TCK on Linux)."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What one layout cost; the fields are the columns of the table."""
+
+    layout: str
+    seconds: float
+    daemon_core_share: float
+    estimator_core_share: float
+    daemon_mb: float
+    all_mb: float
+    late_p50_ms: float
+    late_p99_ms: float
+    late_max_ms: float
+    samples: int
+    missed: int
+    windows_judged: int
+
+
+def measure(layout: str, seconds: float, folder: Path) -> Load:
+    """Run the daemon on a layout and measure it for ``seconds``."""
+    ports, loops = LAYOUTS[layout]
+    plc = [sys.executable, "-m", "benchmarks.load_plc", str(ports), str(loops)]
+    with _process(plc, stdout=subprocess.PIPE) as served:
+        assert served.stdout is not None
+        numbers = list(map(int, served.stdout.readline().split()))
+        site = _write_site(folder, numbers, loops)
+        fill = START + WINDOW
+        command = [sys.executable, "-m", "fieldlink.cli", "run", str(site)]
+        log = (folder / "daemon.log").open("wb")
+        with log, _process([*command, "--duration", str(fill + seconds + 3)], stderr=log) as daemon:
+            time.sleep(fill)
+            since, begin = datetime.now(UTC), time.monotonic()
+            family = _family(daemon.pid)
+            before = {pid: _cpu(pid) for pid in family}
+            own, everything = [], []
+            while time.monotonic() - begin < seconds:
+                time.sleep(1.0)
+                own.append(_pss(daemon.pid))
+                everything.append(sum(map(_pss, _family(daemon.pid))))
+            elapsed = time.monotonic() - begin
+            spent = {pid: _cpu(pid) - start for pid, start in before.items()}
+            until = datetime.now(UTC)
+            if daemon.wait(timeout=90) != 0:
+                raise RuntimeError((folder / "daemon.log").read_text()[-3000:])
+    url = f"sqlite:///{folder}/data/history.sqlite"
+    samples = read_samples(url, since=since, until=until)
+    late = samples["late_ms"].to_numpy(float)
+    return Load(
+        layout=layout,
+        seconds=round(elapsed, 1),
+        daemon_core_share=spent.pop(daemon.pid) / elapsed,
+        estimator_core_share=sum(spent.values()) / elapsed,
+        daemon_mb=max(own),
+        all_mb=max(everything),
+        late_p50_ms=float(np.percentile(late, 50)),
+        late_p99_ms=float(np.percentile(late, 99)),
+        late_max_ms=float(late.max()),
+        samples=len(samples),
+        missed=int(read_slots(url)["missed"].sum()),
+        windows_judged=len(read_estimates(url, since=since, until=until)),
+    )
+
+
+def _write_site(folder: Path, ports: list[int], loops: int) -> Path:
+    rows = ["tag,table,address,type"]
+    for i in range(loops):
+        base = REGISTERS_A_LOOP * i
+        rows += [f"L{i}.OP,holding,{base},float32", f"L{i}.PV,holding,{base + 2},float32"]
+    (folder / "map.csv").write_text("\n".join(rows) + "\n")
+    parts = ['[site]\nname = "load"\n[web]\nport = 0\n']
+    for number, port in enumerate(ports):
+        parts.append(
+            f'[devices.plc{number}]\nlink = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\n'
+            'register_map = "map.csv"\n'
+        )
+        for i in range(loops):
+            parts.append(
+                f'[loops."P{number}L{i}"]\ndevice = "plc{number}"\nop = "L{i}.OP"\n'
+                f'pv = "L{i}.PV"\nperiod = 1.0\nwindow = {WINDOW}\nestimate_every = 10.0\n'
+            )
+    site = folder / "site.toml"
+    site.write_text("\n".join(parts))
+    return site
+
+
+@contextmanager
+def _process(command: list[str], **options: object) -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen(command, **options)  # type: ignore[call-overload]
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait(timeout=60)
+
+
+def _family(pid: int) -> list[int]:
+    """A process and all its descendants that are there now."""
+    found, rest = [], [pid]
+    while rest:
+        one = rest.pop()
+        found.append(one)
+        for task in Path(f"/proc/{one}/task").glob("*/children"):
+            rest.extend(map(int, task.read_text().split()))
+    return found
+
+
+def _cpu(pid: int) -> float:
+    """Seconds of processor time, system calls included."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def _pss(pid: int) -> float:
+    """Megabytes of memory; what processes share is counted once among them."""
+    try:
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next(int(line.split()[1]) / 1000.0 for line in lines if line.startswith("Pss:"))
+
+
+def main() -> None:
+    """Run, print, keep."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--minutes", type=float, default=1.0, help="measured, for each layout")
+    parser.add_argument("--layout", choices=LAYOUTS, default=None, help="one instead of both")
+    parser.add_argument("--out", type=Path, default=None, help="folder for Markdown and JSON")
+    options = parser.parse_args()
+    loads = []
+    for layout in LAYOUTS if options.layout is None else [options.layout]:
+        with tempfile.TemporaryDirectory() as folder:
+            loads.append(measure(layout, 60.0 * options.minutes, Path(folder)))
+    names = list(vars(loads[0]))
+    text = table(
+        ("", *(load.layout for load in loads)),
+        [(name.replace("_", " "), *(getattr(load, name) for load in loads)) for name in names[1:]],
+    )
+    print(text)
+    keep(options.out, "load", text, {"loads": [vars(load) for load in loads], "machine": machine()})
+
+
+if __name__ == "__main__":
+    main()

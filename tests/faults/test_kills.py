@@ -1,0 +1,19 @@
+"""The short version of `benchmarks.kills`: a few kills, the same demands."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from benchmarks.kills import run_kills
+
+
+@pytest.mark.slow
+def test_a_daemon_that_is_killed_loses_nothing_that_was_stored(tmp_path: Path) -> None:
+    tally = asyncio.run(run_kills(2, seed=5, folder=tmp_path))
+    assert tally.runs == 2
+    assert tally.rows > 40
+    assert (tally.lost, tally.damaged, tally.faults) == (0, 0, [])
+    assert (tally.after_bank, tally.after_commit) == (1, 1)
