@@ -1,14 +1,17 @@
 """Build the wheel that needs no compiler: ``python -m fmu_models.wheel --output dist``.
 
 The plants are built for every platform first (with zig, ``pip install ziglang``), so that the wheel
-carries them; ``--host-only`` builds them for this machine's platform with its own compiler.
+carries them; ``--host-only`` builds them for this machine's platform with its own compiler. The
+wheel is made from a copy of the tree: what an earlier one left in ``build`` cannot get into it.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -17,6 +20,11 @@ from .catalogue import catalogue
 from .packing import FMI_VERSIONS, target_file
 
 __all__ = ["main", "missing_plants"]
+
+_LEFT_OUT = (
+    *(".*", "build", "dist", "tests", "docs", "benchmarks", "fieldlink-demo"),
+    *("__pycache__", "*.egg-info"),
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,9 +37,17 @@ def main(arguments: list[str] | None = None) -> int:
     status = build.main([] if options.host_only else ["--all-platforms"])
     if status != 0:
         return status
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps"]
-    command += ["--wheel-dir", str(options.output), str(options.source)]
-    done = subprocess.run(command, check=False)
+    if not (options.source / "pyproject.toml").is_file():
+        print(
+            f"{options.source}: there is no pyproject.toml; name the source tree", file=sys.stderr
+        )
+        return 1
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        shutil.copytree(options.source, tree, ignore=shutil.ignore_patterns(*_LEFT_OUT))
+        command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps"]
+        command += ["--wheel-dir", str(options.output), str(tree)]
+        done = subprocess.run(command, check=False)
     if done.returncode != 0:
         print("the wheel could not be built; see above", file=sys.stderr)
         return 1
