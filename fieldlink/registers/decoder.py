@@ -74,6 +74,7 @@ class BlockDecoder:
         if self._request.table.is_bits:
             return [self._bit(tag, payload) for tag in self._request.tags]
         found: list[Decoded] = []
+        good = Quality.GOOD
         for layer in self._layers:
             ordered = _reorder(payload, layer.word_order, layer.byte_order)
             values = layer.layout.unpack(ordered)
@@ -82,7 +83,7 @@ class BlockDecoder:
             ):
                 value = scale * raw + offset
                 if low <= value <= high:
-                    quality = Quality.GOOD
+                    quality = good
                 elif value < low and value != -_INFINITE:
                     quality = Quality.BELOW_RANGE
                 elif value > high and value != _INFINITE:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,14 @@ def streams(draw: st.DrawFn, frame: Callable[[bytes], bytes], pdu: bytes) -> lis
     stream = b"".join(parts)
     cuts = sorted(draw(st.lists(st.integers(0, len(stream)), max_size=4)))
     return [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def known_transaction() -> Iterator[None]:
+    """Every request of these tests has the transaction id that the streams are made with."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fieldlink.links.wire._TRANSACTIONS", repeat(TRANSACTION))
+        yield
 
 
 class Plug:
