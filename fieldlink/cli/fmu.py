@@ -99,17 +99,26 @@ def _variables_table(summary: FmuSummary, every: bool) -> Any:
     return table
 
 
-def _settings_of(pairs: list[str], option: str) -> dict[str, float]:
+def _start_values(pairs: list[str], summary: FmuSummary) -> dict[str, float]:
+    """Read NAME=NUMBER; true, false and the names of an enumeration's values are numbers too."""
     values: dict[str, float] = {}
     for pair in pairs:
-        name, sign, text = pair.rpartition("=")
+        name, _, text = pair.rpartition("=")
+        variable = summary.variable(name)
+        words = {"true": 1, "false": 0}
+        if variable is not None:
+            words |= {item: value for value, item in variable.items}
         try:
-            if not sign or not name:
+            if not name:
                 raise ValueError
-            values[name] = float({"true": "1", "false": "0"}.get(text.lower(), text))
+            values[name] = float(words.get(text, text))
         except ValueError:
+            hint = (
+                f" or one of {', '.join(words)}" if variable is not None and variable.items else ""
+            )
             raise typer.BadParameter(
-                f"{pair!r} is not NAME=NUMBER, for instance noise_std=0.1", param_hint=option
+                f"{pair!r} is not NAME=NUMBER, for instance noise_std=0.1{hint}",
+                param_hint="--set",
             ) from None
     return values
 
@@ -160,7 +169,7 @@ def run(
     settings = RunSettings(
         stop=stop,
         step=step,
-        start_values=_settings_of(start_values or [], "--set"),
+        start_values=_start_values(start_values or [], summary),
         inputs=series,
         watch=tuple(watch or ()),
         kind=kind,

@@ -226,6 +226,17 @@ def test_input_without_start_value_that_nothing_drives(mini_fmus: Minis, tmp_pat
     assert driven.failure is None
 
 
+def test_start_values_by_name(mini_fmus: Minis, tmp_path: Path) -> None:
+    file, out = mini_fmus["fmi2"], tmp_path / "out.csv"
+    options = ("--stop", 2, "--step", 0.5, "--set", "tank.inflow[1]=1", "--out", out)
+    for chosen, factor in (("mode=fast", 2.0), ("pump.on=false", 0.0), ("mode=1", 1.0)):
+        assert command("run", file, *options, "--set", chosen).exit_code == 0
+        level = pd.read_csv(out)["tank.h"]
+        np.testing.assert_allclose(level, factor * (1.0 - np.exp(-0.5 * np.arange(5))), atol=2e-3)
+    refused = command("run", file, *options, "--set", "mode=quick")
+    assert "or one of true, false, slow, fast" in " ".join(refused.output.replace("│", "").split())
+
+
 def test_options_that_are_refused() -> None:
     assert "is not NAME=NUMBER" in command("run", "flow", "--set", "op").output
     assert "--save-state" in command("run", "flow", "--snapshot-at", 3).output

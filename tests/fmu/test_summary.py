@@ -84,6 +84,19 @@ def test_command_prints_it_and_as_json(mini_fmus: Minis) -> None:
     assert described["warnings"] == []
 
 
+def test_a_description_that_would_grow_without_bounds(tmp_path: Path) -> None:
+    entities = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12))
+    text = (
+        f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e0 "lol">{entities}]>'
+        '<fmiModelDescription fmiVersion="2.0" modelName="&e11;" guid="x"/>'
+    )
+    file = tmp_path / "laughs.fmu"
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+    with pytest.raises(PlantFileError, match=r"modelDescription\.xml cannot be read"):
+        summarise(file)
+
+
 @pytest.mark.parametrize("content", [b"", b"hello", b"PK\x05\x06" + bytes(18)])
 def test_no_fmu(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "no.fmu"
