@@ -13,6 +13,9 @@ from fieldlink.store import EstimateRecord, EventRecord, WritebackRecord
 
 __all__ = ["RunCourse", "Window", "track_of"]
 
+_STICK_NOT = (Interval(0.0, 0.0, 1.0), Interval(0.0, 0.0, 1.0))
+"""S and J of a valve that was called healthy, in percent of OP: none, or hardly any."""
+
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -78,23 +81,25 @@ class RunCourse:
 
 
 def track_of(windows: Sequence[Window]) -> Track | None:
-    """Follow S and J over the windows that tell both; None without any."""
-    known = [
-        window
+    """Follow S and J over the windows that tell both; None without any.
+
+    A window without stiction counts as such: what S would be if the valve did stick is no course of
+    a valve that does not.
+    """
+    told = [
+        (window.end, *_STICK_NOT)
+        if window.verdict == "no_stiction"
+        else (window.end, window.stick_band, window.slip_jump)
         for window in windows
-        if all(
-            math.isfinite(number)
-            for i in (window.stick_band, window.slip_jump)
-            for number in (i.value, i.low, i.high)
-        )
     ]
+    known = [(end, S, J) for end, S, J in told if _is_known(S) and _is_known(J)]
     if not known:
         return None
-    return track(
-        [window.end for window in known],
-        [window.stick_band for window in known],
-        [window.slip_jump for window in known],
-    )
+    return track(*(list(column) for column in zip(*known, strict=True)))
+
+
+def _is_known(interval: Interval) -> bool:
+    return all(math.isfinite(x) for x in (interval.value, interval.low, interval.high))
 
 
 def _number(value: float | None) -> float:

@@ -168,3 +168,12 @@ def test_a_finding_says_what_was_seen() -> None:
     finding = judge(ADAPTER.validate_python(VERDICT), make_course())
     assert finding.expected == "verdict stiction in all of the windows"
     assert finding.found == "200 s no_stiction, 400 s not_assessable, 600 s stiction"
+
+
+def test_a_window_without_stiction_is_tracked_as_none_whatever_s_it_might_have() -> None:
+    healthy = [window(100.0 * (k + 1), "no_stiction", S=20.0 * (k % 2)) for k in range(6)]
+    course = track_of([*healthy, window(700.0, "not_assessable"), window(800.0, "stiction", 8.0)])
+    assert course is not None
+    np.testing.assert_array_equal(course.stick_band.times, [*range(100, 700, 100), 800])
+    assert np.abs(course.stick_band.value[:6]).max() < 1.0
+    assert [change.kind for change in course.stick_band.changes] == ["increase"]
