@@ -48,7 +48,7 @@ def plant(
             for served in server.units:
                 loops = ", ".join(served.plc.loops)
                 typer.echo(
-                    f"serving {served.plc.device} on {server.host}:{server.port} "
+                    f"serving {served.plc.device} on {server.where} "
                     f"unit {served.unit}: {loops}; stop with Ctrl-C",
                 )
 

@@ -82,6 +82,11 @@ class PlcServer:
         self._clock: Clock = clock or SystemClock()
         self._server: ModbusBaseServer | None = None
 
+    @property
+    def where(self) -> str:
+        """Where it listens, as people write it."""
+        return replace(self._place, port=self.port).where
+
     async def start(self) -> None:
         """Run the first scan of every PLC, then listen: no client ever sees an empty image.
 

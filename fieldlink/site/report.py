@@ -5,6 +5,7 @@ Nothing here is read from a device: it is what the site file means, request by r
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,6 +16,13 @@ from fieldlink.site.models import Loop
 from fieldlink.site.resolved import Site
 
 __all__ = ["CheckReport", "DeviceReport", "LoopReport", "RequestReport", "WriteBackReport", "check"]
+
+
+LINE_SHARE = 0.8
+"""The share of a serial line that scans may take; the rest is for writes and slow devices."""
+
+BITS_PER_BYTE = 11
+"""Start bit, eight data bits, parity or a second stop bit, stop bit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +113,7 @@ def check(site: Site) -> CheckReport:
     warnings = [
         warning for name in site.devices for warning in _device_warnings(site, name, requests[name])
     ]
+    warnings.extend(_line_warnings(site, requests))
     for name, loop in site.loops.items():
         warnings.extend(_loop_warnings(name, loop))
     return CheckReport(
@@ -210,6 +219,41 @@ def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -
         if len(names) > 1
     )
     return warnings
+
+
+def _line_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
+    """Say when a serial line cannot carry what its loops need."""
+    lines: dict[str, list[str]] = {}
+    for name, device in site.devices.items():
+        if device.serial_port is not None:
+            lines.setdefault(device.serial_port, []).append(name)
+    for port, names in lines.items():
+        baud = site.devices[names[0]].baud
+        share = sum(
+            _seconds_on_line(request, baud) / max(_poll_period(site, name), request.every)
+            for name in names
+            for request in requests[name]
+        )
+        if share > LINE_SHARE:
+            yield (
+                f"line {port}: the scans of {', '.join(names)} take {share:.0%} of the time at "
+                f"{baud} baud: raise baud, drop tags or give them a rate (column every), or "
+                "lengthen the periods"
+            )
+
+
+def _poll_period(site: Site, device: str) -> float:
+    """Return about how often a device is read: twice a period where there is a cycle counter."""
+    loops = site.loops_of(device).values()
+    wanted = (loop.period / 2.0 if loop.scan is not None else loop.period for loop in loops)
+    return min(wanted, default=1.0)
+
+
+def _seconds_on_line(request: ReadRequest, baud: int) -> float:
+    """Return what a request, its reply and the pauses of the standard take, without the device."""
+    data = (request.count + 7) // 8 if request.table.is_bits else 2 * request.count
+    asked, answered, pauses = 8, 5 + data, 7.0
+    return (asked + answered + pauses) * BITS_PER_BYTE / baud
 
 
 def _loop_warnings(name: str, loop: Loop) -> list[str]:
