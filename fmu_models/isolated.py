@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ __all__ = ["IsolatedPlant"]
 
 _PROGRAM = "from fmu_models.nursery import main; main({})"
 _STEPS_A_MESSAGE = 1000
+_FIRST_ROWS_A_MESSAGE = 16
 _ROWS_A_MESSAGE = 4096
 _SECONDS_TO_END = 5.0
 
@@ -161,6 +162,7 @@ class IsolatedPlant(Plant):
         self._failure: str | None = None
         self._time = 0.0
         self._tail = b""
+        self._rows = _FIRST_ROWS_A_MESSAGE
         self._home = _nursery()
         self._key, self._connection, self._status = self._home.bear()
         self._open = True
@@ -231,28 +233,43 @@ class IsolatedPlant(Plant):
         return answer
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
-        """Return what `step` returns for each of ``inputs``; a thousand go in one message."""
+        """Return what `step` returns for each of ``inputs``; many go in one message."""
         results: list[dict[str, float]] = []
-        for start in range(0, len(inputs), _STEPS_A_MESSAGE):
-            batch = [_plain(values) for values in inputs[start : start + _STEPS_A_MESSAGE]]
+        for first, count in self._messages(len(inputs), _STEPS_A_MESSAGE):
+            batch = [_plain(values) for values in inputs[first : first + count]]
             answer = self._ask("steps", batch)
             results += [dict(zip(answer["names"], row, strict=True)) for row in answer["rows"]]
         return results
 
     def run(self, count: int, inputs: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
-        """Step ``count`` times; see `Plant.run`. Some thousand steps go in one message."""
+        """Step ``count`` times; see `Plant.run`. Up to some thousand steps go in one message."""
         held, columns = split_columns(count, inputs)
         names = tuple(columns)
         table = np.column_stack([columns[name] for name in names]) if names else None
         parts = []
-        for first in range(0, count, _ROWS_A_MESSAGE):
-            rows = min(_ROWS_A_MESSAGE, count - first)
+        for first, rows in self._messages(count, _ROWS_A_MESSAGE):
             request = {"count": rows, "held": held if first == 0 else {}, "names": names}
             piece = b"" if table is None else table[first : first + rows].tobytes()
             self._ask("run", request, piece)
             parts.append(np.frombuffer(self._tail).reshape(rows, len(self._info.outputs)))
         result = np.concatenate(parts) if parts else np.empty((0, len(self._info.outputs)))
         return {name: result[:, i].copy() for i, name in enumerate(self._info.outputs)}
+
+    def _messages(self, count: int, most: int) -> Iterator[tuple[int, int]]:
+        """Share ``count`` steps out to messages: the first step and the number of each."""
+        first = 0
+        while first < count:
+            rows = min(self._rows, most, count - first)
+            begun = time.monotonic()
+            yield first, rows
+            first += rows
+            self._rows = self._suitable_rows(rows, time.monotonic() - begun)
+
+    def _suitable_rows(self, rows: int, seconds: float) -> int:
+        """How many steps the next message takes, so that a slow FMU is not taken for a hung one."""
+        if seconds > self._timeout / 8.0:
+            return max(1, rows // 4)
+        return min(4 * rows, _ROWS_A_MESSAGE) if seconds < self._timeout / 64.0 else rows
 
     def snapshot(self) -> bytes:
         """Return the plant's whole state."""

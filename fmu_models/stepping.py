@@ -38,8 +38,8 @@ def open_plant(
         watch: names of further variables to put out, such as ``der(tank.h)``.
         isolated: run it in a process of its own, so that a crash or an endless step of the FMU
             becomes a `PlantCrashError`. In this process steps are faster and crashes are fatal.
-        timeout: seconds that an isolated plant may take to answer (a message carries up to a
-            thousand steps).
+        timeout: seconds that an isolated plant may take to answer to one message; how many steps a
+            message carries follows from how long they take.
 
     Raises:
         PlantNameError: unknown model, parameter or input.

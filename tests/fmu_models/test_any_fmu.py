@@ -20,6 +20,7 @@ from fmu_models import (
     open_plant,
 )
 from fmu_models.compilers import compile_library, host_platform
+from fmu_models.isolated import IsolatedPlant
 from fmu_models.packing import _header_folder
 
 Minis = dict[str, Path]
@@ -262,3 +263,19 @@ def test_casadi_exports_run(tmp_path: Path) -> None:
         falling = np.exp(-2.0 * t)
         rising = 2.0 + (falling[-1] - 2.0) * np.exp(-2.0 * t)
         np.testing.assert_allclose(values, [*falling, *rising], atol=1e-3)
+
+
+def test_messages_shrink_for_a_slow_fmu_and_grow_for_a_fast_one(mini_fmus: Minis) -> None:
+    with open_plant(mini_fmus["fmi2"], period=1.0, timeout=32.0) as plant:
+        assert isinstance(plant, IsolatedPlant)
+        assert plant._suitable_rows(64, 0.1) == 256
+        assert plant._suitable_rows(4096, 0.1) == 4096
+        assert plant._suitable_rows(64, 2.0) == 64
+        assert plant._suitable_rows(64, 5.0) == 16
+        assert plant._suitable_rows(2, 31.0) == 1
+        inflow = 1.0 + np.sin(np.arange(600) / 50.0)
+        table = plant.run(600, {"tank.inflow[1]": inflow})
+    with open_plant(mini_fmus["fmi2"], period=1.0, isolated=False) as plant:
+        expected = plant.run(600, {"tank.inflow[1]": inflow})
+    for name, values in expected.items():
+        np.testing.assert_array_equal(table[name], values)
