@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ssl
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ class FakeDevice:
     """Changes a whole reply frame on its way out; an empty result drops the connection."""
     after_write: Callable[[], None] | None = None
     """Called when a write was carried out, like a PLC's program."""
+    tls: ssl.SSLContext | None = None
     port: int = 0
     requests: list[tuple[int, int, int]] = field(default_factory=list)
     """(function, address, count) of every request."""
@@ -38,7 +40,7 @@ class FakeDevice:
     _clients: set[asyncio.Task[None]] = field(default_factory=set)
 
     async def start(self) -> None:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", self.port)
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", self.port, ssl=self.tls)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def stop(self) -> None:

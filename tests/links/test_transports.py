@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import ssl
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trustme
@@ -120,6 +122,27 @@ async def test_tls_with_client_certificates(certificates: Callable[[str], Path])
             key=certificates("client.key"),
         )
         await assert_it_works(tls_device(port, tls))
+
+
+async def test_tls_with_a_server_that_is_not_pymodbus(
+    certificates: Callable[[str], Path], new_device: Callable[..., Any]
+) -> None:
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=certificates("ca.pem"))
+    context.load_cert_chain(certificates("plc.pem"), certificates("plc.key"))
+    context.verify_mode = ssl.CERT_REQUIRED
+    device = new_device(tls=context)
+    device.words[10:12] = [0x41C8, 0]
+    await device.start()
+    tls = Tls(
+        ca=certificates("ca.pem"),
+        cert=certificates("client.pem"),
+        key=certificates("client.key"),
+    )
+    link = link_to(tls_device(device.port, tls))
+    scan = await link.scan()
+    await link.close()
+    assert [str(failure) for failure in scan.failures] == []
+    assert scan["level"].value == 25.0
 
 
 async def test_tls_server_name(certificates: Callable[[str], Path]) -> None:
