@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import atexit
 import base64
 import contextlib
-import itertools
 import json
 import os
 import select
 import signal
-import socket
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -25,107 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import errors
 from .errors import PlantClosedError, PlantCrashError, PlantError, PlantTimeoutError
-from .nursery import BIRTH, KILL, REQUEST, STATUS
+from .nursery import STATUS
+from .nursery_client import nursery
 from .plant import Plant, PlantInfo, split_columns
 
 __all__ = ["IsolatedPlant"]
 
-_PROGRAM = "from fmu_models.nursery import main; main({})"
 _STEPS_A_MESSAGE = 1000
 _FIRST_ROWS_A_MESSAGE = 16
 _ROWS_A_MESSAGE = 4096
 _SECONDS_TO_END = 5.0
-
-
-class _NurseryClient:
-    """The nursery of this process, and the socket to it."""
-
-    def __init__(self) -> None:
-        self._control, theirs = socket.socketpair()
-        self._keys = itertools.count()
-        root = str(Path(__file__).parents[1])
-        path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", _PROGRAM.format(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                # What an FMU prints must not mix with what this process prints for machines.
-                stdin=subprocess.DEVNULL,
-                stdout=2,
-                # No thread may run where workers are forked.
-                env={**os.environ, "PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},
-            )
-
-    def is_running(self) -> bool:
-        return self._process.poll() is None
-
-    def bear(self) -> tuple[int, Connection, int]:
-        """Return the key of a new worker, the connection to it and the pipe of its exit status."""
-        key = next(self._keys)
-        ours, theirs = socket.socketpair()
-        status, status_end = os.pipe()
-        try:
-            socket.send_fds(
-                self._control, [REQUEST.pack(BIRTH, key)], [theirs.fileno(), status_end]
-            )
-        except BaseException:
-            os.close(status)
-            ours.close()
-            raise
-        finally:
-            theirs.close()
-            os.close(status_end)
-        return key, Connection(ours.detach()), status
-
-    def kill(self, key: int) -> None:
-        with contextlib.suppress(ConnectionError):  # a nursery that is gone took its workers along
-            self._control.sendall(REQUEST.pack(KILL, key))
-
-    def close(self) -> None:
-        self._control.close()
-        self._process.wait()
-
-    def close_copy(self) -> None:
-        """In a forked child: let go of the parent's nursery without ending it."""
-        self._control.close()
-
-
-_lock = threading.Lock()
-_current: _NurseryClient | None = None
-_parents: list[_NurseryClient] = []
-
-
-def _nursery() -> _NurseryClient:
-    """Return the running nursery of this process; it is started at the first need."""
-    global _current
-    with _lock:
-        if _current is None:
-            _current = _NurseryClient()
-        elif not _current.is_running():
-            _current.close()
-            _current = _NurseryClient()
-        return _current
-
-
-@atexit.register
-def _close_nursery() -> None:
-    global _current
-    if _current is not None:
-        _current.close()
-        _current = None
-
-
-def _after_fork() -> None:
-    global _current, _lock
-    _lock = threading.Lock()
-    if _current is not None:
-        _current.close_copy()
-        _parents.append(_current)  # kept: its process is not ours to wait for
-        _current = None
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_after_fork)
 
 
 class IsolatedPlant(Plant):
@@ -163,7 +65,7 @@ class IsolatedPlant(Plant):
         self._time = 0.0
         self._tail = b""
         self._rows = _FIRST_ROWS_A_MESSAGE
-        self._home = _nursery()
+        self._home = nursery()
         self._key, self._connection, self._status = self._home.bear()
         self._open = True
         self._step_begun: float | None = None

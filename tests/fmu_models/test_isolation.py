@@ -346,12 +346,12 @@ def test_a_forked_child_has_plants_of_its_own(program_environment: dict[str, str
 
 
 def test_plants_go_on_and_new_ones_start_when_the_nursery_is_killed() -> None:
-    from fmu_models import isolated
+    from fmu_models import nursery_client
 
     with open_plant("example1") as old:
-        assert isolated._current is not None
-        isolated._current._process.kill()
-        isolated._current._process.wait()
+        assert nursery_client._current is not None
+        nursery_client._current._process.kill()
+        nursery_client._current._process.wait()
         assert old.step({"op": 60.0})["stem"] == 56.0
         with open_plant("example1") as new:
             assert new.step({"op": 60.0})["stem"] == 56.0
