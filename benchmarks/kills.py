@@ -54,7 +54,7 @@ deadband = 0.0
 MAP = "tag,table,address,type\nOP,holding,0,float32\nPV,holding,2,float32\nSCAN,holding,4,uint16\n"
 TABLES = ("samples", "estimates", "writebacks", "events")
 FC16, FC6 = 16, 6
-PATIENCE = 90.0
+PATIENCE = 60.0
 LONGEST = 6.0
 """Seconds after the first new sample within which a random kill comes."""
 
@@ -68,6 +68,7 @@ class Tally:
     Attributes:
         runs: kills.
         at_random, after_bank, after_commit: when they came.
+        no_moment: kills after a minute in which the moment waited for did not come.
         rows: rows that were in the store before the kills; lost: those that were not after.
         damaged: times the store did not pass its integrity check.
         accepted: blocks that the PLC took over.
@@ -80,6 +81,7 @@ class Tally:
     at_random: int = 0
     after_bank: int = 0
     after_commit: int = 0
+    no_moment: int = 0
     rows: int = 0
     lost: int = 0
     damaged: int = 0
@@ -137,6 +139,7 @@ async def _live_and_die(
             moment.set()
 
     bank_written = False
+    before: Rows = {name: [] for name in TABLES}
     try:
         async with asyncio.timeout(PATIENCE):
             known = _count(store)
@@ -145,18 +148,20 @@ async def _live_and_die(
                     raise RuntimeError((folder / "daemon.log").read_text()[-2000:])
                 await asyncio.sleep(0.05)
             if wanted is None:
-                tally.at_random += 1
                 await asyncio.sleep(chance.uniform(0.0, LONGEST))
                 before = _rows(store, tally)
                 process.kill()
             else:
-                tally.after_bank += wanted == FC16
-                tally.after_commit += wanted == FC6
                 plc.on_write = on_write
                 before = _rows(store, tally)
                 while not moment.is_set():
                     before = _rows(store, tally)
                     await asyncio.sleep(0.1)
+        tally.at_random += wanted is None
+        tally.after_bank += wanted == FC16
+        tally.after_commit += wanted == FC6
+    except TimeoutError:
+        tally.no_moment += 1
     finally:
         plc.on_write = None
         if process.returncode is None:

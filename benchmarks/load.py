@@ -67,7 +67,12 @@ def measure(layout: str, seconds: float, folder: Path) -> Load:
         fill = START + WINDOW
         command = [sys.executable, "-m", "fieldlink.cli", "run", str(site)]
         log = (folder / "daemon.log").open("wb")
-        with log, _process([*command, "--duration", str(fill + seconds + 3)], stderr=log) as daemon:
+        with (
+            log,
+            _process(
+                [*command, "--duration", str(fill + seconds + 3)], stdout=log, stderr=log
+            ) as daemon,
+        ):
             time.sleep(fill)
             since, begin = datetime.now(UTC), time.monotonic()
             family = _family(daemon.pid)
