@@ -13,8 +13,8 @@ from fieldlink.store import EstimateRecord, EventRecord, WritebackRecord
 
 __all__ = ["RunCourse", "Window", "track_of"]
 
-_STICK_NOT = (Interval(0.0, 0.0, 1.0), Interval(0.0, 0.0, 1.0))
-"""S and J of a valve that was called healthy, in percent of OP: none, or hardly any."""
+_STICK_NOT = (Interval(0.0, 0.0, 0.2), Interval(0.0, 0.0, 0.2))
+"""S and J of a valve that was called healthy, in percent of OP: none worth a name."""
 
 
 @dataclass(frozen=True, slots=True)
