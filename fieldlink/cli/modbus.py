@@ -97,11 +97,13 @@ def scan(
 def read(
     target: TargetArgument,
     what: Annotated[
-        list[str],
+        list[str] | None,
         typer.Argument(
-            help="Tags of the site, or [table:]address[:type[:length]].", metavar="WHAT"
+            help="Tags of the site (all of a device unless given), or "
+            "[table:]address[:type[:length]].",
+            metavar="WHAT",
         ),
-    ],
+    ] = None,
     device: DeviceName = None,
     unit: Unit = None,
     transport: Framing = "tcp",
@@ -117,7 +119,7 @@ def read(
     options = {"unit": unit, "transport": transport, "baud": baud, "parity": parity}
     points = [
         _point(target, text, device=device, stop_bits=stop_bits, timeout=timeout, **options)
-        for text in what
+        for text in what or _all_tags(target, device)
     ]
     shown = {}
     for name in dict.fromkeys(point.name for point in points):
@@ -196,6 +198,13 @@ def _point(target: str, text: str, *, device: str | None, **options: object) -> 
             raise ByHandError(f"{text!r} is no tag of {target}; {nearest(text, known)}")
     found = find_target(target, device=device, **options)  # type: ignore[arg-type]
     return Point(found.name, found.device, parse_point(text, found.device), found.site)
+
+
+def _all_tags(target: str, device: str | None) -> list[str]:
+    found = find_target(target, device=device)
+    if found.site is None:
+        raise typer.BadParameter("a host has no tags; give addresses", param_hint="WHAT")
+    return list(found.site.maps[found.name])
 
 
 def _value(point: Point, reading: Reading) -> str:

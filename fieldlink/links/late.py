@@ -45,7 +45,7 @@ class LateReplies:
 
     def __init__(self) -> None:
         self._owed: list[_Owed] = []
-        self._probes = self._refusals = self._passed = 0
+        self._probes = self._refusals = self._passed = self._echoes = 0
 
     def __bool__(self) -> bool:
         return bool(self._owed)
@@ -73,7 +73,9 @@ class LateReplies:
             for probe in _reads_beside(request):
                 if not any(_alike(probe, owed.request) for owed in self._owed):
                     return probe
-        return echo_request(self._probes & 0xFFFF)
+        # Counted on from one time-out to the next, so that no echo is like an older one.
+        self._echoes += 1
+        return echo_request(self._echoes & 0xFFFF)
 
     def refused(self, probe: Request, now: float) -> None:
         """Note that a probe was answered with what proves nothing."""

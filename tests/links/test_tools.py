@@ -109,6 +109,12 @@ def test_tags_are_read_in_engineering_units(site: str) -> None:
     ]
 
 
+def test_without_names_all_tags_of_a_device_are_read(site: str) -> None:
+    result = run("read", site, "--json")
+    assert set(json.loads(result.stdout)) == {"OP", "PV", "NAME", "RUN", "PUMP"}
+    assert run("read", "127.0.0.1").exit_code == 2
+
+
 def test_addresses_of_a_host_are_read(port: int) -> None:
     result = run("read", f"127.0.0.1:{port}", "11:float32", "--json", "--timeout", "5")
     assert json.loads(result.stdout)["11:float32"]["value"] == 25.0

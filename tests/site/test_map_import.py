@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from fieldlink.cli.app import app
 from fieldlink.registers import DataType, Table
 from fieldlink.site import SiteError, read_register_map
 from fieldlink.site.map_addresses import FoundAddress, guess_style, parse_address
@@ -142,6 +144,21 @@ def test_a_workbook_with_a_title_above_the_headings(tmp_path: Path) -> None:
     assert [(problem.line, problem.key) for problem in found.problems] == [(6, "address")]
     with pytest.raises(SiteError, match="Sheet9"):
         import_map(tmp_path / "list.xlsx", sheet="Sheet9")
+
+
+def test_the_commands(tmp_path: Path) -> None:
+    bad = write(tmp_path, "name,address,type\nA,0,float\nB,x,float\n")
+    out = tmp_path / "map.csv"
+    refused = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out)])
+    assert refused.exit_code == 2
+    assert "vendor.csv:3: address: 'x' is no address" in refused.stderr
+    assert not out.exists()
+    taken = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out), "--skip-bad"])
+    assert taken.exit_code == 0
+    assert list(read_register_map(out)) == ["A"]
+    site = Path(__file__).parents[2] / "site_configs" / "demo.toml"
+    shown = CliRunner().invoke(app, ["map", "export", str(site)])
+    assert shown.stdout.startswith("tag,table,address,type,order,unit,low,high,writable,comment\n")
 
 
 @pytest.mark.parametrize("name", ["written.csv", "written.xlsx"])
