@@ -43,6 +43,15 @@ def misbehave(asked: EstimateRequest) -> Estimate:
     return answer(asked)
 
 
+def devour(asked: EstimateRequest) -> Estimate:
+    taken = np.ones(200_000_000)
+    return Estimate.failed(asked, EstimateOutcome.REFUSED, f"{taken.sum()}")
+
+
+def stumble(asked: EstimateRequest) -> Estimate:
+    raise ZeroDivisionError(f"in {asked.loop}")
+
+
 def stop_yourself(_: EstimateRequest) -> Estimate:
     os.kill(os.getpid(), signal.SIGSTOP)
     raise AssertionError("stopped")
@@ -107,6 +116,28 @@ async def test_a_stopped_worker_is_given_up() -> None:
         outcome = await pool.run(request())
         assert outcome.outcome is EstimateOutcome.TIMED_OUT
         assert pool.rebuilt == 1
+
+
+async def test_a_window_that_needs_too_much_memory_is_given_up() -> None:
+    async with pool_of(devour, memory=600_000_000) as pool:
+        await pool.warm_up()
+        before = pool.worker_ids()
+        outcome = await pool.run(request())
+        assert outcome.outcome is EstimateOutcome.OUT_OF_MEMORY
+        # The process goes on: the next window finds it as it was.
+        assert pool.worker_ids() == before
+        assert pool.report().judged == {"out_of_memory": 1}
+    async with pool_of(devour, memory=3_000_000_000) as pool:
+        assert (await pool.run(request())).outcome is EstimateOutcome.REFUSED
+
+
+async def test_a_defect_is_an_outcome() -> None:
+    async with pool_of(stumble) as pool:
+        outcome = await pool.run(request("FC7"))
+        assert outcome.outcome is EstimateOutcome.FAILED
+        assert "in FC7" in outcome.message
+        assert "test_pool.py" in outcome.message
+        assert pool.rebuilt == 0
 
 
 async def test_workers_that_cannot_begin_are_reported() -> None:
