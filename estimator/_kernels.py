@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Mask", "fir", "lag", "lagged_products", "stems"]
+__all__ = ["Array", "Mask", "fir", "lag", "stems"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,36 +64,6 @@ def _fir(signal: Array, taps: Array, out: Array) -> None:
             past = signal[max(k - i, 0)]
             for j in range(m):
                 now[j] += taps[i] * past[j]
-
-
-@_kernel("void(f8[:, ::1], f8[::1], i8, i8, f8[:, :, ::1])")
-def _lagged_products(
-    signal: Array, weight: Array, first_lag: int, rows_from: int, out: Array
-) -> None:
-    n, m = signal.shape
-    lags = out.shape[0]
-    for k in range(rows_from, n):
-        w = weight[k]
-        if w == 0.0:
-            continue
-        for a in range(lags):
-            left = signal[k - first_lag - a]
-            for b in range(a, lags):
-                right = signal[k - first_lag - b]
-                total = out[a, b]
-                for j in range(m):
-                    total[j] += w * left[j] * right[j]
-
-
-def lagged_products(signal: Array, weight: Array, first_lag: int, lags: int) -> Array:
-    """Sums over ``k`` of ``weight_k s_(k-d-a) s_(k-d-b)`` with ``d = first_lag``.
-
-    ``signal`` has shape ``(n, m)``, ``weight`` ``(n,)``. Returns ``(lags, lags, m)``, its upper
-    triangle filled. Rows that reach before the first sample are left out.
-    """
-    out = np.zeros((lags, lags, signal.shape[1]))
-    _lagged_products(signal, weight, first_lag, first_lag + lags - 1, out)
-    return out
 
 
 def stems(op: Array, stick_band: Array, slip_jump: Array, start: Array) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
 """The one-step-ahead criterion: ARX(na, nb) with intercept, equations (7)-(13) of the paper.
 
 For a given stem the coefficients are linear least squares. The columns that all stems share (the
-intercept and PV's past) are projected out once, so that a candidate costs a few inner products and
-an ``nb`` by ``nb`` system.
+intercept and PV's past) are projected out once, so that a candidate costs a few sums over its slips
+and an ``nb`` by ``nb`` system.
 
 The dead time is one sample or more: with direct feed-through the regression may learn the
 controller, which answers PV within the same scan, instead of the process.
@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator._kernels import Array, Mask, lagged_products
+from estimator._kernels import Array, Mask
+from estimator._one_step import OneStep, residual_sums
 from estimator.window import Window
 from loop_model import ProcessModel
 
@@ -24,6 +25,7 @@ __all__ = ["ArxFit", "ArxOrders", "ArxRegression", "select_orders"]
 _MAX_NA = 6
 _MAX_NB = 3
 _MAX_DEAD_TIME = 12
+_RANKED = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,27 +90,19 @@ class ArxRegression:
         self._target = y * self.weight
         past = [np.ones(y.size), *(_late(y, i) for i in range(1, orders.na + 1))]
         self._past = np.stack(past, axis=1) * self.weight[:, None]
-        basis, _ = np.linalg.qr(self._past)
-        rest = self._target - basis @ (basis.T @ self._target)
-        rows = np.vstack([rest, basis.T])
-        delays = range(orders.dead_time, orders.dead_time + orders.nb)
-        self._stack = np.vstack([_early(rows, d) for d in delays])
-        self._energy = float(rest @ rest)
-
-    def costs(self, stem: Array) -> tuple[Array, Array]:
-        """Residual sum of squares and steady-state gain, shape ``(m,)``, for stems ``(n, m)``."""
-        nb, m = self.orders.nb, stem.shape[1]
-        products = (self._stack @ stem).reshape(nb, -1, m)
-        gram = self._gram(stem, products)
-        right = np.ascontiguousarray(products[:, 0].T)
-        scale = np.einsum("mii->m", gram) / nb
-        gram += (1e-9 * scale + 1e-12)[:, None, None] * np.eye(nb)
-        b: Array = np.linalg.solve(gram, right[:, :, None])[:, :, 0].astype(np.float64)
-        cost = self._energy - np.einsum("mi,mi->m", b, right)
-        # PV's past given b: the projection of what the stem leaves unexplained
-        past = self._alpha(products, b)
-        gain = b.sum(axis=1) / (1.0 + past.sum(axis=1))
-        return np.maximum(cost, 1e-12 * self._energy + 1e-300), gain
+        basis, root = np.linalg.qr(self._past)
+        straight = basis.T @ self._target
+        rest = self._target - basis @ straight
+        # what the past's coefficients of PV add up to, for a part of PV given in the basis
+        ones = np.concatenate([[0.0], np.ones(orders.na)])
+        summing = np.linalg.solve(root.T + 1e-300 * np.eye(ones.size), ones)
+        self.tables = OneStep(
+            _by_slip(np.vstack([rest, basis.T, self.weight]), orders.dead_time),
+            1 + basis.shape[1],
+            orders.nb,
+            float(rest @ rest),
+            np.concatenate([[1.0 - float(summing @ straight)], summing]),
+        )
 
     def solve(self, stem: Array) -> ArxFit:
         """Coefficients for one stem, shape ``(n,)``."""
@@ -137,27 +131,21 @@ class ArxRegression:
         spread = np.linalg.lstsq(design.T @ design, slope, rcond=1e-12)[0]
         return float(np.sqrt(max(0.0, variance * float(slope @ spread))))
 
-    def _gram(self, stem: Array, products: Array) -> Array:
-        o = self.orders
-        sums = lagged_products(stem, self.weight, o.dead_time, o.nb)
-        gram = np.empty((stem.shape[1], o.nb, o.nb))
-        for i in range(o.nb):
-            for j in range(i, o.nb):
-                shared = np.einsum("km,km->m", products[i, 1:], products[j, 1:])
-                gram[:, i, j] = gram[:, j, i] = sums[i, j] - shared
-        return gram
 
-    def _alpha(self, products: Array, b: Array) -> Array:
-        """Coefficients ``a`` of PV's past, shape ``(m, na)``."""
-        basis, root = np.linalg.qr(self._past)
-        straight = basis.T @ self._target
-        through = np.einsum("ikm,mi->mk", products[:, 1:], b)
-        solved = np.linalg.solve(root, (straight[None] - through).T).T
-        return np.asarray(-solved[:, 1:])
+def _by_slip(rows: Array, dead_time: int) -> Array:
+    """The table that slips are looked up in: rows (the last one the weights) by dead time."""
+    count, n = rows.shape
+    padded = np.zeros((count, n + dead_time + 1))
+    padded[:, :n] = rows
+    summed = np.cumsum(padded[:, ::-1], axis=1)[:, ::-1]
+    now, later = padded[:, dead_time : dead_time + n], padded[:, dead_time + 1 :]
+    from_now = summed[:, dead_time : dead_time + n]
+    parts = [from_now[:-1], now[:-1], later[:-1], from_now[-1:], now[-1:], later[-1:]]
+    return np.ascontiguousarray(np.vstack(parts).T)
 
 
 def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
-    """ARX orders and dead times by BIC for one stem, best first.
+    """The dozen best ARX orders and dead times by BIC for one stem, best first.
 
     All models are fitted to the same rows, so that their BIC compare.
     """
@@ -174,19 +162,15 @@ def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
     design = np.stack(columns, axis=1)[usable]
     count = design.shape[0]
     gram = design.T @ design
-    found = []
-    for na in range(1, _MAX_NA + 1):
-        for nb in range(1, _MAX_NB + 1):
-            for d in range(1, longest + 1):
-                index = [*range(na + 1), *range(_MAX_NA + d, _MAX_NA + d + nb)]
-                block, right = gram[np.ix_(index, index)], gram[index, -1]
-                ridge = 1e-10 * np.diag(np.diag(block)) + 1e-12 * np.eye(len(index))
-                rss = float(gram[-1, -1] - right @ np.linalg.solve(block + ridge, right))
-                rss = max(rss, 1e-12 * float(gram[-1, -1]) + 1e-300)
-                # parameters: coefficients, intercept, dead time
-                bic = count * math.log(rss / count) + (len(index) + 1) * math.log(count)
-                found.append(ArxOrders(na, nb, d, bic, count))
-    return sorted(found, key=lambda orders: orders.bic)
+    rss = residual_sums(gram, _MAX_NA, _MAX_NB, longest)
+    na, nb, d = np.ogrid[1 : _MAX_NA + 1, 1 : _MAX_NB + 1, 1 : longest + 1]
+    # parameters: coefficients, intercept, dead time
+    bic = count * np.log(rss / count) + (na + nb + 2 + 0 * d) * math.log(count)
+    best = np.argsort(bic, axis=None, kind="stable")[:_RANKED]
+    return [
+        ArxOrders(int(i) + 1, int(j) + 1, int(k) + 1, float(bic[i, j, k]), count)
+        for i, j, k in zip(*np.unravel_index(best, bic.shape), strict=True)
+    ]
 
 
 def _late(signal: Array, samples: int) -> Array:
@@ -194,11 +178,3 @@ def _late(signal: Array, samples: int) -> Array:
     if samples == 0:
         return signal
     return np.concatenate([np.full(samples, signal[0]), signal[:-samples]])
-
-
-def _early(rows: Array, samples: int) -> Array:
-    if samples == 0:
-        return rows
-    out = np.zeros_like(rows)
-    out[:, :-samples] = rows[:, samples:]
-    return out

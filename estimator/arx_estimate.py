@@ -6,13 +6,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator._kernels import Array, stems
+from estimator._kernels import Array
+from estimator._one_step import one_step_costs
+from estimator._slips import Op
 from estimator.arx import ArxFit, ArxOrders
 from estimator.arx_search import ArxFound
+from estimator.candidate import stem_of
 from estimator.estimate import Estimate
-from estimator.posterior import Likelihood, explore
+from estimator.posterior import explore
 from estimator.result import Interval, Process, RunnerUp
-from estimator.search import MIN_MOVES
 from estimator.window import Window
 from loop_model import ProcessModel
 
@@ -21,24 +23,19 @@ __all__ = ["arx_estimate"]
 _RUNNERS_UP = 4
 
 
-def arx_estimate(window: Window, found: ArxFound, confidence: float) -> Estimate:
+def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> Estimate:
     """Valve and ARX process of what the search found, with intervals."""
-    u = window.u
-    best, regression, ranked = found.best.anchored(u), found.regression, found.ranked
+    best, regression, ranked = found.best.anchored(op), found.regression, found.ranked
 
-    def evaluate(band: Array, jump: Array, first: Array) -> tuple[Array, Array]:
-        stem, moves = stems(u, band, jump, u[0] + first)
-        cost, gain = regression.costs(stem)
-        log_likelihood = -0.5 * regression.count * np.log(cost)
-        log_likelihood[moves < MIN_MOVES] = -np.inf
-        return log_likelihood, gain
+    def evaluate(nodes: Array) -> tuple[Array, Array]:
+        cost, gain = one_step_costs(op, regression.tables, nodes, best.first)
+        return -0.5 * regression.count * np.log(cost), gain
 
-    likelihood = Likelihood(evaluate, best.side)
-    posterior = explore(likelihood, best)
-    node = posterior.best[None]
-    stem = stems(u, node[:, 0], node[:, 1], u[0] + likelihood.first(node))[0][:, 0]
+    posterior = explore(evaluate, best)
+    band, jump, lead = (float(v) for v in posterior.best)
+    stem = stem_of(op, band, jump, lead, best.first)
     fit = regression.solve(stem)
-    intervals = Estimate.intervals(posterior, confidence, u)
+    intervals = Estimate.intervals(posterior, confidence, op.u)
     deviation = regression.gain_deviation(fit, stem)
     gain = posterior.interval(posterior.gain, confidence, deviation).around(
         float(fit.b.sum()) / (1.0 + float(fit.a.sum()))

@@ -8,33 +8,43 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator._kernels import Array, Mask
+from estimator._one_step import one_step_costs, refine_one_step
+from estimator._slips import Op, slip_patterns
 from estimator.arx import ArxOrders, ArxRegression, select_orders
-from estimator.coarse import coarse_valves
-from estimator.search import (
-    MIN_MOVES,
-    SCAN_PASSES,
-    SCANS,
-    Candidate,
-    Scan,
-    Seed,
-    Steps,
-    diverse,
-    lattice,
-    stem_of,
-    valve_grid,
-)
+from estimator.candidate import Candidate
 
-__all__ = ["ArxFound", "arx_promises", "arx_search"]
+__all__ = ["VALVE_PARAMETERS", "ArxFound", "arx_search"]
 
 VALVE_PARAMETERS = 3
-_PROMISE = 4.0
 _SEED_ORDERS = 3, 2
-_FINALISTS = 3
-_SCAN_SEEDS = 5
-_PASSES = 6
+_SURVIVORS = 4
+_FINALISTS = 2
 _ROUNDS = 3
-_NEAR = Steps(band=0.008, ratio=0.3, start=0.08)
-"""Half-widths of the first zoom around a seed: the spacing of the grid it comes from."""
+_NEAR = 3
+"""First slips tried around the seed's, each way."""
+_MOST = 4000
+_BEST = 2
+_LINE = 50
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """How to list sets of slips around a valve.
+
+    ``around``: how far in S, as a share of it; ``jumps``: how far in J, in steps of OP per sample
+    (infinite: everything); ``least``: what is told apart in S and J, in steps of OP per sample.
+    """
+
+    around: float
+    jumps: float
+    least: tuple[float, float]
+
+
+_LOOKS = _Look(0.015, np.inf, (0.03, 1.0)), _Look(0.004, 1.5, (0.01, 0.1))
+_WIDEST = 0.12
+"""How wide in J a listed set may be, as a share of S."""
+_COUNTS, _SHRINK = np.array([3, 7, 5]), np.array([0.5, 0.45, 0.5])
+_PASSES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,95 +63,99 @@ class ArxFound:
         return count * math.log(self.best.cost / count) + free * math.log(count)
 
 
-def arx_promises(u: Array, y: Array, good: Mask, healthy: ArxOrders) -> bool:
-    """Whether any valve of the coarse grid predicts PV better than a healthy valve does."""
-    regression = ArxRegression(y, good, healthy)
-    stem, moves = stem_of(u, *coarse_valves())
-    moving = moves >= MIN_MOVES
-    if not moving.any():
-        return False
-    cost, _ = regression.costs(np.ascontiguousarray(stem[:, moving]))
-    straight, _ = regression.costs(np.ascontiguousarray(u[:, None]))
-    ratio = 0.5 * regression.count * math.log(float(straight[0]) / float(cost.min()))
-    return ratio > _PROMISE
+def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
+    """Valve and orders that predict PV best.
 
-
-def arx_search(
-    u: Array, y: Array, good: Mask, best: Candidate, seeds: tuple[Seed, ...]
-) -> ArxFound:
-    """Valve and orders that predict PV best; ``best`` is that of the simulation error.
-
-    The best valves of an exhaustive grid over valve and dead time are refined with orders fixed;
-    the finalists choose their own orders, are refined again, and the lowest BIC wins.
+    The seeds are refined with orders fixed; the finalists choose their own orders, are refined
+    again, and the lowest BIC wins.
     """
-    rough: list[tuple[Candidate, ArxRegression]] = []
     regressions: dict[int, ArxRegression] = {}
-    for seed in (*(seed.like(best) for seed in seeds), best):
+    rough: list[tuple[Candidate, ArxRegression]] = []
+    for seed in seeds:
         delay = max(1, seed.dead_time)
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
-        regression = regressions[delay]
-        started = replace(seed.anchored(u), cost=np.inf)
-        rough.append((_zoomed(u, regression, started, _NEAR, _PASSES), regression))
+        rough.append((_looked(op, regressions[delay], seed, _LOOKS[0]), regressions[delay]))
     # costs of regressions with other dead times count other rows: compared per row
     rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
-    found: list[ArxFound] = []
-    for candidate, _ in rough[:_FINALISTS]:
-        found.append(_settled(u, y, good, candidate))
+    found = [_settled(op, y, good, candidate) for candidate, _ in rough[:_FINALISTS]]
     return min(found, key=lambda one: one.bic / one.regression.count)
 
 
-def _settled(u: Array, y: Array, good: Mask, best: Candidate) -> ArxFound:
+def _settled(op: Op, y: Array, good: Mask, best: Candidate) -> ArxFound:
     """Orders for the valve and the valve for these orders, in turn, until both agree."""
-    ranked = select_orders(y, good, best.stem(u))
+    ranked = select_orders(y, good, best.stem(op))
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
-        started = replace(best.anchored(u), cost=np.inf)
-        best = _zoomed(u, regression, started, _NEAR, _PASSES)
-        for scan in SCANS[1:]:
-            best = _scanned(u, regression, best, scan)
-        ranked = select_orders(y, good, best.stem(u))
+        best = replace(best, cost=np.inf, dead_time=orders.dead_time)
+        for look in _LOOKS:
+            best = _restarted(op, regression, _looked(op, regression, best, look))
+            best = _jumped(op, regression, best)
+        ranked = select_orders(y, good, best.stem(op))
         chosen = ranked[0]
         if (chosen.na, chosen.nb, chosen.dead_time) == (orders.na, orders.nb, orders.dead_time):
             break
     return ArxFound(best, regression, tuple(ranked))
 
 
-def _scanned(u: Array, regression: ArxRegression, best: Candidate, scan: Scan) -> Candidate:
-    band, ratio, start = lattice(best, scan)
-    stem, moves = stem_of(u, band, ratio, start)
-    cost, _ = regression.costs(stem)
-    cost[moves < MIN_MOVES] = np.inf
-    found = [best]
-    for i in diverse(cost, band, 0.05 * scan.band * best.band, _SCAN_SEEDS):
-        seed = replace(
-            best,
-            cost=float(cost[i]),
-            band=float(band[i]),
-            ratio=float(ratio[i]),
-            start=float(start[i]),
-        )
-        found.append(_zoomed(u, regression, seed, scan.steps(best.band), SCAN_PASSES))
-    return min(found, key=lambda candidate: candidate.cost)
-
-
-def _zoomed(
-    u: Array, regression: ArxRegression, best: Candidate, steps: Steps, passes: int
-) -> Candidate:
-    for _ in range(passes):
-        band, ratio, start = valve_grid(best, steps)
-        stem, moves = stem_of(u, band, ratio, start)
-        cost, _ = regression.costs(stem)
-        cost[moves < MIN_MOVES] = np.inf
-        i = int(cost.argmin())
-        if cost[i] < best.cost:
-            best = replace(
-                best,
-                cost=float(cost[i]),
-                band=float(band[i]),
-                ratio=float(ratio[i]),
-                start=float(start[i]),
-            )
-        steps = steps.narrower()
+def _restarted(op: Op, regression: ArxRegression, best: Candidate) -> Candidate:
+    """The best first slip for the valve; those that follow hardly depend on it."""
+    for first in (1.0, -1.0):
+        leads = _leads(op.u, first)
+        if leads.size == 0:
+            continue
+        nodes = np.column_stack([*np.full((2, leads.size), ((best.band,), (best.jump,))), leads])
+        cost, _ = one_step_costs(op, regression.tables, np.ascontiguousarray(nodes), first)
+        j = int(cost.argmin())
+        if cost[j] < best.cost:
+            best = replace(best, cost=float(cost[j]), lead=float(leads[j]), first=first)
     return best
+
+
+def _jumped(op: Op, regression: ArxRegression, best: Candidate) -> Candidate:
+    """The best slip jump of all; a valve that makes one move a stroke slips alike with most."""
+    jumps = best.band * np.linspace(0.02, 1.0, _LINE)
+    nodes = np.column_stack([np.full(_LINE, best.band), jumps, np.full(_LINE, best.lead)])
+    cost, _ = one_step_costs(op, regression.tables, nodes, best.first)
+    j = int(cost.argmin())
+    return replace(best, cost=float(cost[j]), jump=float(jumps[j])) if cost[j] < best.cost else best
+
+
+def _looked(op: Op, regression: ArxRegression, seed: Candidate, look: _Look) -> Candidate:
+    step = float(np.median(np.abs(np.diff(op.u))))
+    leads = _leads_near(op.u, seed)
+    starts = np.column_stack([leads, np.full(leads.size, seed.first)])
+    s0, s1 = seed.band * (1.0 - look.around), seed.band * (1.0 + look.around)
+    j0, j1 = max(0.03 * seed.band, seed.jump - look.jumps * step), seed.jump + look.jumps * step
+    regions = np.tile(np.array([s0, s1, j0, min(j1, 1.1)]), (leads.size, 1))
+    least = step * np.array(look.least)
+    regions, of = slip_patterns(op, regions, starts, least, _WIDEST * seed.band, _MOST)
+    jump = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
+    nodes = np.column_stack([regions[:, 1], jump, starts[of, 0]])
+    nodes = np.ascontiguousarray(np.vstack([nodes, seed.valve[:3]]))
+    cost, _ = one_step_costs(op, regression.tables, nodes, seed.first)
+    best = seed.state()
+    for j in np.argsort(cost, kind="stable")[:_BEST]:
+        state = seed.state(cost[j])
+        state[1:4] = nodes[j]
+        half = np.array([least[0], 0.5 * _WIDEST * seed.band, 0.5 * step])
+        refine_one_step(op, regression.tables, state, half, _COUNTS, _PASSES, _SHRINK)
+        if state[0] < best[0]:
+            best = state
+    cost_, band, jump_, lead = (float(v) for v in best[:4])
+    return replace(seed, cost=cost_, band=band, jump=jump_, lead=lead)
+
+
+def _leads(u: Array, first: float) -> Array:
+    """One lead for every sample at which a first slip in this direction can happen."""
+    records = np.unique(np.maximum.accumulate(first * (u - u[0])))
+    leads: Array = 0.5 * (records[1:] + records[:-1])
+    return leads
+
+
+def _leads_near(u: Array, seed: Candidate) -> Array:
+    """The seed's lead, and those that move the first slip by some samples."""
+    leads = _leads(u, seed.first)
+    at = int(np.searchsorted(leads, seed.lead))
+    return np.append(leads[max(0, at - _NEAR) : at + _NEAR + 1], seed.lead)

@@ -56,11 +56,11 @@ class Estimate:
         blur = _BLUR * float(np.median(steps[steps > 0.0]))
         # The values are those of the most likely node: valve and process must be of one piece.
         top = posterior.best
-        s = posterior.interval(band, confidence, blur).around(float(top[0]))
-        j = posterior.interval(jump, confidence, blur).around(float(top[1]))
+        s = posterior.interval(band, confidence, blur).within(0.0).around(float(top[0]))
+        j = posterior.interval(jump, confidence, blur).within(0.0, s.high).around(float(top[1]))
         j = Interval(min(j.value, s.value), j.low, j.high)
-        static = posterior.interval(0.5 * (band + jump), confidence, blur)
-        dynamic = posterior.interval(0.5 * (band - jump), confidence, blur)
+        static = posterior.interval(0.5 * (band + jump), confidence, blur).within(0.0)
+        dynamic = posterior.interval(0.5 * (band - jump), confidence, blur).within(0.0)
         return (
             s,
             j,

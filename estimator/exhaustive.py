@@ -1,16 +1,26 @@
-"""The one-step criterion over every valve of a fine grid and every dead time at once.
+"""The one-step criterion over all valves and dead times, along the window.
 
 A stick band and a dead time trade against each other where OP ramps, so neither may be fixed while
-the other is searched. Their sums over all samples are a few matrix products for all
-candidates together.
+the other is searched. And the longer a window, the narrower the right stick band: a slip that comes
+a sample late moves the level from which the next one is counted, and so all that follow. No grid is
+fine enough for a whole window. But which samples a valve slips at is a matter of the first slip,
+and of the stick band from there on, so that the sets of slips can be listed without a gap. The
+search lists them for the first strokes, keeps the best few hundred, and lists what each of these
+becomes as the window grows.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 
 from estimator._kernels import Array, Mask
-from estimator.search import MIN_MOVES, Seed, stem_of
+from estimator._one_step import ScanTables, one_step_followed, one_step_scan
+from estimator._slips import Index, Op, op_of, slip_patterns, usual_span
+from estimator.candidate import Candidate
+from estimator.structures import COARSE
 
 __all__ = ["one_step_seeds"]
 
@@ -18,107 +28,171 @@ _PAST = 3
 """Past values of PV in the regression; enough to rank, the orders are chosen later."""
 
 _LONGEST = 12
-_WIDEST = 1.05
-_NARROWEST = 0.015
-_FINEST, _COARSEST = 0.002, 0.008
-_SHARE_OF_STEP = 0.12
-_RATIOS = (0.1, 0.4, 0.8)
-_LEADS = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1)
-_STARTS = (*(0.5 * lead - 1.0 for lead in _LEADS), *(1.0 - 0.5 * lead for lead in _LEADS))
-"""First positions by the lead to the first slip as a share of S, upwards and downwards."""
-_CHUNK = 512
-_CERTAIN = 0.9
-_SETTLED_BY = 4
+_BANDS = (0.02, 0.06, 0.12, 0.25, 0.5, 1.05)
+"""Ends of the stick bands that are listed, as shares of the usual span of OP."""
+_RATIOS = (0.2, 0.6)
+"""Slip jumps of the first listing, as shares of the middle of these stick bands."""
+_FACTORS = np.array([0.6, 1.0, 1.5])
+_LEAST = 0.04
+"""Sets of slips are told apart down to this share of OP's step per sample."""
+_STROKE, _STROKES = 0.3, 5
+_GROWTH = 1.6
+_TOP = 20_000
+_KEPT = (600, 300, 150, 80, 40)
+_BIN, _PER_BIN = 0.04, 4
+_MOST = 40_000
+_MOST_STARTS = 48
 
 
-def one_step_seeds(u: Array, y: Array, good: Mask, count: int) -> tuple[Seed, ...]:
+class _Beam(NamedTuple):
+    """Valves that are followed: ends of S and J ``(m, 4)``, lead and first direction ``(m, 2)``,
+    dead times and costs ``(m,)``."""
+
+    regions: Array
+    starts: Array
+    delays: Index
+    costs: Array
+
+    def taken(self, index: Index) -> _Beam:
+        return _Beam(self.regions[index], self.starts[index], self.delays[index], self.costs[index])
+
+    @property
+    def valves(self) -> Array:
+        return _valves(self.regions, self.starts)
+
+
+def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate, ...]:
     """The best valves, apart from each other in stick band or dead time; best first.
 
-    ``u`` and ``y`` are scaled OP and PV, shape ``(n,)``; ``good`` marks the samples that count.
+    ``op`` and ``y`` are scaled OP and PV, shape ``(n,)``; ``good`` marks the samples that count.
+    The candidates' process is none in particular, but for the dead time.
     """
-    axes = np.meshgrid(_bands(u), _RATIOS, _STARTS, indexing="ij")
-    bands, ratios, starts = (axis.ravel() for axis in axes)
-    longest = min(_LONGEST, u.size // 12)
-    sums = _Sums(u, y, good, longest)
-    costs = np.concatenate(
-        [
-            sums.costs(*(axis[i : i + _CHUNK] for axis in (bands, ratios, starts)))
-            for i in range(0, bands.size, _CHUNK)
-        ],
-        axis=1,
-    )
-    found: list[Seed] = []
-    apart = 1.5 * float(bands[len(_RATIOS) * len(_STARTS)] - bands[0])
-    for flat in np.argsort(costs, axis=None, kind="stable"):
-        row, j = divmod(int(flat), bands.size)
-        cost = float(costs[row, j])
-        if not np.isfinite(cost) or len(found) == count:
+    n = op.u.size
+    delays = min(_LONGEST, n // 12)
+    steps = np.abs(np.diff(op.u))
+    step = float(np.median(steps[steps > 0.0]))
+    span = usual_span(op.u)
+    length = _first_length(op.u, span)
+    part = op_of(op.u[:length])
+    beam = _listed(part, _tables(y[:length], good[:length], delays), step, span)
+    stage = 0
+    while length < n:
+        length, stage = min(n, int(length * _GROWTH) + 1), min(stage + 1, len(_KEPT) - 1)
+        part = op_of(op.u[:length])
+        tables = _tables(y[:length], good[:length], delays)
+        beam = _followed(part, tables, beam, step, span, stage)
+    found: list[Candidate] = []
+    apart = 0.4 * step
+    ranked = zip(beam.valves, beam.delays, beam.costs, strict=True)
+    for (band, jump, lead, first), delay, cost in ranked:
+        if len(found) == count:
             break
-        delay = row + 1
-        if all(abs(s.band - bands[j]) > apart or abs(s.dead_time - delay) > 1 for s in found):
-            found.append(Seed(float(bands[j]), float(ratios[j]), float(starts[j]), delay, cost))
+        dead_time = int(delay)
+        if all(abs(s.band - band) > apart or abs(s.dead_time - dead_time) > 1 for s in found):
+            valve = float(band), float(jump), float(lead), float(first)
+            found.append(Candidate(float(cost), *valve, COARSE[0], dead_time))
     return tuple(found)
 
 
-def _bands(u: Array) -> Array:
-    """Stick bands a fraction of OP's step per sample apart: that decides when a valve slips."""
-    steps = np.abs(np.diff(u))
-    step = _SHARE_OF_STEP * float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    return np.arange(_NARROWEST, _WIDEST, min(max(step, _FINEST), _COARSEST))
+def _first_length(u: Array, span: float) -> int:
+    """Samples of the first few strokes of OP: ways of a fair part of its span without return."""
+    strokes, low, high = 0, float(u[0]), float(u[0])
+    for k, value in enumerate(u.tolist()):
+        low, high = min(low, value), max(high, value)
+        if max(value - low, high - value) > _STROKE * span:
+            strokes += 1
+            if strokes > _STROKES:
+                return min(u.size, max(k, 8 * _LONGEST))
+            low = high = value
+    return u.size
 
 
-class _Sums:
-    """What least squares needs of a window, for every dead time, in one matrix."""
-
-    def __init__(self, u: Array, y: Array, good: Mask, longest: int) -> None:
-        self._u = np.ascontiguousarray(u)
-        usable = good.copy()
-        for i in range(1, _PAST + 1):
-            usable[i:] &= good[:-i]
-        usable[: max(_settled(u), longest + 2)] = False
-        weight = usable.astype(np.float64)
-        past = [np.ones(y.size), *(np.roll(y, i) for i in range(1, _PAST + 1))]
-        basis, _ = np.linalg.qr(np.stack(past, axis=1) * weight[:, None])
-        target = y * weight
-        rest = target - basis @ (basis.T @ target)
-        rows = np.vstack([rest, basis.T])
-        offsets = range(1, longest + 2)
-        self._rows = np.vstack([_early(rows, o) for o in offsets])
-        self._weights = np.vstack([_early(weight[None], o) for o in offsets])
-        self._energy = float(rest @ rest)
-        self._longest = longest
-
-    def costs(self, band: Array, ratio: Array, start: Array) -> Array:
-        """Residual sum of squares, shape ``(dead times, m)``, from a dead time of 1 on."""
-        stem, moves = stem_of(self._u, band, ratio, start)
-        products = (self._rows @ stem).reshape(self._longest + 1, -1, band.size)
-        own = self._weights @ np.square(stem)
-        # x_(k-o) x_(k-o-1), summed with the weights of sample k
-        neighbour = np.zeros_like(stem)
-        neighbour[1:] = stem[1:] * stem[:-1]
-        cross = self._weights @ neighbour
-        right, shared = products[:, 0], products[:, 1:]
-        g00 = own - np.square(shared).sum(axis=1)
-        g11, r1 = g00[1:], right[1:]
-        g01 = cross[:-1] - (shared[:-1] * shared[1:]).sum(axis=1)
-        g00, r0 = g00[:-1] * (1.0 + 1e-9) + 1e-9, right[:-1]
-        g11 = g11 * (1.0 + 1e-9) + 1e-9
-        determinant = np.maximum(g00 * g11 - g01 * g01, 1e-12 * g00 * g11)
-        explained = (g11 * r0 * r0 - 2.0 * g01 * r0 * r1 + g00 * r1 * r1) / determinant
-        cost: Array = np.maximum(self._energy - explained, 1e-9 * self._energy)
-        cost[:, moves < MIN_MOVES] = np.inf
-        return cost
+def _leads(u: Array, first: float) -> Array:
+    """Leads of all samples at which a first slip in this direction can happen."""
+    records = np.unique(np.maximum.accumulate(first * (u - u[0])))
+    if records.size < 2:
+        return np.empty(0)
+    leads: Array = 0.5 * (records[1:] + records[:-1])
+    if leads.size > _MOST_STARTS:
+        leads = leads[np.linspace(0, leads.size - 1, _MOST_STARTS).astype(int)]
+    return leads
 
 
-def _settled(u: Array) -> int:
-    """The sample from which a valve's position no longer depends on where it was at the start."""
-    reach = np.maximum.accumulate(u) - np.minimum.accumulate(u)
-    certain = np.flatnonzero(reach >= _CERTAIN * reach[-1])
-    return min(int(certain[0]) if certain.size else u.size, u.size // _SETTLED_BY)
+def _listed(op: Op, tables: ScanTables, step: float, span: float) -> _Beam:
+    pairs = [(lead, first) for first in (1.0, -1.0) for lead in _leads(op.u, first)]
+    ends = [
+        (narrow, wide, 0.5 * ratio * (narrow + wide), 0.5 * ratio * (narrow + wide))
+        for narrow, wide in pairwise(_BANDS)
+        for ratio in _RATIOS
+    ]
+    starts = np.array(pairs * len(ends))
+    regions = span * np.repeat(ends, len(pairs), axis=0)
+    least = np.array(
+        [max(4.0 * _LEAST * step, 1.2 * span * len(pairs) * len(_RATIOS) / _MOST), 1.0]
+    )
+    regions, of = slip_patterns(op, regions, starts, least, 1.0, _MOST)
+    starts = starts[of]
+    costs = one_step_scan(op, tables, _valves(regions, starts))
+    top = np.argpartition(costs, min(_TOP, costs.size - 1), axis=None)[:_TOP]
+    delay, j = np.unravel_index(top, costs.shape)
+    found = _Beam(regions[j], starts[j], delay + 1, costs[delay, j].astype(np.float64))
+    return _best(found, _BIN * span, _KEPT[0])
 
 
-def _early(rows: Array, samples: int) -> Array:
-    """Rows earlier by ``samples``, so that their products with a signal are with its past."""
-    out = np.zeros_like(rows)
-    out[:, :-samples] = rows[:, samples:]
-    return out
+def _followed(
+    op: Op, tables: ScanTables, beam: _Beam, step: float, span: float, stage: int
+) -> _Beam:
+    factors = _FACTORS if stage > 1 else np.ones(1)
+    beam = beam.taken(np.repeat(np.arange(beam.delays.size), factors.size))
+    regions = beam.regions.copy()
+    regions[:, 2:] *= np.resize(factors, beam.delays.size)[:, None]
+    least = np.array([_LEAST * step, 1.0])
+    regions, of = slip_patterns(op, regions, beam.starts, least, 1.0, _MOST)
+    starts, delays = beam.starts[of], beam.delays[of]
+    costs = one_step_followed(op, tables, _valves(regions, starts), delays)
+    return _best(_Beam(regions, starts, delays, costs), _BIN * span, _KEPT[stage])
+
+
+def _valves(regions: Array, starts: Array) -> Array:
+    """S, J, lead, first direction, ``(m, 4)``: the widest stick band slips as the region does."""
+    jump = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
+    return np.column_stack([regions[:, 1], jump, starts])
+
+
+def _best(found: _Beam, bin_: float, kept: int) -> _Beam:
+    """The best ones, few to a stick band and dead time; best first."""
+    ranked = found.taken(np.argsort(found.costs, kind="stable"))
+    ranked = ranked.taken(np.flatnonzero(np.isfinite(ranked.costs)))
+    number = np.floor(ranked.regions[:, 1] / bin_).astype(np.int64) * (_LONGEST + 1) + ranked.delays
+    return ranked.taken(_first_of(number, _PER_BIN)[:kept])
+
+
+def _first_of(number: Index, count: int) -> Index:
+    """Indices of the first ``count`` of each number, in order."""
+    order = np.argsort(number, kind="stable")
+    ranked = number[order]
+    start = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1]]))
+    place = np.arange(number.size) - np.repeat(start, np.diff(np.append(start, number.size)))
+    return np.sort(order[place < count])
+
+
+def _tables(y: Array, good: Mask, delays: int) -> ScanTables:
+    """PV's past projected out of it, and everything laid out by dead time."""
+    n = y.size
+    usable = good.copy()
+    for i in range(1, _PAST + 1):
+        usable[i:] &= good[:-i]
+    usable[: delays + 2] = False
+    weight = usable.astype(np.float64)
+    past = [np.ones(n), *(np.roll(y, i) for i in range(1, _PAST + 1))]
+    basis, _ = np.linalg.qr(np.stack(past, axis=1) * weight[:, None])
+    target = y * weight
+    rest = target - basis @ (basis.T @ target)
+    plain = np.vstack([rest, basis.T, weight])
+    padded = np.zeros((plain.shape[0], n + delays))
+    padded[:, :n] = plain
+    summed = np.cumsum(padded[:, ::-1], axis=1)[:, ::-1]
+    late = np.minimum(np.arange(n)[:, None] + np.arange(1, delays + 1), n + delays - 1)
+    parts = [*(one[late] for one in summed[:-1]), *(one[late] for one in padded[:-1])]
+    table = np.hstack([*parts, summed[-1][late], padded[-1][late]]).astype(np.float32)
+    return ScanTables(table, plain.shape[0] - 1, delays, float(rest @ rest))

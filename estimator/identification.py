@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from itertools import product
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from estimator.arx import ArxOrders, select_orders
+from estimator._simulated import simulated_costs
+from estimator._slips import Op, op_of
+from estimator.arx import select_orders
 from estimator.arx_estimate import arx_estimate
-from estimator.arx_search import ArxFound, arx_promises, arx_search
+from estimator.arx_search import ArxFound, arx_search
+from estimator.candidate import Candidate
 from estimator.estimate import Estimate
 from estimator.exhaustive import one_step_seeds
 from estimator.noise import effective_samples
@@ -21,7 +25,7 @@ from estimator.oe_estimate import oe_estimate
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
-from estimator.search import Candidate, Seed, healthy_search, polished, stem_of, valve_search
+from estimator.search import healthy_search, polished, valve_search
 from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
 from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
@@ -33,7 +37,7 @@ CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
 
 _SURFACE_NODES = 25
-_SEEDS = 8
+_SEEDS = 6
 _MARGIN = 0.15
 _WORSE = 1.5
 _SLACK = 0.02
@@ -93,10 +97,11 @@ def warm_up() -> None:
 
 
 def _assess(window: Window, criterion: str, confidence: float) -> Identification:
+    op = op_of(window.u)
     regression = Regression(window.y, window.good)
-    healthy = healthy_search(window.u, regression)
-    seeds = one_step_seeds(window.u, window.y, window.good, _SEEDS)
-    found = valve_search(window.u, regression, seeds)
+    healthy = healthy_search(op, regression)
+    seeds = one_step_seeds(op, window.y, window.good, _SEEDS)
+    found = valve_search(op, regression, healthy, seeds)
     if not found:
         share = 1.0 - healthy.cost / regression.total
         reason = Reason(
@@ -104,32 +109,24 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
             f"OP's moves are too few to move a sticky valve twice (healthy fit {share:.3f})",
         )
         return _not_assessable(window, (reason,), criterion, confidence)
-    simulated, samples = _simulated(window, regression, found[0], healthy)
-    arx, healthy_orders = _arx(
-        window,
-        found[0],
-        seeds,
-        sought=simulated > 0.0 or criterion == "arx",
-    )
-    if arx is not None:
-        # the other criterion's valve may be a better one for this criterion as well
-        other = replace(found[0], band=arx.best.band, ratio=arx.best.ratio, start=arx.best.start)
-        found = tuple(sorted((*found, polished(window.u, regression, other)), key=lambda c: c.cost))
-        simulated, samples = _simulated(window, regression, found[0], healthy)
+    simulated, samples = _simulated(op, regression, found[0], healthy)
+    arx = arx_search(op, window.y, window.good, (*seeds, found[0]))
+    # the other criterion's valve may be a better one for this criterion as well
+    other = replace(arx.best, structure=found[0].structure, dead_time=found[0].dead_time)
+    found = tuple(sorted((*found, polished(op, regression, other)), key=lambda c: c.cost))
+    simulated, samples = _simulated(op, regression, found[0], healthy)
     best = found[0]
-    test = _one_step_test(window, regression, best, healthy, simulated, arx, healthy_orders)
-    stem = best.stem(window.u)
-    if simulated <= 0.0 and arx is not None:
-        stem = arx.best.stem(window.u)
+    test = _one_step_test(window, op, regression, best, healthy, simulated, arx)
+    stem = best.stem(op)
+    if simulated <= 0.0:
+        stem = arx.best.stem(op)
     evidence = evidence_of(stem, simulated, test.evidence, samples, best.band)
     score = score_of(evidence)
     fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
     verdict, reasons = judge(score, evidence, fit)
-    estimate = oe_estimate(window, regression, found, confidence, test.oe_bic)
-    if arx is not None and (
-        criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION)
-    ):
-        rival = arx_estimate(window, arx, confidence)
+    estimate = oe_estimate(window, op, regression, found, confidence, test.oe_bic)
+    if criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
+        rival = arx_estimate(window, op, arx, confidence)
         if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, estimate):
             estimate = rival
     span = window.op_span
@@ -153,38 +150,23 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         model=LoopModel(ValveModel(band.value, jump.value), estimate.model),
         stem=window.op_centre + span * estimate.stem,
         pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
-        surface=_surface(window, regression, best),
+        surface=_surface(window, op, regression, best),
         runners_up=estimate.runners_up,
         identifiability=_identifiability(band, jump),
     )
 
 
 def _simulated(
-    window: Window, regression: Regression, best: Candidate, healthy: Candidate
+    op: Op, regression: Regression, best: Candidate, healthy: Candidate
 ) -> tuple[float, float]:
     """Log Bayes factor from simulation errors, and the effective samples it counts."""
     samples = min(
         effective_samples(
             regression.solve(stem, c.structure, c.dead_time).residual, regression.weight
         )
-        for stem, c in ((best.stem(window.u), best), (window.u, healthy))
+        for stem, c in ((best.stem(op), best), (op.u, healthy))
     )
     return simulated_evidence(healthy.cost, best.cost, samples), samples
-
-
-def _arx(
-    window: Window,
-    best: Candidate,
-    seeds: tuple[Seed, ...],
-    *,
-    sought: bool,
-) -> tuple[ArxFound | None, ArxOrders]:
-    """The one-step-ahead search, where it is sought or promises anything, and healthy orders."""
-    u, y, good = window.u, window.y, window.good
-    healthy = select_orders(y, good, u)[0]
-    if not sought and not arx_promises(u, y, good, healthy):
-        return None, healthy
-    return arx_search(u, y, good, best, seeds), healthy
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,23 +179,21 @@ class _OneStepTest:
 
 def _one_step_test(
     window: Window,
+    op: Op,
     regression: Regression,
     best: Candidate,
     healthy: Candidate,
     simulated: float,
-    arx: ArxFound | None,
-    healthy_orders: ArxOrders,
+    arx: ArxFound,
 ) -> _OneStepTest:
-    if arx is None:
-        return _OneStepTest(0.0, math.inf)
     count = regression.count
     sticky_bic, oe_bic = arx.bic / arx.regression.count, math.inf
     if simulated > 0.0:
-        oe_bic = whitened_bic(window.u, regression, best, healthy=False)
+        oe_bic = whitened_bic(op, regression, best, healthy=False)
         sticky_bic = min(sticky_bic, oe_bic / count)
+    orders = select_orders(window.y, window.good, window.u)[0]
     healthy_bic = min(
-        healthy_orders.bic / healthy_orders.rows,
-        whitened_bic(window.u, regression, healthy, healthy=True) / count,
+        orders.bic / orders.rows, whitened_bic(op, regression, healthy, healthy=True) / count
     )
     # criteria lose a few samples each at the start of the window: compared per sample
     return _OneStepTest(0.5 * count * (healthy_bic - sticky_bic), oe_bic)
@@ -252,20 +232,20 @@ def _identifiability(band: Interval, jump: Interval) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _surface(window: Window, regression: Regression, best: Candidate) -> CostSurface:
+def _surface(window: Window, op: Op, regression: Regression, best: Candidate) -> CostSurface:
     nodes = np.linspace(0.0, 1.1, _SURFACE_NODES)[1:]
     jumps = np.linspace(0.0, 1.1, _SURFACE_NODES)
     band, jump = (g.ravel() for g in np.meshgrid(nodes, jumps, indexing="ij"))
     inside = jump <= band + 1e-12
-    cost = np.full(band.size, np.nan)
-    ratio = np.minimum(jump[inside] / band[inside], 1.0)
-    least = np.full(ratio.size, np.inf)
-    for start in (-0.85, -0.6, 0.6, 0.85, best.start):
-        stem = regression.whiten(
-            stem_of(window.u, band[inside], ratio, np.full(ratio.size, start))[0]
-        )
-        found = regression.costs(stem, best.structure, (best.dead_time,))[0]
+    band, jump = band[inside], np.minimum(jump, band)[inside]
+    tables = regression.tables(best.structure)
+    least = np.full(band.size, np.inf)
+    shares = (0.3, 0.8)
+    for first, lead in (*product((-1.0, 1.0), shares), (best.first, best.lead / best.band)):
+        valves = np.ascontiguousarray(np.stack([band, jump, lead * band], axis=1))
+        found = simulated_costs(op, tables, valves, first, best.dead_time, 1)[0][0]
         least = np.minimum(least, found)
+    cost = np.full(inside.size, np.nan)
     cost[inside] = least / regression.total
     return CostSurface(
         nodes * window.op_span,

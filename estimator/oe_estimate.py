@@ -6,14 +6,17 @@ import math
 
 import numpy as np
 
-from estimator._kernels import Array, stems
+from estimator._kernels import Array
+from estimator._simulated import simulated_costs
+from estimator._slips import Op
+from estimator.candidate import Candidate
 from estimator.conversion import process_description, process_model
 from estimator.estimate import Estimate
 from estimator.noise import effective_samples
-from estimator.posterior import Likelihood, Posterior, explore
+from estimator.posterior import Posterior, explore
 from estimator.regression import Regression
 from estimator.result import RunnerUp
-from estimator.search import MIN_MOVES, Candidate, shortened
+from estimator.search import shortened
 from estimator.window import Window
 
 __all__ = ["oe_estimate"]
@@ -23,6 +26,7 @@ _LAG_REACH = 4
 
 def oe_estimate(
     window: Window,
+    op: Op,
     regression: Regression,
     found: tuple[Candidate, ...],
     confidence: float,
@@ -32,10 +36,10 @@ def oe_estimate(
 
     ``bic`` is that of the whitened errors, to compare with another criterion.
     """
-    best = shortened(window.u, regression, found[0])
-    fit = regression.solve(best.stem(window.u), best.structure, best.dead_time)
+    best = shortened(op, regression, found[0])
+    fit = regression.solve(best.stem(op), best.structure, best.dead_time)
     samples = effective_samples(fit.residual, regression.weight)
-    posterior = _posterior(window.u, regression, best, samples)
+    posterior = _posterior(op, regression, best, samples)
     band, jump, static, dynamic = Estimate.intervals(posterior, confidence, window.u)
     deviation = math.sqrt(best.cost / samples / max(fit.information, 1e-300))
     gain = posterior.interval(posterior.gain, confidence, deviation).around(fit.gain)
@@ -46,7 +50,7 @@ def oe_estimate(
         jump=jump,
         static=static,
         dynamic=dynamic,
-        stem=best.stem(window.u),
+        stem=best.stem(op),
         simulated=fit.prediction,
         process=process_description(window, best.structure, model, gain),
         model=model,
@@ -64,22 +68,16 @@ def oe_estimate(
     )
 
 
-def _posterior(u: Array, regression: Regression, best: Candidate, samples: float) -> Posterior:
+def _posterior(op: Op, regression: Regression, best: Candidate, samples: float) -> Posterior:
     """Likelihood with the linear part and the dead time at their best, the poles held."""
-    lags = tuple(
-        d
-        for d in range(best.dead_time - _LAG_REACH, best.dead_time + _LAG_REACH + 1)
-        if 0 <= d <= regression.max_lag
-    )
+    best = best.anchored(op)
+    tables = regression.tables(best.structure)
+    lag = max(0, best.dead_time - _LAG_REACH)
+    lags = min(regression.max_lag, best.dead_time + _LAG_REACH) - lag + 1
 
-    def evaluate(band: Array, jump: Array, first: Array) -> tuple[Array, Array]:
-        stem, moves = stems(u, band, jump, u[0] + first)
-        cost, gain = regression.costs_and_gains(stem, best.structure, lags)
-        pick = cost.argmin(axis=0)
-        index = np.arange(band.size)
-        log_likelihood = -0.5 * samples * np.log(cost[pick, index])
-        log_likelihood[moves < MIN_MOVES] = -np.inf
-        return log_likelihood, gain[pick, index]
+    def evaluate(nodes: Array) -> tuple[Array, Array]:
+        cost, gain = simulated_costs(op, tables, nodes, best.first, lag, lags)
+        pick = cost.argmin(axis=0), np.arange(nodes.shape[0])
+        return -0.5 * samples * np.log(cost[pick]), gain[pick]
 
-    anchored = best.anchored(u)
-    return explore(Likelihood(evaluate, anchored.side), anchored)
+    return explore(evaluate, best)

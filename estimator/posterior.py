@@ -21,10 +21,10 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimator._kernels import Array, Mask
+from estimator.candidate import Candidate
 from estimator.result import Interval
-from estimator.search import Candidate
 
-__all__ = ["Likelihood", "Posterior", "explore"]
+__all__ = ["Posterior", "explore"]
 
 _S, _J, _LEAD = range(3)
 _LINE, _FEW = 41, 7
@@ -44,11 +44,8 @@ closed-loop examples of the paper."""
 
 _NORMAL = ndtri((np.arange(15) + 0.5) / 15)
 
-Evaluate = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""``(band, jump, first)``, each ``(m,)``, to log-likelihood and gain, each ``(m,)``.
-
-``first`` is the distance of the first position from the first OP.
-"""
+Evaluate = Callable[[Array], tuple[Array, Array]]
+"""Nodes ``(m, 3)`` of S, J and lead to log-likelihood and gain, each ``(m,)``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,33 +88,22 @@ class Posterior:
         return Interval(float(middle), float(low), float(high))
 
 
-@dataclass(frozen=True, slots=True)
-class Likelihood:
-    """The likelihood of a window over the box; ``side`` is -1 where the first slip is upwards."""
-
-    evaluate: Evaluate
-    side: float
-
-    def at(self, low: Array, high: Array, best: Array, counts: tuple[int, ...]) -> Posterior:
-        """Evaluate the nodes of a box, and ``best`` with them."""
-        axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
-        grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
-        grid = np.vstack([grid, best])
-        band, jump, lead = grid.T
-        inside = (band > 0.0) & (jump <= band) & (lead >= 0.0) & (lead <= band + jump)
-        inside[-1] = True
-        grid = np.ascontiguousarray(grid[inside])
-        band, jump, _ = (np.ascontiguousarray(axis) for axis in grid.T)
-        log_likelihood, gain = self.evaluate(band, jump, self.first(grid))
-        return Posterior(grid, log_likelihood, gain)
-
-    def first(self, nodes: Array) -> Array:
-        """Distance of the first position from the first OP for nodes ``(m, 3)``."""
-        band, jump, lead = nodes.T
-        return np.ascontiguousarray(self.side * (0.5 * (band + jump) - lead))
+def _at(
+    evaluate: Evaluate, low: Array, high: Array, best: Array, counts: tuple[int, ...]
+) -> Posterior:
+    """Evaluate the nodes of a box, and ``best`` with them."""
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
+    grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
+    grid = np.vstack([grid, best])
+    band, jump, lead = grid.T
+    inside = (band > 0.0) & (jump <= band) & (lead >= 0.0) & (lead <= band + jump)
+    inside[-1] = True
+    grid = np.ascontiguousarray(grid[inside])
+    log_likelihood, gain = evaluate(grid)
+    return Posterior(grid, log_likelihood, gain)
 
 
-def explore(likelihood: Likelihood, best: Candidate) -> Posterior:
+def explore(evaluate: Evaluate, best: Candidate) -> Posterior:
     """Zoom in on the likelihood; ``best`` is where the search ended.
 
     The likelihood is narrow in S and in the lead, a fraction of OP's step per sample, and may be
@@ -127,7 +113,7 @@ def explore(likelihood: Likelihood, best: Candidate) -> Posterior:
     node = np.array([best.band, best.jump, best.lead])
     low, high = node.copy(), node.copy()
     low[_J], high[_J] = 0.0, node[_S]
-    scan = likelihood.at(low, high, node, (1, _LINE, 1))
+    scan = _at(evaluate, low, high, node, (1, _LINE, 1))
     node = scan.best
     low[_J], high[_J] = _alive(scan, _J, (high[_J] - low[_J]) / (_LINE - 1))
     for axis in (_S, _LEAD, _S):
@@ -136,13 +122,13 @@ def explore(likelihood: Likelihood, best: Candidate) -> Posterior:
         for _ in range(_LINE_PASSES):
             counts = [1, _FEW, 1]
             counts[axis] = _LINE
-            scan = likelihood.at(low, high, node, (counts[0], counts[1], counts[2]))
+            scan = _at(evaluate, low, high, node, (counts[0], counts[1], counts[2]))
             node = scan.best
             low[axis], high[axis] = _alive(scan, axis, (high[axis] - low[axis]) / (_LINE - 1))
     margin = np.maximum(0.25 * (high - low), _FLOOR * node[_S])
     low, high = np.maximum(low - margin, 0.0), high + margin
-    _, low, high = _zoomed(likelihood, low, high, node, _ZOOM_NODES)
-    return likelihood.at(low, high, node, _FINAL_NODES)
+    _, low, high = _zoomed(evaluate, low, high, node, _ZOOM_NODES)
+    return _at(evaluate, low, high, node, _FINAL_NODES)
 
 
 def _alive(posterior: Posterior, axis: int, step: float) -> tuple[float, float]:
@@ -153,10 +139,10 @@ def _alive(posterior: Posterior, axis: int, step: float) -> tuple[float, float]:
 
 
 def _zoomed(
-    likelihood: Likelihood, low: Array, high: Array, top: Array, counts: tuple[int, int, int]
+    evaluate: Evaluate, low: Array, high: Array, top: Array, counts: tuple[int, int, int]
 ) -> tuple[Posterior, Array, Array]:
     """Narrow the box until the likelihood fills it; return the last nodes and the next box."""
-    posterior = likelihood.at(low, high, top, counts)
+    posterior = _at(evaluate, low, high, top, counts)
     for _ in range(_PASSES):
         alive: Mask = posterior.log_likelihood > posterior.log_likelihood.max() - _DROP
         step = (high - low) / (np.array(counts) - 1)
@@ -167,5 +153,5 @@ def _zoomed(
         low, high = new_low, new_high
         if settled:
             break
-        posterior = likelihood.at(low, high, posterior.best, counts)
+        posterior = _at(evaluate, low, high, posterior.best, counts)
     return posterior, low, high

@@ -1,9 +1,8 @@
-"""The linear part, eliminated: cost of many stems at once for a process structure and dead times.
+"""The linear part of the simulation criterion: gain, offset and initial state by least squares.
 
-For a fixed valve, poles and dead time the best gain, offset and initial state are a small least
-squares problem. The columns that all candidates share (offset, initial state) are projected out of
-PV once; what is left for a candidate are inner products of its response with a few rows, and those
-of all candidates and all dead times together are one matrix product.
+For a fixed valve, poles and dead time they are a small problem. The columns that all candidates
+share (offset, drift, initial state) are projected out of PV once; what is left for a candidate is
+summed over its slips by compiled code.
 """
 
 from __future__ import annotations
@@ -13,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator._kernels import Array, Mask, fir
-from estimator.structures import Structure
+from estimator._simulated import Basis, Simulated, simulated_tables
+from estimator.structures import Structure, shared_columns
 
 __all__ = ["MAX_LAG", "LinearFit", "Regression", "delayed"]
 
 MAX_LAG = 20
 """Longest dead time that is tried, in samples."""
-
-_FLAT = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +58,13 @@ class Regression:
         self.y = y
         self.good = good
         self._target = self.whiten(y[:, None])[:, 0] * self.weight
-        self._rows: dict[Structure, tuple[Array, float]] = {}
-        self._stacks: dict[tuple[Structure, tuple[int, ...]], Array] = {}
+        self.basis = Basis(
+            np.ascontiguousarray(self._target),
+            self._shared(integrating=False),
+            self._shared(integrating=True),
+            self.weight,
+            self.taps,
+        )
 
     @property
     def total(self) -> float:
@@ -75,16 +78,9 @@ class Regression:
             return signal
         return fir(np.ascontiguousarray(signal), self.taps)
 
-    def costs(self, stem: Array, structure: Structure, lags: tuple[int, ...]) -> Array:
-        """Residual sums of squares, shape ``(len(lags), m)``, for whitened stems ``(n, m)``."""
-        response = structure.response(stem)
-        return self._eliminated(response, structure, lags)[0]
-
-    def costs_and_gains(
-        self, stem: Array, structure: Structure, lags: tuple[int, ...]
-    ) -> tuple[Array, Array]:
-        """Residual sums of squares and gains, shape ``(len(lags), m)`` each."""
-        return self._eliminated(structure.response(stem), structure, lags)
+    def tables(self, structure: Structure) -> Simulated:
+        """What the compiled sums need of one process."""
+        return simulated_tables(self.basis, structure.slow, structure.fast, self.max_lag + 1)
 
     def solve(self, stem: Array, structure: Structure, dead_time: int) -> LinearFit:
         """The linear part for one stem, shape ``(n,)``, not whitened."""
@@ -101,40 +97,11 @@ class Regression:
         own = design[:, 0] - others @ (others.T @ design[:, 0])
         return LinearFit(float(solution[0]), float(own @ own), solution[1:], prediction, residual)
 
-    def rows(self, structure: Structure) -> tuple[Array, float]:
-        """PV without its shared columns, above the orthonormal columns; and PV's energy left."""
-        found = self._rows.get(structure)
-        if found is None:
-            columns = self.whiten(structure.columns(self.size)) * self.weight[:, None]
-            q, _ = np.linalg.qr(columns)
-            rest = self._target - q @ (q.T @ self._target)
-            found = np.ascontiguousarray(np.vstack([rest, q.T])), float(rest @ rest)
-            self._rows[structure] = found
-        return found
-
-    def _eliminated(
-        self, response: Array, structure: Structure, lags: tuple[int, ...]
-    ) -> tuple[Array, Array]:
-        rows, total = self.rows(structure)
-        products = self._stack(structure, lags) @ response
-        products = products.reshape(len(lags), rows.shape[0], -1)
-        squares = self._energy(response, lags)
-        left = squares - np.square(products[:, 1:]).sum(axis=1)
-        flat = left <= _FLAT * squares + 1e-12
-        gain = np.where(flat, 0.0, products[:, 0] / np.where(flat, 1.0, left))
-        cost = total - gain * products[:, 0]
-        return np.maximum(cost, 1e-12 * total + 1e-300), gain
-
-    def _stack(self, structure: Structure, lags: tuple[int, ...]) -> Array:
-        key = structure, lags
-        if key not in self._stacks:
-            rows, _ = self.rows(structure)
-            self._stacks[key] = np.vstack([_advanced(rows, d) for d in lags])
-        return self._stacks[key]
-
-    def _energy(self, response: Array, lags: tuple[int, ...]) -> Array:
-        weights = np.vstack([_advanced(self.weight[None], d) for d in lags])
-        return weights @ np.square(response)
+    def _shared(self, *, integrating: bool) -> Array:
+        """Orthonormal columns that all candidates share, whitened and weighted, one a row."""
+        columns = self.whiten(shared_columns(self.size, integrating=integrating))
+        basis, _ = np.linalg.qr(columns * self.weight[:, None])
+        return np.ascontiguousarray(basis.T)
 
 
 def delayed(signal: Array, samples: int) -> Array:
@@ -142,11 +109,3 @@ def delayed(signal: Array, samples: int) -> Array:
     if samples == 0:
         return signal
     return np.vstack([np.repeat(signal[:1], samples, axis=0), signal[:-samples]])
-
-
-def _advanced(rows: Array, samples: int) -> Array:
-    if samples == 0:
-        return rows
-    out = np.zeros_like(rows)
-    out[:, :-samples] = rows[:, samples:]
-    return out

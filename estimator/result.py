@@ -37,6 +37,11 @@ class Interval:
         a, b = self.low * factor, self.high * factor
         return Interval(self.value * factor, min(a, b), max(a, b))
 
+    def within(self, low: float, high: float = math.inf) -> Interval:
+        """The part of the interval that can be: nothing below ``low`` or above ``high``."""
+        low_, value, high_ = (min(max(v, low), high) for v in (self.low, self.value, self.high))
+        return Interval(value, low_, high_)
+
     def around(self, value: float) -> Interval:
         """The same interval for another value, widened where it must be to hold it."""
         return Interval(value, min(self.low, value), max(self.high, value))

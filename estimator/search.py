@@ -1,283 +1,94 @@
-"""The search for the valve: exhaustive and coarse first, then refined around the best cells."""
+"""The search for the valve under the simulation criterion: coarse first, then closer and closer."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
 
-from estimator._kernels import Array, stems
-from estimator.coarse import LAGS, coarse_costs, coarse_valves
+from estimator._kernels import Array
+from estimator._simulated import Search, refine_process, refine_simulated, simulated_coarse
+from estimator._slips import Index, Op
+from estimator.candidate import Candidate
 from estimator.regression import Regression
-from estimator.structures import COARSE, Structure
+from estimator.structures import COARSE
 
-__all__ = [
-    "MIN_MOVES",
-    "SCANS",
-    "SCAN_PASSES",
-    "Candidate",
-    "Scan",
-    "Seed",
-    "Steps",
-    "diverse",
-    "first_position",
-    "healthy_search",
-    "lattice",
-    "polished",
-    "shortened",
-    "stem_of",
-    "valve_grid",
-    "valve_search",
-]
+__all__ = ["MIN_MOVES", "healthy_search", "polished", "shortened", "valve_search"]
 
 MIN_MOVES = 2
 """A stem that moves less often explains a step, not a valve."""
 
-_SEEDS = 4
+_LAGS = 12
+_LAG_GROUPS = ((0, 1), (2, 4), (5, 7), (8, 11))
+_BY_GROUP = 4
 _STRATA = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.2)
-_FINALISTS = 3
+_SURVIVORS, _FINALISTS = 8, 3
 _APART = 0.03
-_EARLY_PASSES = 3
-_LATE_PASSES = 8
+_WIDE = (0.03, 0.2, 0.1, 0.4)
+_CLOSE = (0.006, 0.15, 0.04, 0.2)
+"""Half-widths: stick band, slip jump, lead as shares of OP's span, logarithm of time constants."""
+_HARDLY = 0.004
+"""A stick band that changes nothing, as a share of OP's span."""
 _TOLERATED = 1.12
 _CLEAN = 0.02
 _SHORTER = (1, 3, 6, 10)
-_SCAN_SEEDS = 5
-_OFFSETS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-_LAG_GROUPS = ((0, 1), (2, 3), (5, 8), (12, 18))
+_SHRINK = np.array([0.5, 0.6, 0.5, 0.6])
+_FEW, _SOME, _MANY = np.array([7, 3, 5]), np.array([9, 5, 7]), np.array([17, 5, 9])
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A valve and a process: stick band, ratio ``J/S``, first position, see `first_position`."""
+@cache
+def _coarse_valves() -> Array:
+    """Valves of the coarse pass, ``(m, 4)``: S, J, lead, first direction.
 
-    cost: float
-    band: float
-    ratio: float
-    start: float
-    structure: Structure
-    dead_time: int
-
-    @property
-    def jump(self) -> float:
-        """Slip jump."""
-        return self.band * self.ratio
-
-    @property
-    def side(self) -> float:
-        """-1 where the first slip is upwards, 1 where it is downwards."""
-        return -1.0 if self.start < 0.0 else 1.0
-
-    @property
-    def lead(self) -> float:
-        """How far OP has to go until the first slip on the candidate's side."""
-        return min(2.0 * (1.0 - abs(self.start)) * self.band, self.band + self.jump)
-
-    def anchored(self, u: Array) -> Candidate:
-        """The same valve, its first position told by the slip that really comes first."""
-        stem = self.stem(u)
-        first = float(u[0]) + self.side * (0.5 * (self.band + self.jump) - self.lead)
-        moved = np.flatnonzero(np.abs(stem - first) > 1e-12)
-        if moved.size == 0:
-            return self
-        side = -1.0 if stem[moved[0]] > first else 1.0
-        if side == self.side:
-            return self
-        lead = self.band + self.jump - self.lead
-        return replace(self, start=side * max(1.0 - lead / (2.0 * self.band), 1e-9))
-
-    def stem(self, u: Array) -> Array:
-        """Its stem for OP ``u``, shape ``(n,)``."""
-        one = np.ones(1)
-        stem: Array = stem_of(u, self.band * one, self.ratio * one, self.start * one)[0][:, 0]
-        return stem
-
-
-@dataclass(frozen=True, slots=True)
-class Seed:
-    """A valve worth refining: S in units of OP's span, ``J/S``, first position, dead time."""
-
-    band: float
-    ratio: float
-    start: float
-    dead_time: int
-    cost: float
-
-    def like(self, candidate: Candidate, structure: Structure | None = None) -> Candidate:
-        """The seed as a candidate with the process structure of another, or a given one."""
-        return replace(
-            candidate,
-            cost=np.inf,
-            band=self.band,
-            ratio=self.ratio,
-            start=self.start,
-            dead_time=self.dead_time,
-            structure=structure or candidate.structure,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Steps:
-    """Half-widths of one zoom."""
-
-    band: float = 0.035
-    ratio: float = 0.2
-    start: float = 0.15
-    factor: float = 1.5
-    lag: int = 2
-
-    def narrower(self) -> Steps:
-        """The steps of the next zoom."""
-        return Steps(
-            self.band * 0.6,
-            self.ratio * 0.65,
-            self.start * 0.7,
-            1.0 + (self.factor - 1.0) * 0.65,
-            1,
-        )
-
-
-_CLOSE = Steps(band=0.008, ratio=0.3, start=0.08)
-
-
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """Half-widths of a lattice: of the stick band as a share of itself, of ratio and start.
-
-    The cost of a clean window is a field of narrow spikes, because a slip that is one sample off
-    costs much; a zoom alone ends on a spike near the right one.
+    Two grids: a cycling valve needs the stick band finely (a slip one sample off costs much), one
+    that moves a few times needs the lead.
     """
-
-    band: float
-    ratio: float
-    start: float
-
-    def steps(self, band: float) -> Steps:
-        """The zoom that follows."""
-        return Steps(
-            band=band * self.band / 10.0,
-            ratio=self.ratio / 5.0,
-            start=self.start / 6.0,
-            factor=1.2,
-            lag=1,
-        )
-
-
-SCANS = (Scan(0.3, 0.5, 1.0), Scan(0.08, 0.25, 0.3), Scan(0.02, 0.1, 0.1))
-"""Lattices that follow each other, finer each time."""
-
-SCAN_PASSES = 6
-
-
-def stem_of(u: Array, band: Array, ratio: Array, start: Array) -> tuple[Array, Array]:
-    """Stems ``(n, m)`` of candidates and their moves ``(m,)``; see :func:`first_position`."""
-    jump = band * ratio
-    return stems(u, band, jump, u[0] + first_position(band, jump, start))
-
-
-def first_position(band: Array, jump: Array, start: Array) -> Array:
-    """Distance of the stem from OP before the first sample, shape ``(m,)``.
-
-    ``start`` lies between -1 and 1. Where it is negative the first slip is upwards, after OP has
-    risen by a lead of ``2 (1 + start) S``, at most ``S + J``; where it is positive, downwards. A
-    valve of another slip jump then makes its first slip at the same sample, and while it makes one
-    move per stroke all later ones too: its likelihood changes slowly with J instead of in spikes.
-    """
-    static = 0.5 * (band + jump)
-    lead = np.minimum(2.0 * (1.0 - np.abs(start)) * band, band + jump)
-    offset: Array = np.where(start < 0.0, lead - static, static - lead)
-    return offset
+    fine = (0.015, 0.03, 0.05, 0.07, *np.arange(0.1, 1.0, 0.0125)), (0.25, 0.8), (0.5,)
+    led = (
+        (0.02, 0.04, 0.08, 0.13, 0.19, 0.25, *np.arange(0.31, 1.0, 0.06)),
+        (0.15, 0.6),
+        (0.1, 0.4, 0.7, 1.0),
+    )
+    parts = []
+    for axes in (fine, led):
+        grids = np.meshgrid(*(np.array(axis) for axis in axes), (1.0, -1.0), indexing="ij")
+        band, ratio, lead, first = (grid.ravel() for grid in grids)
+        parts.append(np.stack([band, ratio * band, lead * band, first], axis=1))
+    return np.ascontiguousarray(np.vstack(parts))
 
 
 def valve_search(
-    u: Array, regression: Regression, others: tuple[Seed, ...] = ()
+    op: Op, regression: Regression, healthy: Candidate, others: tuple[Candidate, ...]
 ) -> tuple[Candidate, ...]:
     """Best candidates of the window, best first; empty when no valve of the grid moves.
 
-    ``u`` is the scaled OP, shape ``(n,)``; ``others`` are valves that another criterion likes.
+    ``others`` are valves that another criterion likes; their processes are looked for. ``healthy``
+    is the process behind a healthy valve: one that hardly sticks is near.
     """
-    alive = [_zoomed(u, regression, seed, Steps(), _EARLY_PASSES) for seed in _seeds(u, regression)]
-    for other in others if alive else ():
-        seed = other.like(alive[0][0], _structure_for(u, regression, other)).anchored(u)
-        alive.append(_zoomed(u, regression, seed, _CLOSE, _EARLY_PASSES))
-    alive.sort(key=lambda pair: pair[0].cost)
-    chosen = diverse(
-        np.array([seed.cost for seed, _ in alive]),
-        np.array([seed.band for seed, _ in alive]),
-        _APART,
-        _FINALISTS,
-    )
-    ended = []
-    for i in chosen:
-        ended.append(_zoomed(u, regression, *alive[i], _LATE_PASSES))
-    ranked = sorted((c for c, _ in ended if np.isfinite(c.cost)), key=lambda c: c.cost)
-    if not ranked:
+    seeds = _seeds(op, regression, others)
+    if not seeds:
         return ()
-    # a wide lattice for each, finer ones for the best of them
-    ranked = [_scanned(u, regression, candidate, SCANS[0]) for candidate in ranked]
-    ranked.sort(key=lambda c: c.cost)
-    best = ranked[0]
-    for scan in SCANS[1:]:
-        best = _scanned(u, regression, best, scan)
-    return (best, *ranked[1:])
+    hardly = replace(healthy, band=_HARDLY, jump=0.5 * _HARDLY, lead=0.5 * _HARDLY)
+    seeds.append((hardly, _CLOSE))
+    alive = [_refined(op, regression, seed, half, _FEW, 1) for seed, half in seeds]
+    alive.sort(key=lambda candidate: candidate.cost)
+    kept = _diverse(alive, _SURVIVORS)
+    alive = [_refined(op, regression, c, _CLOSE, _FEW, 3) for c in kept]
+    alive.sort(key=lambda candidate: candidate.cost)
+    half = tuple(0.5 * width for width in _CLOSE)
+    ended = [_refined(op, regression, c, half, _SOME, 4) for c in _diverse(alive, _FINALISTS)]
+    ended.sort(key=lambda candidate: candidate.cost)
+    return (polished(op, regression, ended[0]), *ended[1:])
 
 
-def lattice(best: Candidate, scan: Scan) -> list[Array]:
-    """A fine lattice of stick bands, ratios and starts around a candidate, flat, ``(m,)`` each."""
-    grids = np.meshgrid(
-        best.band * (1.0 + scan.band * np.linspace(-1.0, 1.0, 33)),
-        np.unique(np.clip(best.ratio + scan.ratio * np.linspace(-1.0, 1.0, 9), 0.0, 1.0)),
-        np.unique(np.clip(best.start + scan.start * np.linspace(-1.0, 1.0, 9), -1.0, 1.0)),
-        indexing="ij",
-    )
-    return [np.ascontiguousarray(grid.ravel()) for grid in grids]
+def polished(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
+    """The candidate refined on a fine lattice, under this regression's cost."""
+    return _refined(op, regression, candidate, _CLOSE, _MANY, 5)
 
 
-def diverse(cost: Array, band: Array, apart: float, count: int) -> list[int]:
-    """Indices of the best nodes whose stick bands are ``apart``, at most ``count``."""
-    found: list[int] = []
-    for i in np.argsort(cost, kind="stable"):
-        if all(abs(band[i] - band[j]) > apart for j in found):
-            found.append(int(i))
-            if len(found) == count:
-                break
-    return found
-
-
-def _scanned(
-    u: Array, regression: Regression, best: Candidate, scan: Scan, longest: int | None = None
-) -> Candidate:
-    limit = regression.max_lag if longest is None else longest
-    band, ratio, start = lattice(best, scan)
-    stem, moves = stem_of(u, band, ratio, start)
-    lags = _near(regression, best, Steps(), limit)
-    cost = regression.costs(regression.whiten(stem), best.structure, lags)
-    cost[:, moves < MIN_MOVES] = np.inf
-    pick = cost.argmin(axis=0)
-    least = cost[pick, np.arange(band.size)]
-    steps = scan.steps(best.band)
-    found = [best]
-    for i in diverse(least, band, 0.05 * scan.band * best.band, _SCAN_SEEDS):
-        seed = replace(
-            best,
-            cost=float(least[i]),
-            band=float(band[i]),
-            ratio=float(ratio[i]),
-            start=float(start[i]),
-            dead_time=lags[int(pick[i])],
-        )
-        found.append(_zoomed(u, regression, seed, steps, SCAN_PASSES, limit)[0])
-    return min(found, key=lambda candidate: candidate.cost)
-
-
-def polished(u: Array, regression: Regression, candidate: Candidate) -> Candidate:
-    """The candidate refined under another regression's cost."""
-    seed = replace(candidate, cost=np.inf)
-    return _zoomed(u, regression, seed, Steps(), _LATE_PASSES)[0]
-
-
-def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
+def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
     """The candidate of the shortest dead time that explains PV about as well as ``best``.
 
     Where OP ramps, a longer dead time and a narrower stick band give nearly the same PV, and the
@@ -287,166 +98,108 @@ def shortened(u: Array, regression: Regression, best: Candidate) -> Candidate:
     """
     clean = best.cost < _CLEAN * regression.total
     limit = best.cost * (_TOLERATED if clean else 1.0 + 4.0 / regression.count)
-    ramp = float(np.abs(np.diff(u)).mean())
+    ramp = float(np.abs(np.diff(op.u)).mean())
     for longest in _SHORTER:
         if longest >= best.dead_time:
             break
-        band = best.band + ramp * (best.dead_time - longest)
-        seed = replace(best, cost=np.inf, dead_time=longest, band=band)
-        scanned = _scanned(u, regression, seed, SCANS[0], longest)
-        found, _ = _zoomed(u, regression, scanned, Steps(), _LATE_PASSES, longest)
+        # slips that come later by the samples that the dead time loses, upwards and downwards
+        later = ramp * (best.dead_time - longest)
+        seeds = [
+            replace(best, dead_time=longest, band=best.band + share * later, lead=best.lead + later)
+            for share in (1.0, 2.0)
+        ]
+        looks = [_refined(op, regression, seed, _WIDE, _SOME, 2, longest) for seed in seeds]
+        nearer = min(looks, key=lambda candidate: candidate.cost)
+        found = _refined(op, regression, nearer, _CLOSE, _SOME, 5, longest)
         if found.cost <= limit:
             return found
     return best
 
 
-def _structure_for(u: Array, regression: Regression, seed: Seed) -> Structure:
-    """The structure of the coarse list that serves a valve best."""
-    stem = regression.whiten(
-        stem_of(u, *(np.array([v]) for v in (seed.band, seed.ratio, seed.start)))[0]
-    )
-    lags = tuple(d for d in (seed.dead_time - 1, seed.dead_time) if d <= regression.max_lag)
-    return min(COARSE, key=lambda one: float(regression.costs(stem, one, lags).min()))
+def healthy_search(op: Op, regression: Regression) -> Candidate:
+    """The best process with a healthy valve (the stem is OP), searched with the same freedom."""
+    at, step = np.arange(1, op.u.size), np.diff(op.u)
+    best = np.empty(0)
+    search = Search(1, regression.min_lag, regression.max_lag, regression.max_lag, _SHRINK)
+    for structure in COARSE:
+        state = Candidate(np.inf, 0.0, 0.0, 0.0, 1.0, structure, regression.min_lag).state()
+        refine_process(regression.basis, at, step, state, 0.0, search)
+        if best.size == 0 or state[0] < best[0]:
+            best = state
+    search = Search(6, regression.min_lag, regression.max_lag, 2, _SHRINK)
+    refine_process(regression.basis, at, step, best, 0.4, search)
+    return Candidate.of_state(best)
 
 
-def _seeds(u: Array, regression: Regression) -> list[Candidate]:
-    band, ratio, start = coarse_valves()
-    stem, moves = stem_of(u, band, ratio, start)
-    moving = moves >= MIN_MOVES
-    band, ratio, start = band[moving], ratio[moving], start[moving]
-    if band.size == 0:
-        return []
-    stem = np.ascontiguousarray(stem[:, moving])
-    lags = tuple(d for d in LAGS if d <= regression.max_lag)
-    found: dict[tuple[str, int], Candidate] = {}
-    lagged: dict[float, Array] = {}
-    least = np.full(band.size, np.inf)
-    origin = np.zeros((band.size, 2), dtype=np.int64)
-    for number, structure in enumerate(COARSE):
-        if structure.slow not in lagged:
-            lagged[structure.slow] = Structure(structure.slow, 0.0).response(stem)
-        response = lagged[structure.slow]
-        if structure.fast > 0.0:
-            response = Structure(structure.fast, 0.0).response(response)
-        cost = coarse_costs(regression.y, regression.good, response, structure, lags)
-        lowest = cost.min(axis=0)
-        better = lowest < least
-        least[better] = lowest[better]
-        origin[better] = np.stack([np.full(band.size, number), cost.argmin(axis=0)], axis=1)[better]
-        for group, members in enumerate(_LAG_GROUPS):
-            rows = [i for i, d in enumerate(lags) if d in members]
-            if not rows:
-                continue
-            i, j = np.unravel_index(int(cost[rows].argmin()), (len(rows), band.size))
-            row = rows[int(i)]
-            seed = Candidate(float(cost[row, j]), band[j], ratio[j], start[j], structure, lags[row])
-            key = structure.name, group
-            if key not in found or seed.cost < found[key].cost:
-                found[key] = seed
-    ranked = sorted(found.values(), key=lambda seed: seed.cost)[:_SEEDS]
-    for low, high in pairwise(_STRATA):
-        inside = np.flatnonzero((band >= low) & (band < high))
-        if inside.size == 0:
-            continue
-        top = int(inside[least[inside].argmin()])
-        at = COARSE[int(origin[top, 0])], lags[int(origin[top, 1])]
-        ranked.append(Candidate(float(least[top]), band[top], ratio[top], start[top], *at))
-    return [replace(seed, cost=np.inf) for seed in ranked]
-
-
-def _zoomed(
-    u: Array,
+def _refined(
+    op: Op,
     regression: Regression,
-    best: Candidate,
-    steps: Steps,
+    candidate: Candidate,
+    half: tuple[float, ...],
+    counts: Index,
     passes: int,
     longest: int | None = None,
-) -> tuple[Candidate, Steps]:
+) -> Candidate:
     limit = regression.max_lag if longest is None else longest
-    for _ in range(passes):
-        lags = _near(regression, best, steps, limit)
-        best = _best_of(u, regression, best, valve_grid(best, steps), [best.structure], lags)
-        lags = _near(regression, best, steps, limit)
-        near = best.structure.neighbours(steps.factor)
-        best = _best_of(u, regression, best, _band_grid(best, steps), near, lags)
-        steps = steps.narrower()
-    return best, steps
+    state = candidate.anchored(op).state()
+    state[5] = min(max(state[5], regression.min_lag), limit)
+    search = Search(passes, regression.min_lag, limit, 2, _SHRINK)
+    refine_simulated(op, regression.basis, state, np.array(half), counts, search)
+    return Candidate.of_state(state)
 
 
-def valve_grid(best: Candidate, steps: Steps) -> list[Array]:
-    """Stick bands, ratios and starts around a candidate, flat, shape ``(m,)`` each."""
-    grids = np.meshgrid(
-        np.unique(np.clip(best.band + steps.band * _OFFSETS, 1e-4, 1.2)),
-        np.unique(np.clip(best.ratio + steps.ratio * _OFFSETS, 0.0, 1.0)),
-        np.unique(np.clip(best.start + steps.start * _OFFSETS[::2], -1.0, 1.0)),
-        indexing="ij",
-    )
-    return [np.ascontiguousarray(grid.ravel()) for grid in grids]
+def _diverse(ranked: list[Candidate], count: int) -> list[Candidate]:
+    """The first ones whose stick bands are apart, at most ``count``."""
+    found: list[Candidate] = []
+    for candidate in ranked:
+        if not np.isfinite(candidate.cost):
+            continue
+        if all(abs(candidate.band - other.band) > _APART for other in found):
+            found.append(candidate)
+            if len(found) == count:
+                break
+    return found or ranked[:1]
 
 
-def _band_grid(best: Candidate, steps: Steps) -> list[Array]:
-    """Stick bands around a candidate: what the time constants and the dead time trade against."""
-    band = np.unique(np.clip(best.band + steps.band * _OFFSETS, 1e-4, 1.2))
-    return [band, np.full(band.size, best.ratio), np.full(band.size, best.start)]
+def _seeds(
+    op: Op, regression: Regression, others: tuple[Candidate, ...]
+) -> list[tuple[Candidate, tuple[float, ...]]]:
+    """Where to look closer, and how wide."""
+    lags = min(_LAGS, regression.max_lag + 1)
+    tables = tuple(regression.tables(structure) for structure in COARSE)
+    valves = _coarse_valves()
+    if others:
+        valves = np.vstack([valves, *(other.valve[None] for other in others)])
+    cost = simulated_coarse(op, tables, valves, lags)
+    cost[:, : regression.min_lag] = np.inf
+    grid = cost[:, :, : _coarse_valves().shape[0]]
+    if not np.isfinite(grid).any():
+        return []
 
+    def seed(place: tuple[int, int, int]) -> Candidate:
+        structure, lag, j = (int(i) for i in place)
+        band, jump, lead, first = (float(v) for v in valves[j])
+        found = float(cost[structure, lag, j])
+        return Candidate(found, band, jump, lead, first, COARSE[structure], lag)
 
-def _near(regression: Regression, best: Candidate, steps: Steps, longest: int) -> tuple[int, ...]:
-    around = range(best.dead_time - steps.lag, best.dead_time + steps.lag + 1)
-    return tuple(d for d in around if regression.min_lag <= d <= longest)
-
-
-def _best_of(
-    u: Array,
-    regression: Regression,
-    best: Candidate,
-    valves: list[Array],
-    structures: list[Structure],
-    lags: tuple[int, ...],
-) -> Candidate:
-    band, ratio, start = (np.ascontiguousarray(v) for v in valves)
-    stem, moves = stem_of(u, band, ratio, start)
-    stem = regression.whiten(stem)
-    for structure in structures:
-        cost = regression.costs(stem, structure, lags)
-        cost[:, moves < MIN_MOVES] = np.inf
-        d, i = np.unravel_index(int(cost.argmin()), cost.shape)
-        if cost[d, i] < best.cost:
-            best = Candidate(
-                float(cost[d, i]),
-                float(band[i]),
-                float(ratio[i]),
-                float(start[i]),
-                structure,
-                lags[int(d)],
-            )
-    return best
-
-
-def healthy_search(u: Array, regression: Regression) -> Candidate:
-    """The best process with a healthy valve (the stem is OP), searched with the same freedom."""
-    stem = regression.whiten(np.ascontiguousarray(u[:, None]))
-    best = Candidate(np.inf, 0.0, 0.0, 0.0, COARSE[0], regression.min_lag)
-    lags = tuple(d for d in LAGS if regression.min_lag <= d <= regression.max_lag)
-    best = _better(best, regression, stem, COARSE, lags)
-    steps = Steps()
-    for _ in range(8):
-        near = best.structure.neighbours(steps.factor)
-        around = _near(regression, best, steps, regression.max_lag)
-        best = _better(best, regression, stem, near, around)
-        steps = steps.narrower()
-    return best
-
-
-def _better(
-    best: Candidate,
-    regression: Regression,
-    stem: Array,
-    structures: tuple[Structure, ...] | list[Structure],
-    lags: tuple[int, ...],
-) -> Candidate:
-    for structure in structures:
-        cost = regression.costs(stem, structure, lags)[:, 0]
-        d = int(cost.argmin())
-        if cost[d] < best.cost:
-            best = replace(best, cost=float(cost[d]), structure=structure, dead_time=lags[d])
-    return best
+    by_group = []
+    for number in range(len(COARSE)):
+        for low, high in _LAG_GROUPS:
+            part = grid[number, low : high + 1]
+            if part.size:
+                lag, j = np.unravel_index(int(part.argmin()), part.shape)
+                by_group.append(seed((number, low + int(lag), int(j))))
+    by_group.sort(key=lambda candidate: candidate.cost)
+    found = [(candidate, _WIDE) for candidate in by_group[:_BY_GROUP]]
+    bands = valves[: grid.shape[2], 0]
+    for narrow, wide in pairwise(_STRATA):
+        inside = np.flatnonzero((bands >= narrow) & (bands < wide))
+        place = np.unravel_index(int(grid[:, :, inside].argmin()), (*grid.shape[:2], inside.size))
+        found.append((seed((int(place[0]), int(place[1]), int(inside[place[2]]))), _WIDE))
+    for i, other in enumerate(others, start=grid.shape[2]):
+        near = slice(max(other.dead_time - 1, regression.min_lag), other.dead_time + 1)
+        part = cost[:, near, i]
+        if part.size and np.isfinite(part).any():
+            place = np.unravel_index(int(part.argmin()), part.shape)
+            found.append((seed((int(place[0]), near.start + int(place[1]), i)), _CLOSE))
+    return [pair for pair in found if np.isfinite(pair[0].cost)]

@@ -8,14 +8,13 @@ integrating process and ``(1, p)`` one with a lag. Everything else is linear.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimator._kernels import Array, lag
 
-__all__ = ["COARSE", "Structure"]
+__all__ = ["COARSE", "Structure", "shared_columns"]
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -68,40 +67,28 @@ class Structure:
         the unknown state before the window (it decays with the slow pole); for an integrating
         process the unknown equilibrium, which is a straight line in PV.
         """
-        k = np.arange(n)
-        waves = range(1, (n - 1) // _DRIFT_SAMPLES + 1)
-        columns: list[Array] = [np.ones(n)]
-        if self.integrating:
-            columns.append(k / n - 0.5)
-        columns += [np.cos(np.pi * wave * (k + 0.5) / n) for wave in waves]
+        columns = shared_columns(n, integrating=self.integrating)
         pole = self.fast if self.integrating else self.slow
         if pole > 0.3:
-            columns.append((pole**k).astype(np.float64))
-        return np.stack(columns, axis=1)
+            columns = np.column_stack([columns, pole ** np.arange(n)])
+        return columns
 
-    def neighbours(self, factor: float) -> list[Structure]:
-        """This structure with each time constant divided by, kept, and multiplied by ``factor``.
 
-        A structure with one lag also grows a second one, a fifth as slow.
-        """
-        slow, fast = _moved(self.slow, factor), _moved(self.fast, factor)
-        near = {Structure(max(a, b), min(a, b)) for a in slow for b in fast}
-        if self.fast == 0.0 and 0.0 < self.slow < 1.0:
-            near.add(Structure(self.slow, _pole(-0.2 / math.log(self.slow))))
-        return sorted(near)
+def shared_columns(n: int, *, integrating: bool) -> Array:
+    """Offset, drift and, for an integrating process, the straight line; shape ``(n, k)``."""
+    k = np.arange(n)
+    waves = range(1, (n - 1) // _DRIFT_SAMPLES + 1)
+    columns: list[Array] = [np.ones(n)]
+    if integrating:
+        columns.append(k / n - 0.5)
+    columns += [np.cos(np.pi * wave * (k + 0.5) / n) for wave in waves]
+    return np.stack(columns, axis=1)
 
 
 def _pole(time_constant: float) -> float:
     if time_constant <= 0.0:
         return 0.0
     return math.exp(-1.0 / time_constant)
-
-
-def _moved(pole: float, factor: float) -> Sequence[float]:
-    if pole in (0.0, 1.0):
-        return (pole,)
-    time_constant = -1.0 / math.log(pole)
-    return tuple(_pole(time_constant * f) for f in (1.0 / factor, 1.0, factor))
 
 
 _DRIFT_SAMPLES = 1000

@@ -13,10 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator._kernels import Array
+from estimator._slips import Op
+from estimator.candidate import Candidate
 from estimator.noise import autoregression
 from estimator.regression import Regression
-from estimator.search import Candidate, healthy_search, polished
+from estimator.search import healthy_search, polished
 
 __all__ = ["whitened_bic"]
 
@@ -25,17 +26,17 @@ _ROUNDS = 3
 _VALVE_PARAMETERS = 3
 
 
-def whitened_bic(u: Array, regression: Regression, found: Candidate, *, healthy: bool) -> float:
+def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: bool) -> float:
     """BIC of the innovations of the simulation model ``found`` with autoregressive noise.
 
     Model and noise are refitted in turn (generalised least squares); the lowest BIC of the rounds
-    is returned. ``u`` is the scaled OP, shape ``(n,)``; ``healthy`` takes the stem to be OP.
+    is returned. ``op`` is the scaled OP; ``healthy`` takes the stem to be OP.
     """
     candidate = replace(found, dead_time=max(1, found.dead_time))
     used = regression
     lowest = math.inf
     for last in (*([False] * _ROUNDS), True):
-        stem = u if healthy else candidate.stem(u)
+        stem = op.u if healthy else candidate.stem(op)
         fit = used.solve(stem, candidate.structure, candidate.dead_time)
         error = np.where(regression.weight > 0.0, regression.y - fit.prediction, 0.0)
         taps, variance = autoregression(error, regression.weight, _ORDER)
@@ -45,5 +46,5 @@ def whitened_bic(u: Array, regression: Regression, found: Candidate, *, healthy:
         if last:
             break
         used = Regression(regression.y, regression.good, taps, min_lag=1)
-        candidate = healthy_search(u, used) if healthy else polished(u, used, candidate)
+        candidate = healthy_search(op, used) if healthy else polished(op, used, candidate)
     return lowest

@@ -87,7 +87,7 @@ def test_open_loop_step_gives_the_process() -> None:
     op = np.repeat(np.random.default_rng(1).normal(12.0, 2.0, 80), 6)
     pv = truth.simulate(op) + 0.01 * np.random.default_rng(0).normal(size=op.size)
     result = identify(op, pv, criterion="oe")
-    assert result.stick_band.value < 0.05
+    assert result.stick_band.value < 0.01 * np.ptp(op)
     assert result.fit.r2_healthy_valve > 0.999
     assert result.process.gain == pytest.approx(2.0, rel=0.02)
     assert result.process.dead_time_samples == 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from estimator._kernels import fir, lag, lagged_products, stems
+from estimator._kernels import fir, lag, stems
 from loop_model import ValveModel
 
 
@@ -39,14 +39,3 @@ def test_fir_is_a_convolution() -> None:
     taps = np.array([1.0, -0.7, 0.2])
     expected = lfilter(taps, [1.0], signal, axis=0)
     np.testing.assert_allclose(fir(signal, taps)[2:], expected[2:], atol=1e-12)
-
-
-def test_lagged_products_are_sums_of_products() -> None:
-    rng = np.random.default_rng(4)
-    signal, weight = rng.normal(size=(50, 2)), (rng.random(50) > 0.2).astype(float)
-    found = lagged_products(signal, weight, 2, 3)
-    rows = np.arange(4, 50)
-    for a in range(3):
-        for b in range(a, 3):
-            products = signal[rows - 2 - a] * signal[rows - 2 - b]
-            np.testing.assert_allclose(found[a, b], weight[rows] @ products, atol=1e-12)

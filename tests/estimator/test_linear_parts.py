@@ -1,53 +1,119 @@
-"""The eliminated linear part against plain least squares."""
+"""Sums over slips against plain least squares on signals."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from estimator._one_step import one_step_costs, one_step_followed, one_step_scan
+from estimator._simulated import simulated_costs, simulated_steps
+from estimator._slips import Op, op_of
 from estimator.arx import ArxOrders, ArxRegression, select_orders
+from estimator.candidate import stem_of
+from estimator.exhaustive import _tables
 from estimator.regression import Regression, delayed
 from estimator.structures import Structure
 from loop_model import ProcessModel
 
+Window = tuple[Op, np.ndarray, np.ndarray]
 
-def _window(n: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+
+def _window(n: int = 300) -> Window:
+    """OP that wanders over one, PV that has nothing to do with it, a tenth of the samples bad."""
     rng = np.random.default_rng(5)
-    stem = np.repeat(rng.normal(size=n // 10), 10)
+    u = np.cumsum(rng.normal(size=n))
+    u = (u - u.mean()) / np.ptp(u)
     y = rng.normal(size=n)
     good = rng.random(n) > 0.1
-    return stem, np.where(good, y, 0.0), good
+    return op_of(u), np.where(good, y, 0.0), good
 
 
-def test_simulation_cost_equals_least_squares() -> None:
-    stem, y, good = _window()
-    structure = Structure.of_time_constants(5.0, 2.0)
-    regression = Regression(y, good)
-    lags = (0, 3, 7)
-    costs = regression.costs(stem[:, None], structure, lags)
-    for i, d in enumerate(lags):
-        response = delayed(structure.response(np.ascontiguousarray(stem[:, None])), d)
-        design = np.hstack([response, structure.columns(y.size)])
-        rows = regression.weight > 0
-        _, rss, *_ = np.linalg.lstsq(design[rows], y[rows])
-        np.testing.assert_allclose(costs[i, 0], rss[0], rtol=1e-9)
+NODES = np.array([[0.3, 0.1, 0.2], [0.5, 0.4, 0.1], [0.2, 0.02, 0.15], [0.12, 0.12, 0.05]])
+"""S, J, lead."""
 
 
-def test_arx_cost_and_gain_equal_least_squares() -> None:
-    stem, y, good = _window()
-    orders = ArxOrders(2, 3, 2)
-    regression = ArxRegression(y, good, orders)
-    cost, gain = regression.costs(np.ascontiguousarray(stem[:, None]))
-    rows = np.flatnonzero(regression.weight)
-    design = np.stack(
-        [np.ones(rows.size)]
-        + [y[rows - i] for i in (1, 2)]
-        + [stem[rows - 2 - i] for i in range(3)],
-        axis=1,
+@pytest.mark.parametrize("taps", [(1.0,), (1.0, -0.9, 0.2, 0.1)])
+@pytest.mark.parametrize(
+    "structure",
+    [
+        Structure(0.0, 0.0),
+        Structure(0.6, 0.0),
+        Structure.of_time_constants(5.0, 2.0),
+        Structure(1.0, 0.0),
+        Structure(1.0, 0.8),
+    ],
+)
+@pytest.mark.parametrize("first", [1.0, -1.0])
+def test_simulation_cost_equals_least_squares(
+    structure: Structure, taps: tuple[float, ...], first: float
+) -> None:
+    op, y, good = _window()
+    regression = Regression(y, good, np.array(taps))
+    costs, gains = simulated_costs(op, regression.tables(structure), NODES, first, 0, 8)
+    rows = regression.weight > 0
+    for j, node in enumerate(NODES):
+        stem = stem_of(op, *node, first)
+        for d in (0, 3, 7):
+            response = delayed(structure.response(stem[:, None]), d)
+            columns = np.hstack([response, structure.columns(y.size)])
+            design = regression.whiten(columns)[rows]
+            solution, rss, *_ = np.linalg.lstsq(design, regression.whiten(y[:, None])[rows, 0])
+            np.testing.assert_allclose(costs[d, j], rss[0], rtol=1e-7)
+            np.testing.assert_allclose(gains[d, j], solution[0], rtol=1e-5, atol=1e-7)
+
+
+def test_simulation_cost_of_any_stem_is_that_of_its_steps() -> None:
+    op, y, good = _window()
+    regression, structure = Regression(y, good), Structure(0.8, 0.3)
+    cost, gain = simulated_steps(
+        regression.tables(structure), np.arange(1, y.size), np.diff(op.u), 2, 1
     )
-    solution, rss, *_ = np.linalg.lstsq(design, y[rows])
-    np.testing.assert_allclose(cost[0], rss[0], rtol=1e-7)
-    expected = solution[3:].sum() / (1.0 - solution[1:3].sum())
-    np.testing.assert_allclose(gain[0], expected, rtol=1e-5)
+    fit = regression.solve(op.u, structure, 2)
+    np.testing.assert_allclose(cost[0], np.square(fit.residual).sum(), rtol=1e-9)
+    np.testing.assert_allclose(gain[0], fit.gain, rtol=1e-7)
+
+
+def _one_step_design(stem: np.ndarray, y: np.ndarray, orders: ArxOrders, rows: np.ndarray):
+    past = [y[rows - i] for i in range(1, orders.na + 1)]
+    stems = [stem[rows - orders.dead_time - i] for i in range(orders.nb)]
+    return np.stack([np.ones(rows.size), *past, *stems], axis=1)
+
+
+@pytest.mark.parametrize("orders", [ArxOrders(2, 1, 1), ArxOrders(1, 2, 4), ArxOrders(2, 3, 2)])
+def test_arx_cost_and_gain_equal_least_squares(orders: ArxOrders) -> None:
+    op, y, good = _window()
+    regression = ArxRegression(y, good, orders)
+    cost, gain = one_step_costs(op, regression.tables, NODES, 1.0)
+    rows = np.flatnonzero(regression.weight)
+    for j, node in enumerate(NODES):
+        design = _one_step_design(stem_of(op, *node, 1.0), y, orders, rows)
+        solution, rss, *_ = np.linalg.lstsq(design, y[rows])
+        np.testing.assert_allclose(cost[j], rss[0], rtol=1e-7)
+        past = solution[1 : 1 + orders.na]
+        expected = solution[1 + orders.na :].sum() / (1.0 - past.sum())
+        np.testing.assert_allclose(gain[j], expected, rtol=1e-5)
+
+
+def test_the_listing_ranks_by_the_same_costs() -> None:
+    op, y, good = _window()
+    tables = _tables(y, good, 6)
+    nodes = NODES[[0, 2, 3]]  # the other one does not move in these rows
+    valves = np.column_stack([nodes, np.ones(len(nodes))])
+    scanned = one_step_scan(op, tables, valves)
+    # its rows begin at sample 8, so that every dead time has the same ones
+    usable = good.copy()
+    for i in (1, 2, 3):
+        usable[i:] &= good[:-i]
+    usable[:8] = False
+    rows = np.flatnonzero(usable)
+    for j, node in enumerate(nodes):
+        for d in range(1, 7):
+            orders = ArxOrders(3, 2, d)
+            design = _one_step_design(stem_of(op, *node, 1.0), y, orders, rows)
+            _, rss, *_ = np.linalg.lstsq(design, y[rows])
+            np.testing.assert_allclose(scanned[d - 1, j], rss[0], rtol=1e-4)
+            followed = one_step_followed(op, tables, valves[[j]], np.array([d]))
+            np.testing.assert_allclose(followed[0], rss[0], rtol=1e-4)
 
 
 def test_orders_of_the_paper_s_process_are_found() -> None:
@@ -58,3 +124,16 @@ def test_orders_of_the_paper_s_process_are_found() -> None:
     y = process.simulate(stem, noise=1e-3 * rng.normal(size=stem.size))
     best = select_orders(y, np.ones(y.size, dtype=bool), stem)[0]
     assert (best.na, best.nb, best.dead_time) == (3, 3, 1)
+
+
+def test_bic_of_orders_is_that_of_least_squares() -> None:
+    op, y, good = _window()
+    stem = stem_of(op, 0.3, 0.1, 0.2, 1.0)
+    for orders in select_orders(y, good, stem):
+        rows = np.flatnonzero(ArxRegression(y, good, ArxOrders(6, 3, 13)).weight)
+        assert orders.rows == rows.size
+        design = _one_step_design(stem, y, orders, rows)
+        _, rss, *_ = np.linalg.lstsq(design, y[rows])
+        free = design.shape[1] + 1
+        bic = rows.size * np.log(rss[0] / rows.size) + free * np.log(rows.size)
+        np.testing.assert_allclose(orders.bic, bic, rtol=1e-6)
