@@ -109,6 +109,6 @@ def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
     ) as process:
         out, _ = process.communicate("\n", timeout=60)
     lines = out.splitlines()
-    assert "full" in lines
+    assert "full" in out
     assert lines[-1] == "20001 0 False"
     assert len(read_samples(url)) == 20_000
