@@ -2,10 +2,11 @@
 
     python -m benchmarks.estimator_speed [--out docs/benchmarks]
 
-Candidate-samples per second of the compiled valve and lag beside a bare fused multiply-add loop
-over the same lanes (`bare_loops`), windows per second with everything included (orders, intervals,
-verdict), and the time of the paper's grid and of its optimisation over the search's, on the same
-window in the same run. Seconds are processor seconds; only ratios mean anything.
+Candidate-samples per second of the compiled criteria (valve, process, least squares: everything
+that a candidate costs) beside one bare fused multiply-add for each of them (`bare_loops`), windows
+per second with everything included (orders, intervals, verdict), and the time of the paper's grid
+and of its optimisation over the search's, on the same window in the same run. Seconds are processor
+seconds; only ratios mean anything.
 """
 
 from __future__ import annotations
@@ -26,7 +27,13 @@ from benchmarks.loops import named_loop
 from benchmarks.recording import record
 from benchmarks.report import heading, keep, machine, table
 from estimator import grid_search, identify, nlp_paper, warm_up
-from estimator._kernels import lag, stems
+from estimator._one_step import one_step_costs
+from estimator._simulated import simulated_costs
+from estimator._slips import op_of
+from estimator.arx import ArxOrders, ArxRegression
+from estimator.regression import Regression
+from estimator.structures import Structure
+from estimator.window import harmonise
 
 __all__ = ["least_seconds", "main"]
 
@@ -44,27 +51,33 @@ def least_seconds(action: Callable[[], object], repeats: int) -> float:
     return min(spent)
 
 
-def _kernels(op: np.ndarray) -> dict[str, float]:
-    """Candidate-samples per second, and what of the bare loops that is."""
-    u = (op - op.mean()) / np.ptp(op)
-    band = np.linspace(0.05, 0.95, _LANES)
-    jump = band * np.linspace(0.1, 0.9, _LANES)
-    stem, _ = stems(u, band, jump, np.full(_LANES, u[0]))
-    out, total = np.zeros_like(stem), np.zeros(_LANES)
-    work = float(stem.size)
-    rates = {
-        "valve": work / least_seconds(lambda: stems(u, band, jump, np.full(_LANES, u[0])), 15),
-        "lag": work / least_seconds(lambda: lag(stem, 0.9), 15),
-        "bare multiply-add, streamed": work / least_seconds(lambda: streamed(stem, 0.9, out), 15),
-        "bare multiply-add, in cache": work / least_seconds(lambda: in_cache(u, band, total), 15),
+def _kernels(op: np.ndarray, pv: np.ndarray) -> dict[str, float]:
+    """Candidate-samples per second, and what of the bare loops that is.
+
+    The kernels walk from slip to slip, not from sample to sample: a candidate counts all samples of
+    the window all the same, because that is what it is judged by.
+    """
+    window = harmonise(op, pv, None, None, 1.0)
+    u = op_of(window.u)
+    simulated = Regression(window.y, window.good).tables(Structure.of_time_constants(6.0, 2.0))
+    one_step = ArxRegression(window.y, window.good, ArxOrders(3, 3, 1)).tables
+    band = np.linspace(0.2, 0.95, _LANES)
+    nodes = np.column_stack([band, band * np.linspace(0.1, 0.9, _LANES), 0.5 * band])
+    stem, total = np.zeros((window.size, _LANES)), np.zeros(_LANES)
+    out = np.zeros_like(stem)
+    calls: dict[str, tuple[int, Callable[[], object]]] = {
+        "simulated, one dead time": (1, lambda: simulated_costs(u, simulated, nodes, 1.0, 1, 1)),
+        "simulated, 12 dead times": (12, lambda: simulated_costs(u, simulated, nodes, 1.0, 0, 12)),
+        "one step, arx(3,3)": (1, lambda: one_step_costs(u, one_step, nodes, 1.0)),
+        "bare multiply-add, streamed": (1, lambda: streamed(stem, 0.9, out)),
+        "bare multiply-add, in cache": (1, lambda: in_cache(window.u, band, total)),
     }
+    work = float(stem.size)
+    rates = {name: n * work / least_seconds(call, 15) for name, (n, call) in calls.items()}
     figures = {f"{name}, candidate-samples per second": rate for name, rate in rates.items()}
-    chain = 1.0 / (1.0 / rates["valve"] + 1.0 / rates["lag"])
-    figures["valve and lag, ns per candidate and sample"] = 1e9 / chain
-    for bare in ("streamed", "in cache"):
-        rate = rates[f"bare multiply-add, {bare}"]
-        figures[f"valve over bare {bare}"] = rates["valve"] / rate
-        figures[f"lag over bare {bare}"] = rates["lag"] / rate
+    for name in ("simulated, one dead time", "simulated, 12 dead times", "one step, arx(3,3)"):
+        for bare in ("streamed", "in cache"):
+            figures[f"{name}, over bare {bare}"] = rates[name] / rates[f"bare multiply-add, {bare}"]
     return figures
 
 
@@ -114,9 +127,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="folder for estimator_speed.md and .json")
     options = parser.parse_args(arguments)
     warm_up()
+    trace = example_window(EXAMPLES[0], 1, samples=options.samples)
     with threadpool_limits(limits=1):
         figures = {
-            **_kernels(example_window(EXAMPLES[0], 1, samples=options.samples).op),
+            **_kernels(trace.op, trace.pv),
             **_windows(options.samples, options.repeats),
             **_rivals(options.samples, options.grid_step, options.starts),
         }
