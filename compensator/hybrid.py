@@ -206,7 +206,7 @@ class HybridMpc:
         self._moving = self._moving or bool(plan.times)
         if plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
             change = plan.changes[0]
-            position = self._stem_for(belief, change, math.copysign(1.0, change))
+            position = self._slipping(belief, change)
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
             op = self._move(belief, min(max(position, low), high))
         else:
@@ -219,6 +219,19 @@ class HybridMpc:
         """Return the stem position that changes the process's drive by ``change``."""
         turned = belief.errors[FRICTION] * (direction - belief.direction)
         return belief.stem + float(change - turned)
+
+    def _slipping(self, belief: Belief, change: float) -> float:
+        """Return the stem position for a change of the drive.
+
+        What is learnt of fD shifts where the stem lands, not the OP at which it breaks away: after
+        a command that the valve has withstood, the next one goes far enough to slip.
+        """
+        side = math.copysign(1.0, change)
+        position = self._stem_for(belief, change, side)
+        if math.isfinite(belief.survived):
+            least = self._smallest_move(belief)
+            return belief.stem + side * max(side * (position - belief.stem), least)
+        return position
 
     def _change_for(self, belief: Belief, position: float, direction: float) -> float:
         """Return the change of the process's drive that a stem position makes."""

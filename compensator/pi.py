@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from compensator.action import (
     Action,
     ActionStatus,
@@ -12,6 +14,8 @@ from compensator.action import (
     require_finite,
     require_positive,
 )
+from compensator.prediction import Prediction, settling_samples
+from loop_model import ProcessModel
 
 __all__ = ["PiController", "PiSettings"]
 
@@ -40,6 +44,32 @@ class PiSettings:
             integral_time=self.integral_time,
             period=self.period,
         )
+
+    @classmethod
+    def simc(cls, process: ProcessModel, limits: OpLimits | None = None) -> PiSettings:
+        """Return SIMC settings (Skogestad, 2003, J. Process Control 13, 291-309) for a process.
+
+        The step response's 28.3 and 63.2 % give lag and delay (of an integrating process its
+        asymptote gives slope and delay); the closed loop's time constant is the delay, and no
+        shorter than three scans (ten when integrating), because PV has noise.
+        """
+        prediction = Prediction.of(process)
+        response = prediction.step_response(settling_samples(prediction) + 5)
+        if process.is_integrating:
+            slope = float(response[-1] - response[-2])
+            delay = response.size - float(response[-1]) / slope
+            closed = max(delay, 10.0)
+            gain = 1.0 / (slope * (closed + delay))
+            reset = 4.0 * (closed + delay)
+        else:
+            share = response / process.gain
+            early, late = (float(np.argmax(share >= level)) + 1.0 for level in (0.283, 0.632))
+            lag = max(1.5 * (late - early), 1.0)
+            delay = max(late - lag, 1.0)
+            closed = max(delay, 3.0)
+            gain = lag / (process.gain * (closed + delay))
+            reset = min(lag, 4.0 * (closed + delay))
+        return cls(gain, reset * process.period, process.period, limits or OpLimits())
 
 
 class PiController:

@@ -321,9 +321,11 @@ class Supervisor:
         return True
 
     def _before(self, window: int) -> WindowFigures | None:
-        """Return the base controller's figures of the recent past, None after a SP change."""
-        recent = list(self._history)[-2 * window :]
-        if len(recent) < 2 * window or any(s.sp != recent[-1].sp for s in recent):
+        """Return the base controller's figures since the last SP change, None soon after one."""
+        seen = list(self._history)
+        changed = [k for k, s in enumerate(seen) if s.sp != seen[-1].sp]
+        recent = seen[changed[-1] + 1 + window // 2 :] if changed else seen
+        if len(recent) < 2 * window:
             return None
         good = [(s.pv - s.sp) ** 2 for s in recent if math.isfinite(s.pv)]
         if len(good) < window:

@@ -65,9 +65,13 @@ class LoopWatch:
         self.restart(0)
 
     def restart(self, skip: int) -> None:
-        """Leave out the next ``skip`` samples (a set-point change) and begin anew."""
+        """Begin anew: leave out the next ``skip`` samples (a set-point change), and more until the
+        error has changed its sign, at most three times as many.
+        """
         self._squares = self._travel = 0.0
         self._count, self._skip = 0, skip
+        self._patience = 2 * skip
+        self._from = 0.0
         self._figures.clear()
         self._halves.clear()
         self._half = _HalfCycle()
@@ -77,8 +81,7 @@ class LoopWatch:
         """Take in one sample: PV minus SP, the change of OP, and the variance of PV that noise
         alone makes. What twice that variance explains is never held against the compensator.
         """
-        if self._skip > 0:
-            self._skip -= 1
+        if self._still_settling(error):
             return WatchVerdict.FINE
         verdict = self._push_cycle(error, noise_variance)
         self._squares += error**2
@@ -92,6 +95,18 @@ class LoopWatch:
         if self._figures[-1].mean_square <= 2.0 * noise_variance:
             return WatchVerdict.FINE
         return self._judge_windows()
+
+    def _still_settling(self, error: float) -> bool:
+        if self._from == 0.0:
+            self._from = error
+        if self._skip > 0:
+            self._skip -= 1
+            return True
+        if self._patience > 0 and error * self._from > 0.0:
+            self._patience -= 1
+            return True
+        self._patience = 0
+        return False
 
     def _push_cycle(self, error: float, noise_variance: float) -> WatchVerdict:
         half = self._half

@@ -1,0 +1,1 @@
+"""The compensator at work: studied on simulated plants, and beside a real PLC."""
