@@ -74,7 +74,10 @@ def run_fmu(
     settings: RunSettings,
     progress: Progress | None = None,
 ) -> RunResult:
-    """Run an FMU and return what it did; a failure of the FMU ends it early and is in the result.
+    """Run an FMU and return what it did.
+
+    A failure of the FMU and an interruption (Ctrl-C) end it early and are in the result, with what
+    was recorded until then.
 
     Args:
         fmu: what `fmu_models.summarise` says of it.
@@ -195,6 +198,8 @@ class _Run:
                 self._columnwise(plant, count, driven, table, save_row)
         except PlantError as error:
             failure = str(error)
+        except KeyboardInterrupt:
+            failure = "it was interrupted"
         return self._pack(plant, moments, driven, table, failure, time.perf_counter() - begun)
 
     def _driven(self, moments: Array) -> dict[str, Array]:

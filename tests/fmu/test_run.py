@@ -127,6 +127,21 @@ def test_failure_keeps_what_was_recorded(mini_fmus: Minis, tmp_path: Path) -> No
     assert len(pd.read_csv(out)) == 1
 
 
+@pytest.mark.parametrize("speed", [None, 1000.0])
+def test_interruption_keeps_what_was_recorded(speed: float | None) -> None:
+    def interrupt(moment: float) -> None:
+        if moment >= 600.0:
+            raise KeyboardInterrupt
+
+    fmu = summarise(fmu_path("flow"))
+    result = run_fmu(fmu, FmuMap(), RunSettings(stop=900.0, speed=speed), interrupt)
+    assert result.failure == "it was interrupted"
+    assert 600.0 <= result.time[-1] <= 900.0
+    whole = run_fmu(fmu, FmuMap(), RunSettings(stop=900.0))
+    rows = result.time.size
+    np.testing.assert_array_equal(result.columns["pv"], whole.columns["pv"][:rows])
+
+
 def test_watched_variables_and_booleans(mini_fmus: Minis) -> None:
     fmu = summarise(mini_fmus["fmi1-me"])
     settings = RunSettings(
