@@ -151,22 +151,23 @@ class CoSimulation(Instance):
 
     def advance(self, time: float, size: float) -> None:
         """See `Instance.advance`."""
-        if self.version == 3:
-            _event, terminate, early, last = self.fmu.doStep(time, size)
-            if terminate:
-                raise StoppedError(f"the FMU ended the simulation at {last:g} s")
-            if early:
-                raise StoppedError(f"the FMU returned early, at {last:g} s, without leave")
-            return
         try:
-            self.fmu.doStep(time, size)
+            answer = self.fmu.doStep(time, size)
         except FMICallException as error:
             if error.status == _DISCARD:
                 raise StoppedError(self._why_discarded(time, size)) from error
             raise
+        if self.version == 3:
+            _event, terminate, early, last = answer
+            if terminate:
+                raise StoppedError(f"the FMU ended the simulation at {last:g} s")
+            if early:
+                raise StoppedError(f"the FMU returned early, at {last:g} s, without leave")
 
     def _why_discarded(self, time: float, size: float) -> str:
         """Ask the FMU whether it has ended, or dislikes the step size."""
+        if self.version == 3:
+            return f"the FMU discarded the step of {size:g} s; try another period"
         reached = None
         with contextlib.suppress(FMICallException):
             kind = fmi2.fmi2LastSuccessfulTime if self.version == 2 else fmi1.fmi1LastSuccessfulTime
