@@ -51,9 +51,9 @@ class Criterion:
 def _jobs(quick: bool, images: Path | None) -> list[tuple[Callable[..., int], list[str]]]:
     """Every benchmark with its command line."""
     pictures = [] if images is None else ["--images", str(images)]
-    compared = "1" if quick else "3"
+    compared = "1" if quick else "2"
     repeated = "2" if quick else "20"
-    loops = "10" if quick else "400"
+    loops = "10" if quick else "200"
     search = ["--methods", "search", "oracle", "--name", "paper_repeated"]
     return [
         (estimator_speed.main, []),
