@@ -203,6 +203,6 @@ def _placer(loop: Loop, counter: Tag | None) -> Placer:
     if loop.scan is None:
         return BeatPlacer(loop.period)
     modulus = math.inf
-    if counter is not None and not counter.data_type.is_float:
-        modulus = abs(counter.scale) * 2.0 ** (16 * counter.data_type.registers)
+    if counter is not None:
+        modulus = abs(counter.scale) * counter.data_type.modulus
     return CounterPlacer(loop.period, modulus)

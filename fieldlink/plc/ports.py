@@ -45,6 +45,10 @@ class TagPort:
         """
         if math.isnan(value) and not self._tag.data_type.is_float:
             return
+        if self._tag.bit is not None:
+            word = self._image.get(self._tag.table, self._tag.address, 1)[0]
+            self._put([self._tag.with_bit(word, value != 0.0)])
+            return
         self._put(self._tag.encode(value, clamp=True))
 
     def count(self, number: int) -> None:

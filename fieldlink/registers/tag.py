@@ -176,6 +176,13 @@ class Tag:
         except RegisterValueError as error:
             raise RegisterValueError(f"{self.name}: {error}") from error
 
+    def with_bit(self, word: int, state: bool) -> int:
+        """Return the register ``word`` with the tag's bit set to ``state``, the others kept."""
+        if self.bit is None:
+            raise RegisterValueError(f"{self.name} is no single bit of a register")
+        mask = _swapped(1 << self.bit, self.byte_order)
+        return word | mask if state else word & ~mask
+
     def encode_text(self, text: str) -> list[int]:
         """Return the words for the ``text`` of a string tag.
 

@@ -117,6 +117,12 @@ class DataType(StrEnum):
         return self in (DataType.FLOAT32, DataType.FLOAT64)
 
     @property
+    def modulus(self) -> float:
+        """How many values a counter of the type goes through before it begins again."""
+        low, high = self.bounds
+        return math.inf if self.is_float else high - low + 1.0
+
+    @property
     def bounds(self) -> tuple[float, float]:
         """The smallest and the largest finite value the type can hold."""
         return _CODECS[self].low, _CODECS[self].high

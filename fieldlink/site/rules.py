@@ -79,12 +79,6 @@ def _tags_exist(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterat
 
 def _fits_role(source: TomlSource, key: tuple[str, ...], role: str, tag: Tag) -> Iterator[Problem]:
     kind = tag.data_type
-    if role == "scan" and (kind.is_bcd or kind is DataType.BOOL):
-        yield source.problem(
-            key,
-            f"{tag.name} is a {kind} in the register map",
-            "a cycle counter is told from a restart by where its type wraps: use uint16 or uint32",
-        )
     if kind is DataType.STRING or (role in ("op", "pv") and kind is DataType.BOOL):
         yield source.problem(
             key, f"{tag.name} is a {kind} in the register map", "name a tag that holds a number"

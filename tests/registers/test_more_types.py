@@ -61,6 +61,21 @@ def test_bcd_in_the_four_orders() -> None:
         assert found.decode(wire[name]).value == 12345678
 
 
+@pytest.mark.parametrize(
+    ("kind", "modulus"),
+    [
+        (DataType.UINT16, 2.0**16),
+        (DataType.INT16, 2.0**16),
+        (DataType.UINT32, 2.0**32),
+        (DataType.BCD16, 1e4),
+        (DataType.BOOL, 2.0),
+        (DataType.FLOAT32, math.inf),
+    ],
+)
+def test_where_a_counter_wraps(kind: DataType, modulus: float) -> None:
+    assert kind.modulus == modulus
+
+
 def test_a_digit_above_nine_is_no_number() -> None:
     assert tag(DataType.BCD16).decode([0x12A4]).quality is Quality.NOT_A_NUMBER
 
@@ -80,6 +95,12 @@ def test_one_bit_of_a_register(bit: int) -> None:
 
 def test_a_bit_is_counted_in_the_devices_byte_order() -> None:
     assert tag(DataType.BOOL, bit=0, byte_order="little").decode([0x0100]).value == 1.0
+
+
+def test_a_bit_is_set_among_its_neighbours() -> None:
+    assert tag(DataType.BOOL, bit=2).with_bit(0x8001, True) == 0x8005
+    assert tag(DataType.BOOL, bit=0).with_bit(0x8001, False) == 0x8000
+    assert tag(DataType.BOOL, bit=0, byte_order="little").with_bit(0, True) == 0x0100
 
 
 def test_a_bit_is_never_written() -> None:
