@@ -11,7 +11,18 @@ import sys
 
 import typer
 
-from fieldlink.cli import demo, fleet, fmu, history, identify, modbus, registers_io, rehearse, site
+from fieldlink.cli import (
+    demo,
+    fleet,
+    fmu,
+    history,
+    identify,
+    modbus,
+    registers_io,
+    rehearse,
+    simulate,
+    site,
+)
 
 __all__ = ["app", "main"]
 
@@ -29,6 +40,7 @@ app.command("schema")(site.schema)
 app.command("plant")(fleet.plant)
 app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
+app.command("simulate")(simulate.simulate)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
 app.command("scan")(modbus.scan)

@@ -1,8 +1,9 @@
 """Closed loops of any controller with any plant: what `fieldlink simulate` and benchmarks run.
 
-A run begins with what a plant has, the stiction-unaware MPC (of an integrating level PI), until the loop shows its limit
-cycle; then the controller under study takes over, with everything it could have seen. `hybrid` and
-`embedding` have the loop under a `Supervisor`, as in the product, so that their fall-back counts.
+A run begins with what a plant has, the stiction-unaware MPC (of an integrating level PI), until the
+loop shows its limit cycle; then the controller under study takes over, with everything it could
+have seen. `hybrid` and `embedding` have the loop under a `Supervisor`, as in the product, so that
+their fall-back counts.
 """
 
 from __future__ import annotations
