@@ -7,8 +7,15 @@ Every method gets the same windows: 1,000 samples at constant set-point under th
 MPC, its noise levels, begun in mid-cycle. All costs are in one currency (`paper_methods`): equation
 (12) of ARX(3,3) with intercept, the first position of the stem by one rule for all. The grid and
 the optimisation minimise that cost themselves, with the paper's own first positions; they are told
-the orders and the dead time, which the search has to find. Seconds are those of one core, medians
-of one run on one machine: they mean something only as ratios.
+the orders and the dead time, which the search has to find.
+
+The oracle is told the samples at which the true valve moves, and fits the rest by least squares:
+what remains of its errors is what the data leave open. With one move of the stem a stroke the gain
+and J trade against each other through the size of the moves, and with a free intercept nothing
+else settles the gain. The paper's model has no intercept, OP and PV share one zero: then the means
+of stem and PV settle it, as the second oracle shows. A plant rarely grants that.
+
+Seconds are those of one core, medians of one run on one machine: only ratios mean anything.
 """
 
 from __future__ import annotations

@@ -137,8 +137,11 @@ def estimates(
     op, pv = window.op, window.pv
     if "oracle" in methods:
         truth = HeValve(example.valve.stick_band, example.valve.slip_jump)
-        known = best_with_same_moves(currency, currency.fit(truth, float(window.stem[0])))
-        found.append(_of_fit("oracle: the true moves", known, currency, math.nan))
+        for intercept in (True, False):
+            told = ArxWindow.of(window.op, window.pv, ArxStructure(**_ORDERS, intercept=intercept))
+            known = best_with_same_moves(told, told.fit(truth, float(window.stem[0])))
+            name = "oracle: the true moves" + ("" if intercept else " and the zero of PV")
+            found.append(_of_fit(name, known, currency, math.nan))
     if "nlp" in methods:
         nlp, seconds = _timed(partial(nlp_paper, op, pv, **_ORDERS, starts=starts))
         found.append(_of_fit(f"nlp, paper, M={starts} twice", nlp.best, currency, seconds))
