@@ -202,7 +202,7 @@ class ModbusConnection:
             ) from error
         except asyncio.CancelledError:
             # The reply may still come: nobody must take it for another's.
-            if self._late is None:
+            if not line.settings.keeps_open:
                 line.drop()
             self._owe(request)
             raise

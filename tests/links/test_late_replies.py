@@ -109,6 +109,23 @@ async def test_a_late_reply_is_never_another_registers_value(
     await link.close()
 
 
+async def test_a_cancelled_requests_reply_is_no_other_requests_value(
+    new_slow: Callable[..., Any],
+) -> None:
+    slow = await new_slow(delay=lambda: 0.5 * TIMEOUT)
+    link = link_to(slow)
+    for n in APART:
+        task = asyncio.create_task(link.read_registers(n, 1))
+        await asyncio.sleep(0.2 * TIMEOUT)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+    slow.delay = lambda: 0.0
+    await scan_until_good(link)
+    assert link.late_replies > 0
+    await link.close()
+
+
 async def test_late_replies_are_counted(new_slow: Callable[..., Any]) -> None:
     delays = iter([1.6 * TIMEOUT])
     slow = await new_slow(delay=lambda: next(delays, 0.0))
