@@ -65,6 +65,7 @@ class HostedPlant:
         self._background = plant if isinstance(plant, BackgroundPlant) else None
         self._inputs: dict[str, float] = {}
         self._at_work = False
+        self._closed = False
 
     @property
     def info(self) -> PlantInfo:
@@ -79,7 +80,7 @@ class HostedPlant:
     @property
     def is_fresh(self) -> bool:
         """Whether `values` are those after the step that was begun last."""
-        return not self._at_work and self.failure is None
+        return not self._at_work and self.failure is None and not self._closed
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set inputs for the next step; the others keep their values."""
@@ -111,7 +112,8 @@ class HostedPlant:
             self.values, self._at_work = answer, False
 
     def close(self) -> None:
-        """End the plant; more than once does no harm."""
+        """End the plant, what it is at included; more than once does no harm."""
+        self._at_work, self._closed = False, True
         self._plant.close()
 
 

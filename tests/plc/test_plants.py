@@ -148,6 +148,26 @@ def test_a_plant_that_dies_in_the_background_has_failed() -> None:
     assert not plant.is_at_work
 
 
+def test_the_truth_of_a_plc_that_was_closed_at_a_step_can_be_read(make_many: MakeMany) -> None:
+    site = make_many({"A": 'fmu = "example1"\ncontroller = "none"'})
+    with VirtualPlc(site, "plc", patience=0.0) as plc:
+        program = plc._loops["A"].program
+        program.plant.close()
+        program.plant = HostedPlant(SlowPlant())
+        plc.scan()
+    assert np.isnan(plc.truth("A").stem).tolist() == [True]
+
+
+def test_a_stem_that_is_told_late_gets_into_the_truth(make_many: MakeMany) -> None:
+    site = make_many({"A": 'fmu = "example1"\ncontroller = "none"\nparameters = { valve = 0 }'})
+    with VirtualPlc(site, "plc", patience=0.0) as plc:
+        for _ in range(20):
+            plc.scan()
+            plc._loops["A"].program.plant.finish(5.0)
+        truth = plc.truth("A")
+    assert truth.stem.tolist() == truth.op.tolist()
+
+
 def test_a_late_cycle_shows_no_stale_pv_and_the_loop_goes_on(make_many: MakeMany) -> None:
     slow = SlowPlant()
     site = make_many({"A": 'fmu = "example1"\ncontroller = "none"'})
