@@ -119,8 +119,9 @@ class _Run:
             self.conversions[tag] = conversion(fmu, written.variable, written.unit)
         for tag, read in self.outputs.items():
             self.conversions[tag] = conversion(fmu, read.variable, read.unit)
-        self.step = settings.step or mapping.period or _default_step(fmu, settings.stop)
         self.stop = _stop(fmu, settings.stop)
+        wanted = mapping.period if settings.step is None else settings.step
+        self.step = _default_step(fmu, self.stop) if wanted is None else wanted
         self.notes: list[str] = []
         self.late = 0
         if not self.outputs:
@@ -359,14 +360,16 @@ def _stop(fmu: FmuSummary, wanted: float | None) -> float:
     stop = fmu.stop_time if wanted is None else wanted
     if stop is None:
         raise FmuError(f"{fmu.file.name}: it names no stop time; give one with --stop SECONDS")
+    if not math.isfinite(stop):
+        raise FmuError(f"{fmu.file.name}: the stop time must be a finite second; got {stop}")
     return stop
 
 
-def _default_step(fmu: FmuSummary, stop: float | None) -> float:
+def _default_step(fmu: FmuSummary, stop: float) -> float:
     """What the FMU recommends, or a round part of the experiment: some 500 steps."""
     if fmu.step_size:
         return fmu.step_size
-    span = _stop(fmu, stop) - fmu.start_time
+    span = stop - fmu.start_time
     if not span > 0.0:
         raise FmuError(
             f"{fmu.file.name}: the stop time must lie after the start at {fmu.start_time:g} s"

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from fieldlink.cli.fmu import app
 from fieldlink.fmu import FmuError, FmuMap, RunSettings, load_map, run_fmu
 from fieldlink.fmu.inputs import read_inputs
-from fmu_models import fmu_path, open_plant, summarise
+from fmu_models import PlantInputError, fmu_path, open_plant, summarise
 
 Minis = dict[str, Path]
 
@@ -211,13 +211,16 @@ def test_inputs_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> No
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
+        (RunSettings(stop=float("nan")), "must be a finite second; got nan"),
+        (RunSettings(stop=10.0, step=0.0), "period must be a positive number"),
+        (RunSettings(stop=10.0, step=float("nan")), "period must be a positive number"),
         (RunSettings(stop=0.0), "0 steps; give a stop time"),
         (RunSettings(stop=-1.0), "give a stop time and a step"),
         (RunSettings(stop=10.0, save=Path("x"), save_at=11.0), "cannot be saved at 11 s"),
     ],
 )
 def test_experiments_that_make_no_sense(settings: RunSettings, words: str) -> None:
-    with pytest.raises(FmuError, match=words):
+    with pytest.raises((FmuError, PlantInputError), match=words):
         run_fmu(summarise(fmu_path("flow")), FmuMap(), settings)
 
 
