@@ -97,6 +97,8 @@ def rehearsal_figure(course: RunCourse, *, title: str) -> Figure:
     for axes in (upper, middle, lower):
         _shade(axes, course)
         axes.margins(x=0.0)
+        low, high = axes.get_ylim()
+        axes.set_ylim(top=high + 0.2 * (high - low))  # room for the legend
         axes.legend(loc="upper left", ncols=5, fontsize="small")
     figure.suptitle(title)
     return figure
