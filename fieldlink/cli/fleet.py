@@ -33,7 +33,7 @@ def plant(
     ] = None,
     duration: Duration = None,
 ) -> None:
-    """Serve the site's simulated loops as a Modbus TCP PLC."""
+    """Serve the site's simulated loops as a Modbus PLC."""
     from fieldlink.daemon import configure_logging, stop_on_signals
     from fieldlink.plc import serve
     from fieldlink.site import load_site

@@ -13,16 +13,16 @@ from typing import Any
 import pytest
 import trustme
 
-from fieldlink.links import LinkState, LinkUnreachableError, SystemClock
+from fieldlink.links import LinkState, LinkUnreachableError, SystemClock, open_link
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.transports import TlsFilesError
-from fieldlink.plc import Listening
+from fieldlink.plc import Listening, serve
 from fieldlink.plc.image import RegisterImage
 from fieldlink.plc.listening import listen
 from fieldlink.plc.modbus import modbus_device
 from fieldlink.registers import DataType, Table, Tag, plan_reads
-from fieldlink.site import Device, Tls
+from fieldlink.site import Device, Tls, load_site
 
 HOST = "127.0.0.1"
 MAP = Path("map.csv")
@@ -229,6 +229,61 @@ async def test_a_serial_line(serial_line: tuple[str, str]) -> None:
     plant, here = serial_line
     async with served(Listening(link="modbus-rtu", serial_port=plant)):
         await assert_it_works(on_line(here))
+
+
+SITE = """\
+[site]
+name = "line"
+[devices.a]
+link = "modbus-rtu"
+serial_port = "{here}"
+plc_serial_port = "{there}"
+unit = 1
+parity = "none"
+timeout = 5.0
+register_map = "map.csv"
+[devices.b]
+link = "modbus-rtu"
+serial_port = "{here}"
+plc_serial_port = "{there}"
+unit = 2
+parity = "none"
+timeout = 5.0
+register_map = "map.csv"
+[loops.A]
+device = "a"
+op = "OP"
+pv = "PV"
+period = 1.0
+plant = {{ recording = "a.csv" }}
+[loops.B]
+device = "b"
+op = "OP"
+pv = "PV"
+period = 1.0
+plant = {{ recording = "b.csv" }}
+"""
+
+
+async def test_a_site_on_one_serial_line_with_its_simulated_plcs(
+    serial_line: tuple[str, str], tmp_path: Path
+) -> None:
+    there, here = serial_line
+    (tmp_path / "site.toml").write_text(SITE.format(here=here, there=there))
+    (tmp_path / "map.csv").write_text("tag,address,type\nOP,0,float32\nPV,2,float32\n")
+    (tmp_path / "a.csv").write_text("op,pv\n" + "10,1\n" * 60)
+    (tmp_path / "b.csv").write_text("op,pv\n" + "20,2\n" * 60)
+    site = load_site(tmp_path / "site.toml")
+    listening, stop = asyncio.Event(), asyncio.Event()
+    plant = asyncio.create_task(serve(site, ready=lambda _servers: listening.set(), stop=stop))
+    await listening.wait()
+    links = [open_link(site, name) for name in ("a", "b")]
+    scans = await asyncio.gather(*(link.scan() for link in links))
+    for link in links:
+        await link.close()
+    stop.set()
+    await plant
+    assert [(scan["OP"].value, scan["PV"].value) for scan in scans] == [(10.0, 1.0), (20.0, 2.0)]
 
 
 async def test_a_port_that_is_not_there_is_named(tmp_path: Path) -> None:
