@@ -12,6 +12,7 @@ import sys
 import typer
 
 from fieldlink.cli import (
+    compensate,
     demo,
     fleet,
     fmu,
@@ -41,6 +42,7 @@ app.command("plant")(fleet.plant)
 app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("simulate")(simulate.simulate)
+app.command("compensate")(compensate.compensate)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
 app.command("scan")(modbus.scan)

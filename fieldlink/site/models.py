@@ -13,6 +13,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from fieldlink.registers import ExchangeLayout
+from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
@@ -172,6 +173,8 @@ class Loop(Model):
     """How windows are judged."""
     writeback: WriteBack = WriteBack()
     """How the valve model reaches the PLC."""
+    compensate: CompensateSettings = CompensateSettings()
+    """The compensator beside the PLC."""
     plant: PlantSettings | None = None
     """What the simulated PLC hosts for this loop."""
 

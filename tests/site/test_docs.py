@@ -23,6 +23,7 @@ from fieldlink.site import (
     WriteBack,
     WriteLimits,
 )
+from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.models import (
     EstimationSettings,
     ExchangeAddresses,
@@ -45,6 +46,7 @@ MODELS: list[type[BaseModel]] = [
     WriteBack,
     ExchangeAddresses,
     WriteLimits,
+    CompensateSettings,
     PlantSettings,
     PlantVariables,
     PiSettings,

@@ -1,0 +1,40 @@
+"""``[loops.NAME.compensate]``: the compensator beside a real PLC."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from fieldlink.site.device import Model
+
+__all__ = ["CompensateSettings"]
+
+
+class CompensateSettings(Model):
+    """``[loops.NAME.compensate]``: OP computed by ``fieldlink compensate``. Off by default."""
+
+    enabled: bool = False
+    """Whether OP may be written (the PLC's enable register must allow it too)."""
+    op_out: str | None = None
+    """Tag that takes OP, writable in the register map; needed when enabled."""
+    controller: Literal["hybrid", "embedding"] = "hybrid"
+    """Which compensator has the loop."""
+    low: float = 0.0
+    """Least OP that is ever written."""
+    high: float = 100.0
+    """Greatest OP that is ever written."""
+    rate: float = Field(default=5.0, gt=0)
+    """Most that OP changes from one scan to the next."""
+    heartbeat_timeout: float = Field(default=10.0, gt=0)
+    """Plant seconds without a count of the daemon's heartbeat after which the block is not used."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if self.enabled and self.op_out is None:
+            raise ValueError("enabled = true needs op_out; name the tag that takes OP")
+        if not self.low < self.high:
+            raise ValueError(
+                f"low = {self.low:g} is not below high = {self.high:g}; exchange or correct them"
+            )
+        return self
