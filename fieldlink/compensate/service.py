@@ -1,0 +1,294 @@
+"""The compensator beside a real PLC: reads block, PV, SP and mode, computes OP, and may write it.
+
+Nothing is written unless the site file enables it, the run was asked to write, the PLC's enable
+bit is set, the block is in force and the loop is in automatic; and then only the loop's ``op_out``
+tag, inside its limits and rate, starting from the OP that is there. To fall back is to stop
+writing: the PLC's own controller, which tracks OP while a client writes it, then has the loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from compensator import (
+    Action,
+    ActionStatus,
+    Compensator,
+    EmbeddingMpc,
+    EmbeddingSettings,
+    HybridMpc,
+    HybridSettings,
+    OpLimits,
+    Supervisor,
+    SupervisorSettings,
+    WithdrawReason,
+)
+from fieldlink.errors import FieldlinkError
+from fieldlink.links import Clock, Link, LinkError, RegisterAccess, Scan, SystemClock
+from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.registers import (
+    BLOCK_REGISTERS,
+    Bank,
+    BlockReader,
+    DataType,
+    ExchangeLayout,
+    ExchangeWords,
+    Fallback,
+    ReaderState,
+    RegisterValueError,
+    Table,
+    Tag,
+)
+from fieldlink.site import Loop, Site
+from fieldlink.site.compensate import CompensateSettings
+from loop_model import LoopModel
+
+__all__ = ["CompensateError", "CompensateService", "Step", "Verdict"]
+
+
+class CompensateError(FieldlinkError):
+    """A loop that cannot be compensated as the site file describes it."""
+
+
+class Verdict(Enum):
+    """What became of the OP of one scan; the value is the advice."""
+
+    WRITTEN = "OP was written"
+    DRY_RUN = "OP would be written; ask for --write to do it"
+    NOT_ENABLED = "the site file does not enable it; set enabled = true in the table compensate"
+    PLC_DISABLED = "the PLC's enable bit is 0: the operator does not allow it"
+    MANUAL = "the loop is in manual"
+    NO_MODEL = "no block is in force: the PLC's own controller has the loop"
+    WAITING = "the PLC's own controller has the loop; see the reason"
+    NOT_READ = "OP, PV or SP could not be read: nothing is computed from old values"
+    WRITE_FAILED = "the PLC did not confirm the write; the PLC's time-out decides"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One scan: what was read, computed, and done.
+
+    Attributes:
+        verdict: what became of ``op``.
+        pv, sp, op_before: as read, NaN where that failed.
+        op: computed; NaN when nothing was.
+        detail: the compensator's or the link's words.
+    """
+
+    verdict: Verdict
+    pv: float
+    sp: float
+    op_before: float
+    op: float
+    detail: str
+
+
+class _PlcsOwn:
+    """Stands for the controller in the PLC: whatever it does, it does itself."""
+
+    def __init__(self) -> None:
+        self._op = math.nan
+
+    def observe(self, pv: float, op: float) -> None:  # noqa: ARG002
+        """See `Controller.observe`."""
+        self._op = op
+
+    def decide(self, sp: float) -> Action:  # noqa: ARG002
+        """See `Controller.decide`."""
+        return Action(self._op, ActionStatus.HOLDING, detail="the PLC's own controller")
+
+
+class CompensateService:
+    """One loop; call `open`, then `step` once a period, then `close`.
+
+    Args:
+        site: the site.
+        name: of the loop.
+        write: whether OP may be written at all; without it every step is a dry run.
+        clock: stamps readings.
+
+    Raises:
+        CompensateError: the site file lacks what is needed, or forbids it.
+    """
+
+    def __init__(
+        self, site: Site, name: str, *, write: bool = False, clock: Clock | None = None
+    ) -> None:
+        if name not in site.loops:
+            raise CompensateError(f"there is no loop {name!r}; choose from {', '.join(site.loops)}")
+        self.loop: Loop = site.loops[name]
+        self._name = name
+        self.settings: CompensateSettings = self.loop.compensate
+        self._write = write
+        self._op_out = _op_out(site, name, self.loop)
+        self._layout = _exchange(name, self.loop)
+        self._link = _link(site, self.loop, self._op_out, write=self.writes, clock=clock)
+        if not isinstance(self._link, RegisterAccess):
+            raise CompensateError(
+                f"loop {name}: device {self.loop.device!r} has no registers; use a Modbus device"
+            )
+        self._access: RegisterAccess = self._link
+        assert self.loop.writeback.loop_id is not None
+        self._reader = BlockReader(
+            self.loop.writeback.loop_id,
+            word_order=site.devices[self.loop.device].word_order,
+            heartbeat_timeout=self.settings.heartbeat_timeout,
+        )
+        limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
+        self._limits = limits
+        self.supervisor = Supervisor(
+            _PlcsOwn(), SupervisorSettings(HybridSettings(limits)), self._builder(limits)
+        )
+        self._model: LoopModel | None = None
+        self.writes_done = 0
+
+    @property
+    def writes(self) -> bool:
+        """Whether this run may write: the site file and whoever started it both say so."""
+        return self._write and self.settings.enabled
+
+    async def open(self) -> None:
+        """Make the link ready."""
+        await self._link.open()
+
+    async def close(self) -> None:
+        """Stop: nothing is written any more, and the PLC goes on by itself."""
+        await self._link.close()
+
+    async def step(self, now: float) -> Step:
+        """Run one scan at ``now`` plant seconds, which never go back."""
+        scan = await self._link.scan()
+        pv, op = scan[self.loop.pv].value, scan[self.loop.op].value
+        sp = scan[self.loop.sp].value if self.loop.sp is not None else math.nan
+        try:
+            block = self._reader.scan(await self._exchange_words(), now)
+        except LinkError as error:
+            return Step(Verdict.NOT_READ, pv, sp, op, math.nan, str(error))
+        self._follow(block)
+        if not (math.isfinite(op) and math.isfinite(sp)):
+            words = str(scan.failures[0]) if scan.failures else "a value is out of range or NaN"
+            return Step(Verdict.NOT_READ, pv, sp, op, math.nan, words)
+        automatic = self._automatic(scan)
+        action = self.supervisor.step(pv, sp, op, automatic=automatic)
+        if not automatic:
+            return Step(Verdict.MANUAL, pv, sp, op, math.nan, "")
+        if block.model is None:
+            words = "" if block.fallback is None else block.fallback.value
+            disabled = block.fallback is Fallback.DISABLED
+            verdict = Verdict.PLC_DISABLED if disabled else Verdict.NO_MODEL
+            return Step(verdict, pv, sp, op, math.nan, words)
+        if not self.supervisor.compensating:
+            words = self.supervisor.refusal or self.supervisor.reason.value
+            return Step(Verdict.WAITING, pv, sp, op, math.nan, words)
+        return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+
+    async def _put(self, step: Step) -> Step:
+        wanted = self._limits.clip(step.op, step.op_before)
+        done = Step(step.verdict, step.pv, step.sp, step.op_before, wanted, step.detail)
+        if not self.settings.enabled:
+            return _with(done, Verdict.NOT_ENABLED)
+        if not self.writes:
+            return done
+        assert self._op_out is not None
+        try:
+            words = self._op_out.encode(wanted)
+            await self._access.write_registers(self._op_out.address, words)
+        except (LinkError, RegisterValueError) as error:
+            return _with(done, Verdict.WRITE_FAILED, str(error))
+        self.writes_done += 1
+        return _with(done, Verdict.WRITTEN)
+
+    def _automatic(self, scan: Scan) -> bool:
+        if self.loop.mode is None:
+            return True
+        return scan[self.loop.mode].value in self.loop.auto_values
+
+    async def _exchange_words(self) -> ExchangeWords:
+        read, layout = self._access.read_registers, self._layout
+        enable, heartbeat, commit = [
+            (await read(address, 1))[0]
+            for address in (layout.enable, layout.heartbeat, layout.commit)
+        ]
+        bank_a, bank_b = [
+            tuple(await read(layout.bank_address(bank), BLOCK_REGISTERS))
+            for bank in (Bank.A, Bank.B)
+        ]
+        return ExchangeWords(enable, heartbeat, commit, bank_a, bank_b)
+
+    def _follow(self, block: ReaderState) -> None:
+        """Tell the supervisor of a change of model, once."""
+        model = block.model
+        if model == self._model:
+            return
+        self._model = model
+        if model is not None and math.isclose(model.process.period, self.loop.period):
+            self.supervisor.offer(model)
+        elif block.fallback is Fallback.EXPIRED:
+            self.supervisor.withdraw(WithdrawReason.EXPIRED)
+        elif block.fallback is Fallback.HEARTBEAT_DEAD:
+            self.supervisor.withdraw(WithdrawReason.HEARTBEAT_DEAD)
+        else:
+            self.supervisor.withdraw(WithdrawReason.OPERATOR)
+
+    def _builder(self, limits: OpLimits) -> Callable[[LoopModel], Compensator]:
+        if self.settings.controller == "hybrid":
+            return lambda model: HybridMpc(model, HybridSettings(limits))
+        try:
+            import casadi  # noqa: F401
+        except ImportError as error:
+            raise CompensateError(
+                f'loop {self._name}: controller = "embedding" needs CasADi; run '
+                'pip install "fieldlink[nlp]" or use controller = "hybrid"'
+            ) from error
+        return lambda model: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
+
+
+def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:
+    words = step.detail if detail is None else detail
+    return Step(verdict, step.pv, step.sp, step.op_before, step.op, words)
+
+
+def _op_out(site: Site, name: str, loop: Loop) -> Tag | None:
+    """The tag that takes OP; None where the site file names none (dry runs only)."""
+    wanted = loop.compensate.op_out
+    if wanted is None:
+        return None
+    tag = site.maps.get(loop.device, {}).get(wanted)
+    if tag is None:
+        raise CompensateError(
+            f"loop {name}: the register map of {loop.device!r} has no tag {wanted!r}; correct "
+            "op_out in the table compensate"
+        )
+    if not tag.writable or tag.table is not Table.HOLDING or tag.data_type is DataType.BOOL:
+        raise CompensateError(
+            f"loop {name}: op_out {wanted} is not a number in a holding register that the map "
+            "calls writable; set writable = yes there if the PLC expects OP in it"
+        )
+    return tag
+
+
+def _exchange(name: str, loop: Loop) -> ExchangeLayout:
+    layout = loop.writeback.exchange
+    if layout is None:
+        raise CompensateError(
+            f"loop {name} has no exchange area to read the block from; give "
+            f"[loops.{name}.writeback] a base and a loop_id"
+        )
+    if loop.sp is None:
+        raise CompensateError(f"loop {name} has no set-point; name its tag with sp")
+    return layout
+
+
+def _link(site: Site, loop: Loop, op_out: Tag | None, *, write: bool, clock: Clock | None) -> Link:
+    """A Modbus link that can write OP's registers and nothing else."""
+    if not site.devices[loop.device].link.startswith("modbus"):
+        raise CompensateError(
+            f"device {loop.device!r} is no Modbus device; simulated plants are studied with "
+            "fieldlink simulate"
+        )
+    ranges = ((op_out.address, op_out.end - 1),) if write and op_out is not None else ()
+    settings = ModbusSettings(loop.device, site.devices[loop.device], site, writable=ranges)
+    return ModbusLink(settings, site.requests(loop.device), clock or SystemClock())

@@ -1,0 +1,227 @@
+"""The compensator beside a PLC on a real socket: dry run, permissions, limits, fall-back."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from fieldlink.compensate.service import CompensateError, CompensateService, Step, Verdict
+from fieldlink.plc import PlcServer, serve
+from fieldlink.registers import (
+    Bank,
+    DataType,
+    ExchangeLayout,
+    ParameterBlock,
+    Table,
+    commit_word,
+    decode,
+    encode_block,
+)
+from fieldlink.site import Site, load_site
+from fmu_models import catalogue
+from loop_model import LoopModel
+
+AREA = ExchangeLayout.at(100)
+SPEED = 40.0
+MAP = """\
+tag,table,address,type,low,high,writable
+FC101.OP,holding,0,float32,0,100,{writable}
+FC101.PV,holding,2,float32,,,
+FC101.SP,holding,4,float32,0,100,
+FC101.MODE,holding,6,uint16,,,yes
+"""
+SITE = """\
+[site]
+name = "test"
+[devices.plc]
+link = "modbus-tcp"
+host = "127.0.0.1"
+port = 5020
+register_map = "map.csv"
+speed = {speed}
+timeout = 3.0
+[loops.FC101]
+device = "plc"
+op = "FC101.OP"
+pv = "FC101.PV"
+sp = "FC101.SP"
+mode = "FC101.MODE"
+period = 1.0
+[loops.FC101.writeback]
+base = 100
+loop_id = 101
+[loops.FC101.compensate]
+enabled = {enabled}
+op_out = "FC101.OP"
+low = 20.0
+high = 80.0
+rate = 3.0
+[loops.FC101.plant]
+fmu = "example1"
+controller = "external"
+external = {{ timeout = 600.0 }}
+setpoint = [[0.0, 54.0]]
+parameters = {{ op_start = 50.0 }}
+"""
+
+
+def make_site(folder: Path, *, enabled: bool = True, writable: str = "yes") -> Site:
+    (folder / "map.csv").write_text(MAP.format(writable=writable))
+    path = folder / "site.toml"
+    path.write_text(SITE.format(speed=SPEED, enabled=str(enabled).lower()))
+    return load_site(path)
+
+
+class Plc:
+    """The served PLC with what the daemon and the operator do to it."""
+
+    def __init__(self, server: PlcServer) -> None:
+        self._plc = server.units[0].plc
+        self.image = self._plc.image
+        self.port = server.port
+        self._beats = 0
+
+    def send_block(self) -> None:
+        plant = catalogue["example1"]
+        assert plant.process is not None
+        block = ParameterBlock.from_model(
+            LoopModel(plant.valve, plant.process),
+            loop_id=101,
+            seq=1,
+            valid_for=86_400,
+            window_end_ms=1_795_000_000_000,
+        )
+        self.image.write(Table.HOLDING, AREA.bank_address(Bank.B), encode_block(block))
+        self.image.write(Table.HOLDING, AREA.commit, [commit_word(Bank.B, 1)])
+
+    def enable(self, on: bool) -> None:
+        self._plc.enable("FC101", on)
+
+    def beat(self) -> None:
+        self._beats += 1
+        self.image.write(Table.HOLDING, AREA.heartbeat, [self._beats])
+
+    @property
+    def op(self) -> float:
+        return float(decode(self.image.read(Table.HOLDING, 0, 2), DataType.FLOAT32))
+
+
+@asynccontextmanager
+async def served(site: Site) -> AsyncIterator[Plc]:
+    stop = asyncio.Event()
+    ready: asyncio.Future[PlcServer] = asyncio.get_running_loop().create_future()
+    task = asyncio.create_task(
+        serve(site, port=0, ready=lambda servers: ready.set_result(servers[0]), stop=stop)
+    )
+    await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED)
+    if task.done():
+        await task
+    try:
+        yield Plc(ready.result())
+    finally:
+        stop.set()
+        await task
+
+
+async def steps(
+    service: CompensateService, plc: Plc, first: int, count: int, *, alive: bool = True
+) -> list[Step]:
+    done = []
+    for k in range(first, first + count):
+        if alive:
+            plc.beat()
+        done.append(await service.step(float(k)))
+        await asyncio.sleep(1.0 / SPEED)
+    return done
+
+
+def service_for(site: Site, plc: Plc, *, write: bool) -> CompensateService:
+    return CompensateService(site.with_device("plc", port=plc.port), "FC101", write=write)
+
+
+@pytest.mark.slow
+async def test_it_writes_op_bumplessly_inside_its_limits_and_stops_when_told(
+    tmp_path: Path,
+) -> None:
+    site = make_site(tmp_path)
+    async with served(site) as plc:
+        service = service_for(site, plc, write=True)
+        await service.open()
+        plc.enable(False)
+        plc.send_block()
+        off = await steps(service, plc, 0, 5)
+        assert {step.verdict for step in off} == {Verdict.NO_MODEL}
+        plc.enable(True)
+        on = await steps(service, plc, 5, 60)
+        written = [step for step in on if step.verdict is Verdict.WRITTEN]
+        assert len(written) > 45
+        assert written[0].op == pytest.approx(written[0].op_before)
+        assert all(20.0 <= step.op <= 80.0 for step in written)
+        assert all(abs(step.op - step.op_before) <= 3.0 + 1e-4 for step in written)
+        assert max(step.op for step in written) > 55.0  # beyond fS: the valve is being moved
+        assert service.writes_done == len(written)
+        plc.enable(False)
+        after = await steps(service, plc, 65, 10)
+        assert {step.verdict for step in after} == {Verdict.PLC_DISABLED}
+        assert service.writes_done == len(written)
+        plc.enable(True)
+        again = await steps(service, plc, 75, 12)
+        assert again[-1].verdict is Verdict.WRITTEN
+        dead = await steps(service, plc, 87, 14, alive=False)
+        assert dead[-1].verdict is Verdict.NO_MODEL
+        assert "heartbeat" in dead[-1].detail
+        plc.image.write(Table.HOLDING, 6, [0])  # the operator takes the loop to manual
+        manual = await steps(service, plc, 101, 4)
+        assert manual[-1].verdict is Verdict.MANUAL
+        assert math.isnan(manual[-1].op)
+        await service.close()
+
+
+@pytest.mark.parametrize(
+    ("enabled", "write", "verdict"),
+    [(True, False, Verdict.DRY_RUN), (False, True, Verdict.NOT_ENABLED)],
+)
+async def test_nothing_is_written_unless_site_file_and_run_both_allow_it(
+    tmp_path: Path, enabled: bool, write: bool, verdict: Verdict
+) -> None:
+    site = make_site(tmp_path, enabled=enabled)
+    async with served(site) as plc:
+        service = service_for(site, plc, write=write)
+        plc.send_block()
+        plc.enable(True)
+        before = plc.op
+        done = await steps(service, plc, 0, 25)
+        assert done[-1].verdict is verdict
+        assert math.isfinite(done[-1].op)
+        assert plc.op == before
+        assert service.writes_done == 0
+        await service.close()
+
+
+def test_an_op_tag_that_the_map_does_not_call_writable_is_refused(tmp_path: Path) -> None:
+    site = make_site(tmp_path)
+    (tmp_path / "map.csv").write_text(MAP.format(writable="no"))
+    plain = (tmp_path / "site.toml").read_text().split("[loops.FC101.plant]")[0]
+    (tmp_path / "site.toml").write_text(plain)
+    site = load_site(tmp_path / "site.toml")
+    with pytest.raises(CompensateError, match=r"op_out FC101.OP is not a number .* writable"):
+        CompensateService(site, "FC101", write=True)
+    with pytest.raises(CompensateError, match="no loop 'FC9'"):
+        CompensateService(site, "FC9")
+
+
+def test_bad_tables_are_refused_with_the_remedy(tmp_path: Path) -> None:
+    make_site(tmp_path)
+    path = tmp_path / "site.toml"
+    good = path.read_text()
+    path.write_text(good.replace('op_out = "FC101.OP"\n', ""))
+    with pytest.raises(Exception, match="enabled = true needs op_out"):
+        load_site(path)
+    path.write_text(good.replace("low = 20.0", "low = 90.0"))
+    with pytest.raises(Exception, match="low = 90 is not below high = 80"):
+        load_site(path)
