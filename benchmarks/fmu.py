@@ -28,7 +28,7 @@ import psutil
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 from fieldlink.plc import VirtualPlc
 from fieldlink.site import load_site
 from fmu_models import collect_windows, fmu_path, open_plant
@@ -220,7 +220,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     text = "\n\n".join(
         [
             "Plant samples per second on one core, windows of 1,000 collected:",
-            table(["plant", "isolated", "in this process"], lockstep),
+            table(
+                ["plant", "isolated", "in this process"],
+                [
+                    [name, *(f"{round(rate, -2):,.0f}" for rate in rates)]
+                    for name, *rates in lockstep
+                ],
+            ),
             "Time of a sample over that of a bare FMPy loop, in this process (limit 1.3):",
             table(
                 ["FMI", "one step at a time", "columns"],
@@ -233,7 +239,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     print(text)
     figures = {"lockstep": lockstep, "overhead": overhead, "served": served, "machine": machine()}
-    keep(options.out, "fmu", "# The plants as FMUs\n\n" + text, figures)
+    about = heading("fmu", __doc__, arguments)
+    keep(options.out, "fmu", f"{about}\n\n{text}", figures)
 
 
 if __name__ == "__main__":
