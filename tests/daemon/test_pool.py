@@ -44,7 +44,7 @@ def misbehave(asked: EstimateRequest) -> Estimate:
 
 
 def devour(asked: EstimateRequest) -> Estimate:
-    taken = np.ones(200_000_000)
+    taken = np.ones(100_000_000)
     return Estimate.failed(asked, EstimateOutcome.REFUSED, f"{taken.sum()}")
 
 
@@ -127,7 +127,7 @@ async def test_a_window_that_needs_too_much_memory_is_given_up() -> None:
         # The process goes on: the next window finds it as it was.
         assert pool.worker_ids() == before
         assert pool.report().judged == {"out_of_memory": 1}
-    async with pool_of(devour, memory=3_000_000_000) as pool:
+    async with pool_of(devour, memory=2_000_000_000, limit=100.0) as pool:
         assert (await pool.run(request())).outcome is EstimateOutcome.REFUSED
 
 
