@@ -24,7 +24,7 @@ __all__ = ["ArxFit", "ArxOrders", "ArxRegression", "select_orders"]
 
 _MAX_NA = 6
 _MAX_NB = 3
-_MAX_DEAD_TIME = 12
+_MAX_DEAD_TIME = 20
 _RANKED = 12
 
 

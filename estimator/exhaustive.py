@@ -27,7 +27,7 @@ __all__ = ["one_step_seeds"]
 _PAST = 3
 """Past values of PV in the regression; enough to rank, the orders are chosen later."""
 
-_LONGEST = 12
+_LONGEST = 20
 _BANDS = (0.02, 0.06, 0.12, 0.25, 0.5, 1.05)
 """Ends of the stick bands that are listed, as shares of the usual span of OP."""
 _RATIOS = (0.2, 0.6)
@@ -102,7 +102,7 @@ def _first_length(u: Array, span: float) -> int:
         if max(value - low, high - value) > _STROKE * span:
             strokes += 1
             if strokes > _STROKES:
-                return min(u.size, max(k, 8 * _LONGEST))
+                return min(u.size, max(k, 5 * _LONGEST))
             low = high = value
     return u.size
 

@@ -23,9 +23,10 @@ from estimator.exhaustive import one_step_seeds
 from estimator.noise import effective_samples
 from estimator.oe_estimate import oe_estimate
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
+from estimator.outside import Outside, outside_search
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
-from estimator.search import healthy_search, polished, valve_search
+from estimator.search import adopted, healthy_search, valve_search
 from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
 from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
@@ -109,18 +110,22 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
             f"OP's moves are too few to move a sticky valve twice (healthy fit {share:.3f})",
         )
         return _not_assessable(window, (reason,), criterion, confidence)
-    simulated, samples = _simulated(op, regression, found[0], healthy)
     arx = arx_search(op, window.y, window.good, (*seeds, found[0]))
     # the other criterion's valve may be a better one for this criterion as well
-    other = replace(arx.best, structure=found[0].structure, dead_time=found[0].dead_time)
-    found = tuple(sorted((*found, polished(op, regression, other)), key=lambda c: c.cost))
+    also = adopted(op, regression, arx.best)
+    found = tuple(sorted((*found, also), key=lambda candidate: candidate.cost))
     simulated, samples = _simulated(op, regression, found[0], healthy)
     best = found[0]
     test = _one_step_test(window, op, regression, best, healthy, simulated, arx)
-    stem = best.stem(op)
-    if simulated <= 0.0:
-        stem = arx.best.stem(op)
+    stem = (best if simulated > 0.0 else arx.best).stem(op)
     evidence = evidence_of(stem, simulated, test.evidence, samples, best.band)
+    if score_of(evidence) > 0.0:
+        outside = outside_search(op, regression)
+        evidence = replace(
+            evidence,
+            simulated=min(simulated, _against_outside(op, regression, best, outside)),
+            whitened=min(test.evidence, test.against(outside, op)),
+        )
     score = score_of(evidence)
     fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
     verdict, reasons = judge(score, evidence, fit)
@@ -169,12 +174,44 @@ def _simulated(
     return simulated_evidence(healthy.cost, best.cost, samples), samples
 
 
+def _against_outside(op: Op, regression: Regression, best: Candidate, outside: Outside) -> float:
+    """Log Bayes factor of a sticky valve over a sinusoid, from simulation errors.
+
+    Both have three parameters more than a healthy valve alone.
+    """
+    rival = outside.process
+    samples = min(
+        effective_samples(r.solve(stem, c.structure, c.dead_time).residual, r.weight)
+        for r, stem, c in (
+            (regression, best.stem(op), best),
+            (outside.regression, op.u, rival),
+        )
+    )
+    return 0.5 * samples * math.log(rival.cost / best.cost)
+
+
 @dataclass(frozen=True, slots=True)
 class _OneStepTest:
-    """Sticky against healthy valve by one-step errors: the best noise model of each."""
+    """Sticky against healthy valve by one-step errors: the best noise model of each.
 
-    evidence: float
+    ``sticky`` and ``healthy`` are BIC per sample, because criteria lose a few samples each at the
+    start of the window.
+    """
+
+    sticky: float
+    healthy: float
+    count: float
     oe_bic: float
+
+    @property
+    def evidence(self) -> float:
+        """Log Bayes factor of a sticky over a healthy valve."""
+        return 0.5 * self.count * (self.healthy - self.sticky)
+
+    def against(self, outside: Outside, op: Op) -> float:
+        """Log Bayes factor of a sticky valve over a healthy one and a sinusoid."""
+        bic = whitened_bic(op, outside.regression, outside.process, healthy=True)
+        return 0.5 * (bic - self.count * self.sticky)
 
 
 def _one_step_test(
@@ -195,8 +232,7 @@ def _one_step_test(
     healthy_bic = min(
         orders.bic / orders.rows, whitened_bic(op, regression, healthy, healthy=True) / count
     )
-    # criteria lose a few samples each at the start of the window: compared per sample
-    return _OneStepTest(0.5 * count * (healthy_bic - sticky_bic), oe_bic)
+    return _OneStepTest(sticky_bic, healthy_bic, count, oe_bic)
 
 
 def _prefers(window: Window, arx: Estimate, oe: Estimate) -> bool:

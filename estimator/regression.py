@@ -41,10 +41,17 @@ class Regression:
 
     ``taps`` is the whitening filter of the noise, ``(1,)`` for plain simulation errors; it is
     applied to PV and to every column alike (generalised least squares). ``min_lag`` and ``max_lag``
-    bound the dead time of a search.
+    bound the dead time of a search; ``extra`` are further columns for PV, shape ``(n, k)``.
     """
 
-    def __init__(self, y: Array, good: Mask, taps: Array | None = None, min_lag: int = 0) -> None:
+    def __init__(
+        self,
+        y: Array,
+        good: Mask,
+        taps: Array | None = None,
+        min_lag: int = 0,
+        extra: Array | None = None,
+    ) -> None:
         self.taps = np.ones(1) if taps is None else np.ascontiguousarray(taps)
         self.size = y.size
         usable = good.copy()
@@ -57,6 +64,7 @@ class Regression:
         self.count = float(self.weight.sum())
         self.y = y
         self.good = good
+        self.extra = np.empty((y.size, 0)) if extra is None else extra
         self._target = self.whiten(y[:, None])[:, 0] * self.weight
         self.basis = Basis(
             np.ascontiguousarray(self._target),
@@ -85,7 +93,7 @@ class Regression:
     def solve(self, stem: Array, structure: Structure, dead_time: int) -> LinearFit:
         """The linear part for one stem, shape ``(n,)``, not whitened."""
         response = delayed(structure.response(np.ascontiguousarray(stem[:, None])), dead_time)
-        raw = np.hstack([response, structure.columns(self.size)])
+        raw = np.hstack([response, structure.columns(self.size), self.extra])
         design = self.whiten(raw) * self.weight[:, None]
         size = np.sqrt(np.square(design).sum(axis=0))
         size[size == 0.0] = 1.0
@@ -99,7 +107,8 @@ class Regression:
 
     def _shared(self, *, integrating: bool) -> Array:
         """Orthonormal columns that all candidates share, whitened and weighted, one a row."""
-        columns = self.whiten(shared_columns(self.size, integrating=integrating))
+        shared = shared_columns(self.size, integrating=integrating)
+        columns = self.whiten(np.hstack([shared, self.extra]))
         basis, _ = np.linalg.qr(columns * self.weight[:, None])
         return np.ascontiguousarray(basis.T)
 

@@ -15,16 +15,23 @@ from estimator.candidate import Candidate
 from estimator.regression import Regression
 from estimator.structures import COARSE
 
-__all__ = ["MIN_MOVES", "healthy_search", "polished", "shortened", "valve_search"]
+__all__ = [
+    "MIN_MOVES",
+    "healthy_refined",
+    "healthy_search",
+    "polished",
+    "shortened",
+    "valve_search",
+]
 
 MIN_MOVES = 2
 """A stem that moves less often explains a step, not a valve."""
 
-_LAGS = 12
-_LAG_GROUPS = ((0, 1), (2, 4), (5, 7), (8, 11))
-_BY_GROUP = 4
-_STRATA = (0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.2)
-_SURVIVORS, _FINALISTS = 8, 3
+_COARSE_BANDS = (0.015, 0.03, 0.05, 0.08, 0.11, *np.arange(0.14, 1.02, 0.035))
+_LAGS = 21
+_LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
+_STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
+_SURVIVORS, _FINALISTS = 10, 4
 _APART = 0.03
 _WIDE = (0.03, 0.2, 0.1, 0.4)
 _CLOSE = (0.006, 0.15, 0.04, 0.2)
@@ -42,21 +49,12 @@ _FEW, _SOME, _MANY = np.array([7, 3, 5]), np.array([9, 5, 7]), np.array([17, 5, 
 def _coarse_valves() -> Array:
     """Valves of the coarse pass, ``(m, 4)``: S, J, lead, first direction.
 
-    Two grids: a cycling valve needs the stick band finely (a slip one sample off costs much), one
-    that moves a few times needs the lead.
+    Where the noise is small enough for a finer grid, the one-step criterion's valves are better.
     """
-    fine = (0.015, 0.03, 0.05, 0.07, *np.arange(0.1, 1.0, 0.0125)), (0.25, 0.8), (0.5,)
-    led = (
-        (0.02, 0.04, 0.08, 0.13, 0.19, 0.25, *np.arange(0.31, 1.0, 0.06)),
-        (0.15, 0.6),
-        (0.1, 0.4, 0.7, 1.0),
-    )
-    parts = []
-    for axes in (fine, led):
-        grids = np.meshgrid(*(np.array(axis) for axis in axes), (1.0, -1.0), indexing="ij")
-        band, ratio, lead, first = (grid.ravel() for grid in grids)
-        parts.append(np.stack([band, ratio * band, lead * band, first], axis=1))
-    return np.ascontiguousarray(np.vstack(parts))
+    axes = _COARSE_BANDS, (0.05, 0.4, 0.9), (0.1, 0.35, 0.6, 0.85, 1.05), (1.0, -1.0)
+    grids = np.meshgrid(*(np.array(axis) for axis in axes), indexing="ij")
+    band, ratio, lead, first = (grid.ravel() for grid in grids)
+    return np.ascontiguousarray(np.stack([band, ratio * band, lead * band, first], axis=1))
 
 
 def valve_search(
@@ -86,6 +84,19 @@ def valve_search(
 def polished(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
     """The candidate refined on a fine lattice, under this regression's cost."""
     return _refined(op, regression, candidate, _CLOSE, _MANY, 5)
+
+
+def adopted(op: Op, regression: Regression, other: Candidate) -> Candidate:
+    """The valve of another criterion with the process that serves it best, refined."""
+    tables = tuple(regression.tables(structure) for structure in COARSE)
+    cost = simulated_coarse(op, tables, other.valve[None], regression.max_lag + 1)[:, :, 0]
+    near = slice(max(other.dead_time - 2, regression.min_lag), other.dead_time + 2)
+    part = cost[:, near]
+    if not np.isfinite(part).any():
+        return replace(other, cost=np.inf)
+    place = np.unravel_index(int(part.argmin()), part.shape)
+    structure, dead_time = COARSE[int(place[0])], near.start + int(place[1])
+    return polished(op, regression, replace(other, structure=structure, dead_time=dead_time))
 
 
 def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
@@ -126,9 +137,16 @@ def healthy_search(op: Op, regression: Regression) -> Candidate:
         refine_process(regression.basis, at, step, state, 0.0, search)
         if best.size == 0 or state[0] < best[0]:
             best = state
-    search = Search(6, regression.min_lag, regression.max_lag, 2, _SHRINK)
-    refine_process(regression.basis, at, step, best, 0.4, search)
-    return Candidate.of_state(best)
+    return healthy_refined(op, regression, Candidate.of_state(best))
+
+
+def healthy_refined(op: Op, regression: Regression, near: Candidate) -> Candidate:
+    """The best process with a healthy valve near another."""
+    state = near.state()
+    search = Search(5, regression.min_lag, regression.max_lag, 2, _SHRINK)
+    at, step = np.arange(1, op.u.size), np.diff(op.u)
+    refine_process(regression.basis, at, step, state, 0.4, search)
+    return Candidate.of_state(state)
 
 
 def _refined(
@@ -182,15 +200,15 @@ def _seeds(
         found = float(cost[structure, lag, j])
         return Candidate(found, band, jump, lead, first, COARSE[structure], lag)
 
-    by_group = []
-    for number in range(len(COARSE)):
-        for low, high in _LAG_GROUPS:
-            part = grid[number, low : high + 1]
-            if part.size:
-                lag, j = np.unravel_index(int(part.argmin()), part.shape)
-                by_group.append(seed((number, low + int(lag), int(j))))
-    by_group.sort(key=lambda candidate: candidate.cost)
-    found = [(candidate, _WIDE) for candidate in by_group[:_BY_GROUP]]
+    found = []
+    for low, high in _LAG_GROUPS:
+        part = grid[:, low : high + 1]
+        if part.size:
+            place = np.unravel_index(int(part.argmin()), part.shape)
+            found.append((seed((int(place[0]), low + int(place[1]), int(place[2]))), _WIDE))
+    for number, costs in enumerate(grid):
+        place = np.unravel_index(int(costs.argmin()), costs.shape)
+        found.append((seed((number, int(place[0]), int(place[1]))), _WIDE))
     bands = valves[: grid.shape[2], 0]
     for narrow, wide in pairwise(_STRATA):
         inside = np.flatnonzero((bands >= narrow) & (bands < wide))

@@ -18,11 +18,14 @@ _STICTION = 12.0
 _EACH = (1.0, 3.0)
 """What the simulated and the whitened test must say at least, each for itself."""
 
-_OVERWHELMING = 30.0
+_OVERWHELMING = 24.0
 """The whitened test alone: loops whose noise hides the valve from simulation (closed loop).
 
-Some 25,000 valves and a dozen dead times are tried, so that chance alone is worth about 13.
+Some 40,000 valves and a dozen dead times are tried, so that chance alone is worth about 13.
 """
+
+_CYCLE = 6
+"""Strokes that the whitened test needs to speak alone: fewer are no cycle."""
 
 _AGAINST = 0.75
 _MIN_R2 = 0.3
@@ -64,8 +67,13 @@ def score_of(evidence: Evidence) -> float:
     if evidence.strokes < _MIN_STROKES:
         return 0.0
     if evidence.simulated < _EACH[0]:
-        return evidence.whitened if evidence.whitened >= _OVERWHELMING else 0.0
+        return evidence.whitened if _alone(evidence) else 0.0
     return evidence.simulated + max(evidence.whitened, -_AGAINST * evidence.simulated)
+
+
+def _alone(evidence: Evidence) -> bool:
+    """Whether the whitened test needs no support from simulation."""
+    return evidence.whitened >= _OVERWHELMING and evidence.strokes >= _CYCLE
 
 
 def strokes_of(stem: Array) -> int:
@@ -90,7 +98,7 @@ def judge(score: float, evidence: Evidence, fit: Fit) -> tuple[Verdict, tuple[Re
         f"{fit.r2_healthy_valve:.3f} with a healthy valve; "
         f"{evidence.strokes} strokes, {evidence.reversals} reversals"
     )
-    alone = evidence.whitened >= _OVERWHELMING
+    alone = _alone(evidence)
     if max(fit.r2, fit.r2_healthy_valve) < _MIN_R2 and not alone:
         return Verdict.NOT_ASSESSABLE, (
             Reason(

@@ -33,6 +33,8 @@ def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: b
     is returned. ``op`` is the scaled OP; ``healthy`` takes the stem to be OP.
     """
     candidate = replace(found, dead_time=max(1, found.dead_time))
+    # a sinusoid's frequency is a parameter as well
+    extra = regression.extra.shape[1] + (1 if regression.extra.size else 0)
     used = regression
     lowest = math.inf
     for last in (*([False] * _ROUNDS), True):
@@ -40,11 +42,12 @@ def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: b
         fit = used.solve(stem, candidate.structure, candidate.dead_time)
         error = np.where(regression.weight > 0.0, regression.y - fit.prediction, 0.0)
         taps, variance = autoregression(error, regression.weight, _ORDER)
-        free = taps.size - 1 + candidate.structure.free + (0 if healthy else _VALVE_PARAMETERS)
+        free = taps.size - 1 + candidate.structure.free + extra
+        free += 0 if healthy else _VALVE_PARAMETERS
         count = regression.count
         lowest = min(lowest, count * math.log(variance) + free * math.log(count))
         if last:
             break
-        used = Regression(regression.y, regression.good, taps, min_lag=1)
+        used = Regression(regression.y, regression.good, taps, 1, regression.extra)
         candidate = healthy_search(op, used) if healthy else polished(op, used, candidate)
     return lowest
