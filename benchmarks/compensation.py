@@ -1,9 +1,9 @@
 """Compensation: every controller on every loop, with right, wrong and identified parameters.
 
 ``python -m benchmarks.compensation`` runs it all and prints a table; ``--quick`` takes the two
-examples only. Yardsticks stand beside every result: the stem held (noise alone), the healthy valve
-under the stiction-unaware MPC, and that MPC on the sticky valve. ``--figure3`` draws the paper's
-Figure 3 and ``--tradeoff`` PV's deviation against valve travel, into ``--images``.
+examples only, ``--only`` one part. Yardsticks stand beside every result: the stem held (noise
+alone), the healthy valve under the stiction-unaware MPC, and that MPC on the sticky valve. The
+paper's Figure 3 and PV's deviation against valve travel are drawn into ``--images``.
 """
 
 from __future__ import annotations
