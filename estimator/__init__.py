@@ -7,8 +7,10 @@
 A valve over many windows is followed by `track`. The paper's own methods stand beside the search:
 its grid (`grid_search`), its optimisation as published (`nlp_paper`) and as a last polish
 (`nlp_polish`); the last two need CasADi when they are called, ``pip install "fieldlink[nlp]"``.
+`armax` fits a process with coloured noise to a stem that is known.
 """
 
+from estimator.armax import ArmaxFit, ArmaxOrders, armax
 from estimator.grid import grid_search
 from estimator.identification import identify, warm_up
 from estimator.nlp import nlp_paper, nlp_polish
@@ -17,6 +19,8 @@ from estimator.result import CostSurface, Identification, Interval
 from estimator.tracking import Track, track
 
 __all__ = [
+    "ArmaxFit",
+    "ArmaxOrders",
     "CostSurface",
     "EstimatorError",
     "Identification",
@@ -25,6 +29,7 @@ __all__ = [
     "ReasonCode",
     "Track",
     "Verdict",
+    "armax",
     "grid_search",
     "identify",
     "nlp_paper",

@@ -53,7 +53,6 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
         process=_description(window, model, regression.orders, gain),
         model=model,
         bic=found.bic,
-        posterior=posterior,
         runners_up=tuple(
             RunnerUp(orders.name, orders.dead_time, orders.bic - chosen.bic)
             for orders in ranked[1 : 1 + _RUNNERS_UP]

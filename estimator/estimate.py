@@ -27,7 +27,6 @@ class Estimate:
         process: for the reader; model: the same in ARX form, in units of OP and PV.
         bic: of the one-step-ahead prediction errors (their noise whitened), comparable between
             criteria.
-        posterior: the likelihood behind the intervals.
         runners_up: other process structures, best first.
     """
 
@@ -41,7 +40,6 @@ class Estimate:
     process: Process
     model: ProcessModel
     bic: float
-    posterior: Posterior
     runners_up: tuple[RunnerUp, ...]
 
     @staticmethod

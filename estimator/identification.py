@@ -24,6 +24,7 @@ from estimator.noise import effective_samples
 from estimator.oe_estimate import oe_estimate
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.outside import Outside, outside_search
+from estimator.published import METHODS, published_estimate
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
 from estimator.search import adopted, healthy_search, valve_search
@@ -32,7 +33,7 @@ from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
 from loop_model import LoopModel, ValveModel
 
-__all__ = ["CRITERIA", "identify", "warm_up"]
+__all__ = ["CRITERIA", "METHODS", "identify", "warm_up"]
 
 CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
@@ -55,6 +56,7 @@ def identify(
     period: float = 1.0,
     criterion: str = "auto",
     confidence: float = 0.9,
+    method: str = "search",
 ) -> Identification:
     """Judge the valve of one loop from one window of OP and PV.
 
@@ -67,17 +69,24 @@ def identify(
         criterion: ``"oe"`` (simulation error), ``"arx"`` (one-step-ahead, the paper's (12)) or
             ``"auto"``.
         confidence: of the intervals, between 0.5 and 0.999.
+        method: ``"search"``, or whose valve and process are returned instead: the paper's
+            optimisation from blind starts (``"nlp"``) or from the search's optimum
+            (``"nlp-polish"``), or its grid (``"grid"``, steps of 4 % of OP's span). They have no
+            intervals; the verdict is the search's.
 
     Returns:
         The result; :meth:`Identification.to_dict` is its JSON form. A window that cannot be judged
         is a result too (``not_assessable`` with reasons), not an error.
 
     Raises:
-        EstimatorError: not a window at all (shapes, types, no finite sample, unknown option).
+        EstimatorError: not a window at all (shapes, types, no finite sample, unknown option), or
+            a method of the paper on a window with bad samples or without CasADi.
     """
     begun = time.perf_counter()
     if criterion not in CRITERIA:
         raise EstimatorError(f"criterion is {criterion!r}: choose one of {', '.join(CRITERIA)}")
+    if method not in METHODS:
+        raise EstimatorError(f"method is {method!r}: choose one of {', '.join(METHODS)}")
     if not 0.5 <= confidence <= 0.999:
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
     window = harmonise(op, pv, sp, auto, period)
@@ -87,7 +96,7 @@ def identify(
     else:
         # the matrices are small: BLAS threads only wait for each other
         with _BLAS.limit(limits=1, user_api="blas"):
-            result = _assess(window, criterion, confidence)
+            result = _assess(window, criterion, confidence, method)
     return replace(result, seconds=time.perf_counter() - begun)
 
 
@@ -97,7 +106,7 @@ def warm_up() -> None:
     identify(np.sin(k / 9.0), np.sin(k / 9.0 - 0.3))
 
 
-def _assess(window: Window, criterion: str, confidence: float) -> Identification:
+def _assess(window: Window, criterion: str, confidence: float, method: str) -> Identification:
     op = op_of(window.u)
     regression = Regression(window.y, window.good)
     healthy = healthy_search(op, regression)
@@ -134,6 +143,8 @@ def _assess(window: Window, criterion: str, confidence: float) -> Identification
         rival = arx_estimate(window, op, arx, confidence)
         if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, estimate):
             estimate = rival
+    if method != "search":
+        estimate = published_estimate(window, op, arx, method)
     span = window.op_span
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     return Identification(

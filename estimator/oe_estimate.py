@@ -55,7 +55,6 @@ def oe_estimate(
         process=process_description(window, best.structure, model, gain),
         model=model,
         bic=bic,
-        posterior=posterior,
         runners_up=tuple(
             RunnerUp(
                 other.structure.name,

@@ -130,7 +130,7 @@ def test_bic_of_orders_is_that_of_least_squares() -> None:
     op, y, good = _window()
     stem = stem_of(op, 0.3, 0.1, 0.2, 1.0)
     for orders in select_orders(y, good, stem):
-        rows = np.flatnonzero(ArxRegression(y, good, ArxOrders(6, 3, 13)).weight)
+        rows = np.flatnonzero(ArxRegression(y, good, ArxOrders(6, 3, 21)).weight)
         assert orders.rows == rows.size
         design = _one_step_design(stem, y, orders, rows)
         _, rss, *_ = np.linalg.lstsq(design, y[rows])
