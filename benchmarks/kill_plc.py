@@ -21,7 +21,6 @@ from fieldlink.registers import (
     BlockError,
     BlockReader,
     ExchangeLayout,
-    ReaderState,
     decode_block,
     is_newer,
 )
@@ -54,7 +53,6 @@ class WatchedPlc:
     _cycle: int = 0
     _stem: float = 50.0
     _pv: float = 50.0
-    _state: ReaderState = field(default_factory=ReaderState)
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _server: asyncio.Server | None = None
 
@@ -101,31 +99,30 @@ class WatchedPlc:
             self._cycle & 0xFFFF,
         ]
         view = LAYOUT.view(lambda address, count: self.words[address : address + count])
-        self._state = self._reader.scan(view, float(self._cycle))
-        for address, word in self._state.reply(LAYOUT).items():
+        state = self._reader.scan(view, float(self._cycle))
+        for address, word in state.reply(LAYOUT).items():
             self.words[address] = word
-        block = self._state.accepted
-        if block is not None and (not self.accepted or self.accepted[-1] != block.seq):
-            if self.accepted and not is_newer(block.seq, self.accepted[-1]):
-                self.faults.append(f"block {block.seq} was accepted after {self.accepted[-1]}")
-            self.accepted.append(block.seq)
+        acknowledged = self.words[LAYOUT.ack_seq]
+        if acknowledged and (not self.accepted or self.accepted[-1] != acknowledged):
+            if self.accepted and not is_newer(acknowledged, self.accepted[-1]):
+                self.faults.append(f"block {acknowledged} was taken after {self.accepted[-1]}")
+            self.accepted.append(acknowledged)
         self._check()
 
     def _check(self) -> None:
-        """The active bank must hold the accepted block, whole, whatever was written since."""
-        block = self._state.accepted
-        if block is None:
+        """The active bank must hold the acknowledged block, whole, whatever was written since."""
+        acknowledged = self.words[LAYOUT.ack_seq]
+        if not acknowledged:
             return
         bank = Bank(self.words[LAYOUT.active_bank])
         first = LAYOUT.bank_address(bank)
-        size = abs(LAYOUT.bank_b - LAYOUT.bank_a)
         try:
-            held = decode_block(self.words[first : first + min(size, BLOCK_REGISTERS)])
+            held = decode_block(self.words[first : first + BLOCK_REGISTERS])
         except BlockError as error:
             self.faults.append(f"the active bank {bank.name} cannot be read: {error}")
             return
-        if held != block:
-            self.faults.append(f"the active bank holds {held.seq}, accepted was {block.seq}")
+        if held.seq != acknowledged:
+            self.faults.append(f"the active bank holds {held.seq}, accepted was {acknowledged}")
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
