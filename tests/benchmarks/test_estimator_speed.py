@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 
 from benchmarks.bare_loops import in_cache, streamed
 from benchmarks.estimator_speed import main
@@ -23,6 +24,7 @@ def test_bare_loops_multiply_and_add():
     np.testing.assert_allclose(total, 3.0 + 1.0 + 0.25)
 
 
+@pytest.mark.slow
 def test_it_writes_its_figures(tmp_path, capsys):
     options = ["--samples", "200", "--repeats", "1", "--grid-step", "3", "--starts", "0"]
     assert main([*options, "--out", str(tmp_path)]) == 0
