@@ -29,6 +29,7 @@ __all__ = [
 
 _FLAT = 1e-6
 _APART = 1e-3
+_LEAST, _MOST = 0.02, 0.99999
 
 
 class Basis(NamedTuple):
@@ -79,6 +80,8 @@ def simulated_tables(basis: Basis, slow: float, fast: float, pad: int) -> Simula
     """Tables for a process of poles ``slow >= fast`` (0 is no lag, ``slow = 1`` an integrator)."""
     n, order = basis.target.size, basis.taps.size
     integrating = slow >= 1.0
+    # a lag of a quarter of a sample is none, and its powers would leave the number range
+    slow, fast = (slow if slow > _LEAST else 0.0), (fast if fast > _LEAST else 0.0)
     if slow == 0.0:
         fast = 0.0
     elif not integrating and slow - fast < _APART * (1.0 - slow):
@@ -204,10 +207,15 @@ def _energies(
     """Energy of each mode, and of the step response, against the response to a step there."""
     n = weight.size
     rows = table.shape[0] - 4
-    excess = np.empty(order)
+    second, third = np.empty(order), np.empty(order)
     for m in range(order):
-        ramp = float(m) if integrating else slow**m
-        excess[m] = response[m] - modes[0] - modes[1] * ramp - modes[2] * fast**m
+        second[m] = float(m) if integrating else slow**m
+        third[m] = fast**m
+    excess = response - modes[0] - modes[1] * second - modes[2] * third
+    products = np.empty((order, order))
+    for gap in range(order):
+        for m in range(order - gap):
+            products[gap, m] = excess[m + gap] * response[m]
     n00 = n01 = n02 = n11 = n12 = n22 = 0.0
     for k in range(n - 1, -1, -1):
         w = weight[k]
@@ -229,13 +237,13 @@ def _energies(
         for m in range(min(order, n - k)):
             part = weight[k + m] * excess[m]
             e0 += part
-            e1 += part * (float(m) if integrating else slow**m)
-            e2 += part * fast**m
+            e1 += part * second[m]
+            e2 += part * third[m]
         own = modes[0] * e0 + modes[1] * e1 + modes[2] * e2
         for gap in range(order):
             total = 0.0
             for m in range(min(order - gap, n - k)):
-                total += weight[k + m] * excess[m + gap] * response[m]
+                total += weight[k + m] * products[gap, m]
             close[gap, k] = total
         table[rows, k] = e0
         table[rows + 1, k] = e1
@@ -338,10 +346,12 @@ def simulated_steps(
 
 
 @kernel
-def simulated_coarse(op: Op, tables: tuple[Simulated, ...], valves: Array, lags: int) -> Array:
+def simulated_coarse(
+    op: Op, tables: tuple[Simulated, ...], valves: Array, lags: int, most: int
+) -> Array:
     """Costs ``(structures, lags, m)`` of the valves ``(m, 4)``: S, J, lead, first direction.
 
-    Dead times run from 0.
+    Dead times run from 0. Infinite for a valve that slips more than ``most`` times.
     """
     m = valves.shape[0]
     at, step = np.empty(op.u.size, np.int64), np.empty(op.u.size)
@@ -351,7 +361,7 @@ def simulated_coarse(op: Op, tables: tuple[Simulated, ...], valves: Array, lags:
     for j in range(m):
         band, jump, lead, first = valves[j]
         count = slips_into(op, band, jump, lead, first, at, step)
-        if count < 2:
+        if count < 2 or count > most:
             continue
         for i in range(len(tables)):
             if sums.shape[0] != tables[i].rows + 1:
@@ -394,7 +404,7 @@ def _moved(pole: float, factor: float) -> float:
     """The pole of a time constant ``factor`` times as long."""
     if pole <= 0.0 or pole >= 1.0:
         return pole
-    return float(np.exp(np.log(pole) / factor))
+    return min(float(np.exp(np.log(pole) / factor)), _MOST)
 
 
 @kernel

@@ -57,6 +57,7 @@ def identify(
     criterion: str = "auto",
     confidence: float = 0.9,
     method: str = "search",
+    surface: bool = False,
 ) -> Identification:
     """Judge the valve of one loop from one window of OP and PV.
 
@@ -73,6 +74,7 @@ def identify(
             optimisation from blind starts (``"nlp"``) or from the search's optimum
             (``"nlp-polish"``), or its grid (``"grid"``, steps of 4 % of OP's span). They have no
             intervals; the verdict is the search's.
+        surface: whether to map the cost over (S, J), for a picture.
 
     Returns:
         The result; :meth:`Identification.to_dict` is its JSON form. A window that cannot be judged
@@ -96,7 +98,7 @@ def identify(
     else:
         # the matrices are small: BLAS threads only wait for each other
         with _BLAS.limit(limits=1, user_api="blas"):
-            result = _assess(window, criterion, confidence, method)
+            result = _assess(window, criterion, confidence, method, surface)
     return replace(result, seconds=time.perf_counter() - begun)
 
 
@@ -106,7 +108,9 @@ def warm_up() -> None:
     identify(np.sin(k / 9.0), np.sin(k / 9.0 - 0.3))
 
 
-def _assess(window: Window, criterion: str, confidence: float, method: str) -> Identification:
+def _assess(
+    window: Window, criterion: str, confidence: float, method: str, surface: bool
+) -> Identification:
     op = op_of(window.u)
     regression = Regression(window.y, window.good)
     healthy = healthy_search(op, regression)
@@ -138,13 +142,15 @@ def _assess(window: Window, criterion: str, confidence: float, method: str) -> I
     score = score_of(evidence)
     fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
     verdict, reasons = judge(score, evidence, fit)
-    estimate = oe_estimate(window, op, regression, found, confidence, test.oe_bic)
-    if criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
-        rival = arx_estimate(window, op, arx, confidence)
-        if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, estimate):
-            estimate = rival
+    estimate: Estimate | None = None
     if method != "search":
         estimate = published_estimate(window, op, arx, method)
+    elif criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
+        rival = arx_estimate(window, op, arx, confidence)
+        if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, best, test.oe_bic):
+            estimate = rival
+    if estimate is None:
+        estimate = oe_estimate(window, op, regression, found, confidence, test.oe_bic)
     span = window.op_span
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     return Identification(
@@ -166,7 +172,7 @@ def _assess(window: Window, criterion: str, confidence: float, method: str) -> I
         model=LoopModel(ValveModel(band.value, jump.value), estimate.model),
         stem=window.op_centre + span * estimate.stem,
         pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
-        surface=_surface(window, op, regression, best),
+        surface=_surface(window, op, regression, best) if surface else None,
         runners_up=estimate.runners_up,
         identifiability=_identifiability(band, jump),
     )
@@ -246,16 +252,16 @@ def _one_step_test(
     return _OneStepTest(sticky_bic, healthy_bic, count, oe_bic)
 
 
-def _prefers(window: Window, arx: Estimate, oe: Estimate) -> bool:
+def _prefers(window: Window, arx: Estimate, simulated: Candidate, bic: float) -> bool:
     """Whether the window supports the one-step-ahead criterion.
 
     It is the efficient one where its noise model is right: its innovations must be more likely
-    than the whitened simulation errors, and its process must still simulate PV.
+    than the whitened simulation errors (``bic``), and its process must still simulate PV.
     """
-    if not (np.isfinite(arx.simulated).all() and arx.bic < oe.bic - _MARGIN * window.size):
+    if not (np.isfinite(arx.simulated).all() and arx.bic < bic - _MARGIN * window.size):
         return False
-    left = [float(np.square(window.y - e.simulated)[window.good].mean()) for e in (arx, oe)]
-    return left[0] < _WORSE * left[1] + _SLACK
+    left = float(np.square(window.y - arx.simulated)[window.good].mean())
+    return left < _WORSE * simulated.cost / float(window.good.sum()) + _SLACK
 
 
 def _identifiability(band: Interval, jump: Interval) -> tuple[str, ...]:

@@ -162,7 +162,7 @@ class Identification:
         seconds: time that the identification took.
         model: valve and process in ARX form for the compensator; None when not assessable.
         stem, pv_model: estimated stem position and simulated PV, shape ``(samples,)``.
-        surface: the cost surface, for pictures; None when not assessable.
+        surface: the cost surface, for pictures; None when not asked for or not assessable.
         runners_up: other process structures, best first.
         identifiability: what this window cannot tell, in sentences.
     """

@@ -29,6 +29,8 @@ MIN_MOVES = 2
 
 _COARSE_BANDS = (0.015, 0.03, 0.05, 0.08, 0.11, *np.arange(0.14, 1.02, 0.035))
 _LAGS = 21
+_FOLLOWS = 6
+"""A valve that slips at every sixth sample follows OP: a healthy one is near enough."""
 _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
 _SURVIVORS, _FINALISTS = 10, 4
@@ -42,7 +44,7 @@ _TOLERATED = 1.12
 _CLEAN = 0.02
 _SHORTER = (1, 3, 6, 10)
 _SHRINK = np.array([0.5, 0.6, 0.5, 0.6])
-_FEW, _SOME, _MANY = np.array([7, 3, 5]), np.array([9, 5, 7]), np.array([17, 5, 9])
+_FEW, _SOME, _MANY = np.array([7, 3, 5]), np.array([9, 5, 7]), np.array([11, 5, 9])
 
 
 @cache
@@ -51,7 +53,7 @@ def _coarse_valves() -> Array:
 
     Where the noise is small enough for a finer grid, the one-step criterion's valves are better.
     """
-    axes = _COARSE_BANDS, (0.05, 0.4, 0.9), (0.1, 0.35, 0.6, 0.85, 1.05), (1.0, -1.0)
+    axes = _COARSE_BANDS, (0.1, 0.4, 0.9), (0.1, 0.35, 0.6, 0.85, 1.05), (1.0, -1.0)
     grids = np.meshgrid(*(np.array(axis) for axis in axes), indexing="ij")
     band, ratio, lead, first = (grid.ravel() for grid in grids)
     return np.ascontiguousarray(np.stack([band, ratio * band, lead * band, first], axis=1))
@@ -66,8 +68,6 @@ def valve_search(
     is the process behind a healthy valve: one that hardly sticks is near.
     """
     seeds = _seeds(op, regression, others)
-    if not seeds:
-        return ()
     hardly = replace(healthy, band=_HARDLY, jump=0.5 * _HARDLY, lead=0.5 * _HARDLY)
     seeds.append((hardly, _CLOSE))
     alive = [_refined(op, regression, seed, half, _FEW, 1) for seed, half in seeds]
@@ -78,18 +78,22 @@ def valve_search(
     half = tuple(0.5 * width for width in _CLOSE)
     ended = [_refined(op, regression, c, half, _SOME, 4) for c in _diverse(alive, _FINALISTS)]
     ended.sort(key=lambda candidate: candidate.cost)
+    if not np.isfinite(ended[0].cost):
+        return ()
     return (polished(op, regression, ended[0]), *ended[1:])
 
 
-def polished(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
+def polished(op: Op, regression: Regression, candidate: Candidate, passes: int = 4) -> Candidate:
     """The candidate refined on a fine lattice, under this regression's cost."""
-    return _refined(op, regression, candidate, _CLOSE, _MANY, 5)
+    return _refined(op, regression, candidate, _CLOSE, _MANY, passes)
 
 
 def adopted(op: Op, regression: Regression, other: Candidate) -> Candidate:
     """The valve of another criterion with the process that serves it best, refined."""
     tables = tuple(regression.tables(structure) for structure in COARSE)
-    cost = simulated_coarse(op, tables, other.valve[None], regression.max_lag + 1)[:, :, 0]
+    cost = simulated_coarse(op, tables, other.valve[None], regression.max_lag + 1, op.u.size)[
+        :, :, 0
+    ]
     near = slice(max(other.dead_time - 2, regression.min_lag), other.dead_time + 2)
     part = cost[:, near]
     if not np.isfinite(part).any():
@@ -188,7 +192,7 @@ def _seeds(
     valves = _coarse_valves()
     if others:
         valves = np.vstack([valves, *(other.valve[None] for other in others)])
-    cost = simulated_coarse(op, tables, valves, lags)
+    cost = simulated_coarse(op, tables, valves, lags, op.u.size // _FOLLOWS)
     cost[:, : regression.min_lag] = np.inf
     grid = cost[:, :, : _coarse_valves().shape[0]]
     if not np.isfinite(grid).any():

@@ -17,7 +17,7 @@ from estimator._slips import Op
 from estimator.candidate import Candidate
 from estimator.noise import autoregression
 from estimator.regression import Regression
-from estimator.search import healthy_search, polished
+from estimator.search import healthy_refined, polished
 
 __all__ = ["whitened_bic"]
 
@@ -49,5 +49,7 @@ def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: b
         if last:
             break
         used = Regression(regression.y, regression.good, taps, 1, regression.extra)
-        candidate = healthy_search(op, used) if healthy else polished(op, used, candidate)
+        candidate = (
+            healthy_refined(op, used, candidate) if healthy else polished(op, used, candidate, 2)
+        )
     return lowest

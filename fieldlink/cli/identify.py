@@ -67,6 +67,7 @@ def identify(
         period=cut.period,
         criterion=criterion,
         confidence=confidence,
+        surface=plot is not None,
     )
     if plot is not None:
         from fieldlink.pictures import identification_figure, save
