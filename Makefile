@@ -29,8 +29,9 @@ $(VENV)/.installed-dev: pyproject.toml $(VENV)/.installed
 demo: install
 	$(BIN)/fieldlink demo
 
+# Two workers, a file at a time: the daemon's tests wait for clocks more than they compute.
 test: dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: dev
 	$(BIN)/ruff check .
@@ -42,12 +43,14 @@ format: dev
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Some minutes; more runs narrow the figures: python -m benchmarks.paper --runs 20
+# About an hour on two cores, and nothing else running; each line alone prints its own table.
 bench: dev
-	$(BIN)/python -m benchmarks.estimator_speed
-	$(BIN)/python -m benchmarks.industrial
-	$(BIN)/python -m benchmarks.paper --runs 3
-	$(BIN)/python -m benchmarks.robustness --runs 20
+	$(BIN)/python -m benchmarks.estimator_evidence --out docs/benchmarks --images docs/images
+	$(BIN)/python -m benchmarks.compensation --out docs/benchmarks --images docs/images
+	$(BIN)/python -m benchmarks.fmu --out docs/benchmarks
+	$(BIN)/python -m benchmarks.link --out docs/benchmarks
+	$(BIN)/python -m benchmarks.load --out docs/benchmarks
+	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks
 
 fmus: install
 	$(BIN)/python -m fmu_models.build

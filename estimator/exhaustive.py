@@ -35,7 +35,9 @@ _RATIOS = (0.2, 0.6)
 _FACTORS = np.array([0.6, 1.0, 1.5])
 _LEAST = 0.04
 """Sets of slips are told apart down to this share of OP's step per sample."""
-_STROKE, _STROKES = 0.3, 5
+_STROKE, _STROKES = 0.3, (6, 12)
+"""A stroke as a share of the usual span, and how many are listed first: once each way, because
+few strokes are ambiguous and many are listed coarsely."""
 _GROWTH = 1.6
 _TOP = 20_000
 _KEPT = (600, 300, 150, 80, 40)
@@ -62,17 +64,35 @@ class _Beam(NamedTuple):
 
 
 def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate, ...]:
-    """The best valves, apart from each other in stick band or dead time; best first.
+    """The best valves, apart from each other in stick band or dead time: ``count`` of each listing.
 
     ``op`` and ``y`` are scaled OP and PV, shape ``(n,)``; ``good`` marks the samples that count.
     The candidates' process is none in particular, but for the dead time.
     """
-    n = op.u.size
-    delays = min(_LONGEST, n // 12)
     steps = np.abs(np.diff(op.u))
     step = float(np.median(steps[steps > 0.0]))
     span = usual_span(op.u)
-    length = _first_length(op.u, span)
+    lengths = dict.fromkeys(_first_length(op.u, span, strokes) for strokes in _STROKES)
+    found: list[Candidate] = []
+    apart = 0.4 * step
+    for length in lengths:
+        beam = _grown(op, y, good, length, step, span)
+        enough = len(found) + count
+        ranked = zip(beam.valves, beam.delays, beam.costs, strict=True)
+        for (band, jump, lead, first), delay, cost in ranked:
+            if len(found) == enough:
+                break
+            dead_time = int(delay)
+            if all(abs(s.band - band) > apart or abs(s.dead_time - dead_time) > 1 for s in found):
+                valve = float(band), float(jump), float(lead), float(first)
+                found.append(Candidate(float(cost), *valve, COARSE[0], dead_time))
+    return tuple(found)
+
+
+def _grown(op: Op, y: Array, good: Mask, length: int, step: float, span: float) -> _Beam:
+    """The valves that are left at the end of the window, first listed in its first samples."""
+    n = op.u.size
+    delays = min(_LONGEST, n // 12)
     part = op_of(op.u[:length])
     beam = _listed(part, _tables(y[:length], good[:length], delays), step, span)
     stage = 0
@@ -81,27 +101,17 @@ def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate,
         part = op_of(op.u[:length])
         tables = _tables(y[:length], good[:length], delays)
         beam = _followed(part, tables, beam, step, span, stage)
-    found: list[Candidate] = []
-    apart = 0.4 * step
-    ranked = zip(beam.valves, beam.delays, beam.costs, strict=True)
-    for (band, jump, lead, first), delay, cost in ranked:
-        if len(found) == count:
-            break
-        dead_time = int(delay)
-        if all(abs(s.band - band) > apart or abs(s.dead_time - dead_time) > 1 for s in found):
-            valve = float(band), float(jump), float(lead), float(first)
-            found.append(Candidate(float(cost), *valve, COARSE[0], dead_time))
-    return tuple(found)
+    return beam
 
 
-def _first_length(u: Array, span: float) -> int:
+def _first_length(u: Array, span: float, most: int) -> int:
     """Samples of the first few strokes of OP: ways of a fair part of its span without return."""
     strokes, low, high = 0, float(u[0]), float(u[0])
     for k, value in enumerate(u.tolist()):
         low, high = min(low, value), max(high, value)
         if max(value - low, high - value) > _STROKE * span:
             strokes += 1
-            if strokes > _STROKES:
+            if strokes > most:
                 return min(u.size, max(k, 5 * _LONGEST))
             low = high = value
     return u.size

@@ -39,7 +39,7 @@ CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
 
 _SURFACE_NODES = 25
-_SEEDS = 6
+_SEEDS = 5
 _MARGIN = 0.15
 _WORSE = 1.5
 _SLACK = 0.02
