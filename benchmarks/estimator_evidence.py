@@ -116,7 +116,10 @@ def criteria_of(folder: Path) -> list[Criterion]:
     ]
     worst = min((row["no_worse"] for row in rivals), default=math.nan)
     summary = recorded.get("summary", {})
-    found = [c for example in ("Example 1", "Example 2") for c in _paper(repeated, example)]
+    examples = [
+        f"Example {number}{kind}" for kind in ("", ", constant set-point") for number in (1, 2)
+    ]
+    found = [c for example in examples for c in _paper(repeated, example)]
     slowest = max((v for k, v in speed.items() if k.endswith("seconds a window")), default=math.nan)
     ours = _figure(summary, "AUC of score, assessable plant windows")
     theirs = _figure(summary, "AUC of published index, same windows")

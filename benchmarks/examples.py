@@ -7,7 +7,9 @@ the exact ones have 1. The paper does not print Example 2's transfer function; t
 only one with round time constants whose coefficients round to (18).
 
 The loop is closed by the paper's stiction-unaware MPC (16) on the exact linear model, noise enters
-as ``v`` of (7), and a window begins somewhere in a cycle after the oscillation has settled.
+as ``v`` of (7), and a window begins somewhere in a cycle after the oscillation has settled. The
+paper generates its data "imposing some set-point changes": so do these windows, two of them. The
+same loop at constant set-point is the harder case: one move of the stem a stroke, always alike.
 """
 
 from __future__ import annotations
@@ -105,15 +107,22 @@ EXAMPLES = (
 )
 
 
-def example_window(example: Example, seed: int, *, samples: int = 1000) -> ExampleWindow:
-    """A window of ``samples`` at constant set-point, beginning in mid-cycle.
+def example_window(
+    example: Example, seed: int, *, samples: int = 1000, constant: bool = False
+) -> ExampleWindow:
+    """A window of ``samples`` that begins in mid-cycle.
 
     The loop starts at rest at OP 50, the set-point steps to 55 after 50 samples, and the window
-    begins at a sample drawn from 500 to 600. The same seed gives the same window.
+    begins at a sample drawn from 500 to 600. Three tenths into the window the set-point steps to
+    48, and seven tenths to 53, or it stays where it is (``constant``). The same seed gives the same
+    window.
     """
     begin = 500 + int(np.random.default_rng([seed, 1]).integers(0, 100))
+    changes = (
+        () if constant else ((begin + 3 * samples // 10, 48.0), (begin + 7 * samples // 10, 53.0))
+    )
     study = Study(
-        setpoint=((0, 50.0), (50, 55.0)),
+        setpoint=((0, 50.0), (50, 55.0), *changes),
         samples=begin + samples,
         equation_noise=example.noise,
         seed=seed,

@@ -76,9 +76,14 @@ def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> Ar
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
         rough.append((_looked(op, regressions[delay], seed, _LOOKS[0]), regressions[delay]))
+    first = rough[0][0]
     # costs of regressions with other dead times count other rows: compared per row
     rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
-    found = [_settled(op, y, good, candidate) for candidate, _ in rough[:_FINALISTS]]
+    chosen = [candidate for candidate, _ in rough[:_FINALISTS]]
+    if first not in chosen:
+        # what the listing liked best may only lack the right orders
+        chosen.append(first)
+    found = [_settled(op, y, good, candidate) for candidate in chosen]
     return min(found, key=lambda one: one.bic / one.regression.count)
 
 
