@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import structlog
 from hypothesis import settings
 
 # A test fails for what it asserts, not for how busy the machine is.
 settings.register_profile("fieldlink", deadline=None)
 settings.load_profile("fieldlink")
+
+
+@pytest.fixture(autouse=True)
+def _logging_of_its_own() -> Iterator[None]:
+    """What a test configures ends with it: a command logs to the stderr that pytest gave it."""
+    root = logging.getLogger()
+    handlers = list(root.handlers)
+    yield
+    structlog.reset_defaults()
+    for handler in set(root.handlers) - set(handlers):
+        root.removeHandler(handler)
+
 
 SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 

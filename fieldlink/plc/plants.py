@@ -88,7 +88,7 @@ class HostedPlant:
 
     def begin(self) -> None:
         """Begin a step, unless the one before is not done."""
-        if not self.is_fresh:
+        if self._at_work or self.failure is not None:
             return
         try:
             if self._background is None:
