@@ -20,6 +20,7 @@ __all__ = [
     "Array",
     "Index",
     "Op",
+    "first_leads",
     "kernel",
     "offset_of",
     "op_of",
@@ -57,6 +58,19 @@ def op_of(u: Array) -> Op:
     blocks = -(-u.size // _BLOCK)
     padded = np.concatenate([u, np.full(blocks * _BLOCK - u.size, u[-1])]).reshape(blocks, _BLOCK)
     return Op(np.ascontiguousarray(u), padded.max(axis=1), padded.min(axis=1))
+
+
+def first_leads(u: Array, first: float) -> Array:
+    """One lead for every sample at which a first slip in this direction can happen.
+
+    Where OP jumps, any lead on its way makes the same slip; the least one lets most valves do so.
+    """
+    records = np.unique(np.maximum.accumulate(first * (u - u[0])))
+    gaps = np.diff(records)
+    if gaps.size == 0:
+        return gaps
+    leads: Array = records[:-1] + 0.5 * np.minimum(gaps, float(np.median(np.abs(np.diff(u)))))
+    return leads
 
 
 def usual_span(u: Array) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator._kernels import Array, Mask
 from estimator._one_step import one_step_costs, refine_one_step
-from estimator._slips import Op, slip_patterns
+from estimator._slips import Op, first_leads, slip_patterns
 from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.candidate import Candidate
 
@@ -107,7 +107,7 @@ def _settled(op: Op, y: Array, good: Mask, best: Candidate) -> ArxFound:
 def _restarted(op: Op, regression: ArxRegression, best: Candidate) -> Candidate:
     """The best first slip for the valve; those that follow hardly depend on it."""
     for first in (1.0, -1.0):
-        leads = _leads(op.u, first)
+        leads = first_leads(op.u, first)
         if leads.size == 0:
             continue
         nodes = np.column_stack([*np.full((2, leads.size), ((best.band,), (best.jump,))), leads])
@@ -152,15 +152,8 @@ def _looked(op: Op, regression: ArxRegression, seed: Candidate, look: _Look) -> 
     return replace(seed, cost=cost_, band=band, jump=jump_, lead=lead)
 
 
-def _leads(u: Array, first: float) -> Array:
-    """One lead for every sample at which a first slip in this direction can happen."""
-    records = np.unique(np.maximum.accumulate(first * (u - u[0])))
-    leads: Array = 0.5 * (records[1:] + records[:-1])
-    return leads
-
-
 def _leads_near(u: Array, seed: Candidate) -> Array:
     """The seed's lead, and those that move the first slip by some samples."""
-    leads = _leads(u, seed.first)
+    leads = first_leads(u, seed.first)
     at = int(np.searchsorted(leads, seed.lead))
     return np.append(leads[max(0, at - _NEAR) : at + _NEAR + 1], seed.lead)

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator._kernels import Array, Mask
 from estimator._one_step import ScanTables, one_step_followed, one_step_scan
-from estimator._slips import Index, Op, op_of, slip_patterns, usual_span
+from estimator._slips import Index, Op, first_leads, op_of, slip_patterns, usual_span
 from estimator.candidate import Candidate
 from estimator.structures import COARSE
 
@@ -30,7 +30,7 @@ _PAST = 3
 _LONGEST = 20
 _BANDS = (0.02, 0.06, 0.12, 0.25, 0.5, 1.05)
 """Ends of the stick bands that are listed, as shares of the usual span of OP."""
-_RATIOS = (0.2, 0.6)
+_RATIOS = (0.12, 0.3, 0.65)
 """Slip jumps of the first listing, as shares of the middle of these stick bands."""
 _FACTORS = np.array([0.6, 1.0, 1.5])
 _LEAST = 0.04
@@ -105,24 +105,21 @@ def _grown(op: Op, y: Array, good: Mask, length: int, step: float, span: float) 
 
 
 def _first_length(u: Array, span: float, most: int) -> int:
-    """Samples of the first few strokes of OP: ways of a fair part of its span without return."""
-    strokes, low, high = 0, float(u[0]), float(u[0])
+    """Samples of the first strokes of OP: ways back by a fair part of its usual span."""
+    strokes, direction, extreme = 0, 1.0, float(u[0])
     for k, value in enumerate(u.tolist()):
-        low, high = min(low, value), max(high, value)
-        if max(value - low, high - value) > _STROKE * span:
-            strokes += 1
+        if direction * (value - extreme) > 0.0:
+            extreme = value
+        elif direction * (extreme - value) > _STROKE * span:
+            strokes, direction, extreme = strokes + 1, -direction, value
             if strokes > most:
                 return min(u.size, max(k, 5 * _LONGEST))
-            low = high = value
     return u.size
 
 
 def _leads(u: Array, first: float) -> Array:
     """Leads of all samples at which a first slip in this direction can happen."""
-    records = np.unique(np.maximum.accumulate(first * (u - u[0])))
-    if records.size < 2:
-        return np.empty(0)
-    leads: Array = 0.5 * (records[1:] + records[:-1])
+    leads = first_leads(u, first)
     if leads.size > _MOST_STARTS:
         leads = leads[np.linspace(0, leads.size - 1, _MOST_STARTS).astype(int)]
     return leads
