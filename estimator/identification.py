@@ -42,7 +42,7 @@ _SURFACE_NODES = 25
 _SEEDS = 5
 _MARGIN = 0.15
 _WORSE = 1.5
-_SLACK = 0.02
+_SLACK = 0.08
 _VAGUE = 0.5
 _BLAS = ThreadpoolController()
 
