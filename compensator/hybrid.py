@@ -263,7 +263,7 @@ class HybridMpc:
         variance = tracker.held_variance + tracker.offset_variance + s.noise_band**2
         # A floor for loops without noise: a thousandth of what one slip makes of PV.
         floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
-        move_cost = s.move_penalty * max(variance, floor) * float(self.planner.weights.sum())
+        move_cost = s.move_penalty * max(variance, floor) * self.planner.duration
         travel_cost = s.travel_penalty * move_cost / max(smallest, valve.static_friction, 1e-9)
         return move_cost, travel_cost
 

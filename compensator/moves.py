@@ -25,6 +25,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from compensator.kernels import correlate, held_course
 from compensator.prediction import Prediction, settling_samples
 
 __all__ = ["MovePlan", "MovePlanner", "Ramp", "warm_up"]
@@ -96,9 +97,10 @@ class MovePlanner:
         response = np.concatenate([[0.0], prediction.step_response(self.horizon)])
         shifted = points[None, :] - self.times[:, None]
         self._effects = np.where(shifted > 0, response[np.maximum(shifted, 0)], 0.0)
-        self._weighted = self._effects * self.weights
+        self._weighted = np.ascontiguousarray(self._effects * self.weights)
+        self.duration = float(self.weights.sum())
         self.gram = np.ascontiguousarray(self._weighted @ self._effects.T)
-        self._held = response[points]
+        self._held = np.ascontiguousarray(response[points])
         rows = np.empty((points.size, prediction.order))
         row = np.zeros(prediction.order)
         row[0] = 1.0
@@ -114,7 +116,7 @@ class MovePlanner:
         """Return PV at `points` if ``drive`` (stem and load) stays; ``state`` is the next scan's
         without it.
         """
-        return np.asarray(self._free @ state + self._held * drive)
+        return held_course(self._free, self._held, state, drive)
 
     def plan(
         self,
@@ -136,8 +138,7 @@ class MovePlanner:
             ramp: what OP's rate limit asks; None: nothing.
         """
         r = ramp or Ramp()
-        correlation = self._weighted @ error
-        hold = float(np.sum(self.weights * error**2))
+        hold, correlation = correlate(self._weighted, self.weights, error)
         count, i, p, j, q, gain = best_moves(
             self.gram,
             correlation,

@@ -14,6 +14,7 @@ from its own state, so it always gets the one at the input.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -125,7 +126,7 @@ class Prediction:
         """Number of states."""
         return self.B.size
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """PV that a lasting change of OP by one makes: the gain, or when integrating what has
         come up 20 samples after the dead time.
@@ -136,16 +137,23 @@ class Prediction:
 
     def equilibrium(self, pv: float, disturbance: float) -> tuple[Array, float]:
         """Return the state (shape ``(n,)``) and the input at which PV rests at ``pv``."""
+        state, drive = self._rest_at_one
+        level = pv if self.input_disturbance else pv - disturbance
+        at_input = disturbance if self.input_disturbance else 0.0
+        return level * state, level * drive - at_input
+
+    @cached_property
+    def _rest_at_one(self) -> tuple[Array, float]:
+        """State and input at which the process rests at 1."""
         n = self.order
         matrix = np.zeros((n + 1, n + 1))
         matrix[:n, :n] = np.eye(n) - self.A
         matrix[:n, n] = -self.B
         matrix[n, 0] = 1.0
         wanted = np.zeros(n + 1)
-        wanted[n] = pv if self.input_disturbance else pv - disturbance
+        wanted[n] = 1.0
         solution = np.asarray(np.linalg.solve(matrix, wanted), dtype=np.float64)
-        drive = float(solution[n])
-        return solution[:n], drive - disturbance if self.input_disturbance else drive
+        return solution[:n], float(solution[n])
 
     def step_response(self, samples: int) -> Array:
         """Return PV at 1, 2, ... ``samples`` samples after a unit step of the stem."""

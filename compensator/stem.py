@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compensator.kernels import carried_covariance, coloured_power
 from compensator.prediction import NoiseModel, Prediction, settling_samples
 from loop_model import ValveModel
 
@@ -107,6 +108,10 @@ class StemTracker:
         settle = settling_samples(prediction)
         self._load_drift = density / (settings.offset_memory * settle) ** 2
         self._error_memory = 1.0 - 1.0 / (20.0 * settle)
+        self._transition = np.eye(n + 2)
+        self._transition[:n, :n] = prediction.A
+        self._transition[:n, n + LOAD] = prediction.B
+        self._transition[n + FRICTION, n + FRICTION] = self._error_memory
         self._r = noise.equation**2 + noise.measurement**2
         self._correlations = self._noise_correlations()
         self.beliefs: list[Belief] = []
@@ -143,7 +148,7 @@ class StemTracker:
         for k in range(1, most + 1):
             response[k] = state[0]
             state = p.A @ state
-        return np.correlate(response, response, "full")[most:]
+        return np.ascontiguousarray(np.correlate(response, response, "full")[most:])
 
     @property
     def ready(self) -> bool:
@@ -159,29 +164,27 @@ class StemTracker:
     def held_variance(self) -> float:
         """Variance of PV that the noise seen so far makes with the stem held (PV squared)."""
         noise, lags = self.settings.noise, self._correlations
-        doubled = lags[1:] @ self.colour ** np.arange(1, lags.size)
-        power = noise.equation**2 * float(lags[0] + 2.0 * doubled) + noise.measurement**2
+        power = noise.equation**2 * coloured_power(lags, self.colour) + noise.measurement**2
         return self.variance * power
 
     @property
     def offset_variance(self) -> float:
         """Variance of the lasting PV offset that is still unknown (PV squared)."""
         n = self.prediction.order
-        weights = self._regressor(self.best)
-        unknown = float(weights @ self._covariance[n:, n:] @ weights)
-        return unknown * self.prediction.scale**2
+        (load, shared), (_, friction) = self._covariance[n:, n:].tolist()
+        side = self.best.direction
+        unknown = load + 2.0 * side * shared + side * side * friction
+        return float(unknown * self.prediction.scale**2)
 
     def drive(self, belief: Belief) -> float:
         """Return what drives the process while the stem rests where ``belief`` has it."""
-        return belief.stem + float(self._regressor(belief) @ belief.errors)
+        errors = belief.errors
+        return float(belief.stem + errors[LOAD] + belief.direction * errors[FRICTION])
 
     def free(self, belief: Belief) -> Array:
         """Return the state of the next scan if nothing drove the process (add ``B * drive``)."""
         p = self.prediction
         return np.asarray(p.A @ belief.state + p.equation_gain * belief.noise)
-
-    def _regressor(self, belief: Belief) -> Array:
-        return np.array([1.0, belief.direction])
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
@@ -244,29 +247,17 @@ class StemTracker:
     def _spread_out(self) -> None:
         """Carry the covariance over to the next scan, by Joseph's form (right for any gain)."""
         n = self.prediction.order
-        A = np.eye(n + 2)
-        A[:n, :n] = self.prediction.A
-        A[:n, n:] = np.outer(self.prediction.B, self._regressor(self.best))
-        keep, errors = self._error_memory, self._prior_errors()
-        A[n + FRICTION, n + FRICTION] = keep
-        drift = (1.0 - keep**2) * errors
-        drift[LOAD] = self._scale_now * self._load_drift * (1.0 + self.colour) / (1.0 - self.colour)
+        A, keep, errors = self._transition, self._error_memory, self._prior_errors()
+        A[:n, n + FRICTION] = self.prediction.B * self.best.direction
         gain = A @ self._gain
-        cross = self._scale_now * self._cross
         if self._gain.any():
-            gain = gain + cross / self._innovation
-        F = A.copy()
-        F[:, 0] -= gain
-        mixed = np.outer(cross, gain)
-        errors_at = np.arange(n, n + 2)
-        self._covariance = (
-            F @ self._covariance @ F.T
-            + self._scale_now * self._q
-            + self._noise_now * np.outer(gain, gain)
-            - mixed
-            - mixed.T
+            gain += self._scale_now * self._cross / self._innovation
+        self._covariance = carried_covariance(
+            self._covariance, A, gain, self._q, self._cross, self._scale_now, self._noise_now
         )
-        self._covariance[errors_at, errors_at] += drift
+        drift = self._scale_now * self._load_drift * (1.0 + self.colour) / (1.0 - self.colour)
+        self._covariance[n + LOAD, n + LOAD] += drift
+        self._covariance[n + FRICTION, n + FRICTION] += (1.0 - keep**2) * errors[FRICTION]
 
     def _likely(self, beliefs: list[Belief]) -> list[Belief]:
         """Return the best few, best first: none hopeless, one of a position."""
@@ -350,8 +341,7 @@ class StemTracker:
         if self._count in (20, 60):  # what was learnt before the noise was known is not worth much
             self._forget_errors()
             for h in self.beliefs:
-                h.errors[LOAD] += float(self._regressor(h)[1:] @ h.errors[1:])
-                h.errors[1:] = 0.0
+                h.errors[:] = self.drive(h) - h.stem, 0.0
             self._trend = 0.0
         spread = rate / (2.0 - rate) * (1.0 + self.colour) / (1.0 - self.colour)
         if abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0):
