@@ -32,6 +32,7 @@ from fieldlink.daemon.estimating import (
     estimate,
     warm_up,
 )
+from fieldlink.daemon.priority import stand_back
 
 __all__ = ["EstimatorPool", "PoolReport", "PoolSettings"]
 
@@ -215,11 +216,12 @@ def _kill(pool: ProcessPoolExecutor) -> None:
 
 
 def _begin(prepare: Callable[[], None], memory: int | None) -> None:
-    """First thing in a worker: the daemon alone decides when it ends; then the kernels."""
+    """First thing in a worker: the daemon goes first and decides when it ends; then the kernels."""
     if memory is not None and sys.platform != "win32":
         import resource
 
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    stand_back()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     threading.Thread(target=_die_with_parent, name="parent", daemon=True).start()

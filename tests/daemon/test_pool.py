@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import sys
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -19,6 +20,7 @@ from fieldlink.daemon.estimating import (
     estimate,
 )
 from fieldlink.daemon.pool import EstimatorPool, PoolSettings
+from fieldlink.daemon.priority import NICENESS
 from fieldlink.daemon.window import WindowData
 from loop_model import ProcessModel, ValveModel
 
@@ -55,6 +57,13 @@ def stumble(asked: EstimateRequest) -> Estimate:
 def stop_yourself(_: EstimateRequest) -> Estimate:
     os.kill(os.getpid(), signal.SIGSTOP)
     raise AssertionError("stopped")
+
+
+def tell_priority(asked: EstimateRequest) -> Estimate:
+    niceness = os.getpriority(os.PRIO_PROCESS, 0)
+    own_session = os.getsid(0) == os.getpid()
+    said = f"{niceness} {os.sched_getscheduler(0) == os.SCHED_BATCH} {own_session}"
+    return Estimate.failed(asked, EstimateOutcome.REFUSED, said)
 
 
 def nothing() -> None:
@@ -138,6 +147,13 @@ async def test_a_defect_is_an_outcome() -> None:
         assert "in FC7" in outcome.message
         assert "test_pool.py" in outcome.message
         assert pool.rebuilt == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="scheduling classes are Linux'")
+async def test_workers_let_the_daemon_go_first() -> None:
+    async with pool_of(tell_priority) as pool:
+        outcome = await pool.run(request())
+    assert outcome.message == f"{max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0))} True True"
 
 
 async def test_workers_that_cannot_begin_are_reported() -> None:
