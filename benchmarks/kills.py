@@ -5,6 +5,8 @@
 Every run starts ``fieldlink run`` on the same store and the same PLC and ends it with SIGKILL: at a
 random moment, or in the middle of handing over a block (after the bank, after the commit). Before
 the kill the store is read as any other program may read it; what was there has to be there after.
+At the end the daemon runs once more and is stopped in order: then every block that the PLC took has
+to be on record, from its begin to the PLC's acknowledgement.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import random
 import sqlite3
 import sys
 import tempfile
+from collections import defaultdict
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,8 +75,9 @@ class Tally:
         rows: rows that were in the store before the kills; lost: those that were not after.
         damaged: times the store did not pass its integrity check.
         accepted: blocks that the PLC took over.
-        unrecorded: of these, blocks without a row in the store: the daemon was killed before it
-            could store what it had done.
+        unrecorded: of these, blocks without the row that is stored before they are written.
+        incomplete: of these, blocks without the rows that say they were committed and accepted.
+        interrupted: blocks that were begun and never committed, and are recorded so.
         faults: what the PLC saw and must never be.
     """
 
@@ -87,6 +91,8 @@ class Tally:
     damaged: int = 0
     accepted: int = 0
     unrecorded: int = 0
+    incomplete: int = 0
+    interrupted: int = 0
     faults: list[str] = field(default_factory=list)
 
 
@@ -109,22 +115,49 @@ async def run_kills(runs: int, seed: int, folder: Path) -> Tally:
                 there = set(after[name])
                 tally.rows += len(before[name])
                 tally.lost += sum(row not in there for row in before[name])
+        await _finish_in_order(plc, store, folder, tally)
     finally:
         await plc.stop()
-    recorded = {row[5] for row in _rows(store, tally)["writebacks"] if row[3] == "committed"}
+    by_outcome = _blocks(store, tally)
+    taken = set(plc.accepted)
     tally.accepted = len(plc.accepted)
-    tally.unrecorded = len(set(plc.accepted) - recorded)
+    tally.unrecorded = len(taken - by_outcome["begun"])
+    tally.incomplete = len(taken - (by_outcome["committed"] & by_outcome["accepted"]))
+    tally.interrupted = len(by_outcome["interrupted"])
     tally.faults = plc.faults
     return tally
+
+
+async def _finish_in_order(plc: WatchedPlc, store: Path, folder: Path, tally: Tally) -> None:
+    """Run the daemon until the last block is on record, and stop it as a service is stopped."""
+    process = await _start(folder)
+    try:
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                recorded = _blocks(store, tally)["accepted"]
+                last = plc.accepted[-1:]
+                if set(last) <= recorded and _count(store) > 0:
+                    break
+                await asyncio.sleep(0.1)
+        process.terminate()
+        await asyncio.wait_for(process.wait(), PATIENCE)
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+
+
+async def _start(folder: Path) -> asyncio.subprocess.Process:
+    command = [sys.executable, "-m", "fieldlink.cli", "run", str(folder / "site.toml")]
+    with (folder / "daemon.log").open("ab") as log:
+        return await asyncio.create_subprocess_exec(*command, stdout=log, stderr=log)
 
 
 async def _live_and_die(
     plc: WatchedPlc, store: Path, folder: Path, chance: random.Random, tally: Tally
 ) -> Rows:
     """Run the daemon until its end; return what was in the store just before."""
-    command = [sys.executable, "-m", "fieldlink.cli", "run", str(folder / "site.toml")]
-    with (folder / "daemon.log").open("ab") as log:
-        process = await asyncio.create_subprocess_exec(*command, stdout=log, stderr=log)
+    process = await _start(folder)
     moment = asyncio.Event()
     wanted = chance.choice([None, FC16, FC6])
 
@@ -189,6 +222,15 @@ def _rows(store: Path, tally: Tally) -> Rows:
         return {name: db.execute(f"SELECT * FROM {name}").fetchall() for name in TABLES}
 
 
+def _blocks(store: Path, tally: Tally) -> dict[str, set[int]]:
+    """The sequence numbers in the store by the outcome of their rows."""
+    found: dict[str, set[int]] = defaultdict(set)
+    for row in _rows(store, tally)["writebacks"]:
+        if row[5] is not None:
+            found[row[3]].add(row[5])
+    return found
+
+
 def main() -> None:
     """Run, print, keep."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
@@ -207,7 +249,7 @@ def main() -> None:
     for fault in tally.faults[:10]:
         print(fault)
     keep(options.out, "kills", text, figures | {"machine": machine()})
-    if tally.lost or tally.damaged or tally.faults:
+    if tally.lost or tally.damaged or tally.faults or tally.unrecorded or tally.incomplete:
         raise SystemExit(1)
 
 

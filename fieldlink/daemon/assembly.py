@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 
 from fieldlink.daemon.clock_watch import ClockWatch
 from fieldlink.daemon.device import DeviceRunner
@@ -12,7 +13,7 @@ from fieldlink.daemon.pool import PoolReport
 from fieldlink.daemon.status import DaemonStatus
 from fieldlink.links import Clock, Link, open_link
 from fieldlink.site import Site
-from fieldlink.store import Record, StoreReport
+from fieldlink.store import Record, StoreReport, WritebackRecord
 
 __all__ = ["Assembly", "OpenLink"]
 
@@ -31,6 +32,7 @@ class Assembly:
         live: whether the clock goes by itself.
         links: makes the link of each device.
         watch: knows how the wall clock has stepped; None where none does.
+        keep: see `Journal`.
     """
 
     def __init__(
@@ -43,8 +45,9 @@ class Assembly:
         live: bool = True,
         links: OpenLink = open_link,
         watch: ClockWatch | None = None,
+        keep: Callable[[Record], Future[bool]] | None = None,
     ) -> None:
-        self.journal = Journal(put, clock)
+        self.journal = Journal(put, clock, keep)
         self._clock = clock
         self._read_only = read_only
         self._live = live
@@ -64,6 +67,12 @@ class Assembly:
             live=self._live,
             watch=self._watch,
         )
+
+    def resume(self, unfinished: Mapping[str, WritebackRecord]) -> None:
+        """Let the write-backs find out what became of blocks that a process before had begun."""
+        for loop, record in unfinished.items():
+            if (runner := self.runner_of(loop)) is not None:
+                runner.resume(loop, record)
 
     async def open(self) -> None:
         """Open every link.

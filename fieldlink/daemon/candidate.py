@@ -41,6 +41,27 @@ class Candidate:
         """What the block asks of its reader."""
         return STATUS_OF_VERDICT[self.findings.verdict]
 
+    @classmethod
+    def of_block(cls, block: ParameterBlock) -> Candidate:
+        """Return what a block was made of, as far as the block tells."""
+        findings = Findings(
+            verdict=block.verdict.name.lower(),
+            reasons=(),
+            score=block.evidence,
+            stick_band=_interval(block.stick_band),
+            slip_jump=_interval(block.slip_jump),
+            static_friction=_interval(block.static_friction),
+            dynamic_friction=_interval(block.dynamic_friction),
+            confidence=block.confidence,
+            r2=block.fit,
+            criterion="",
+            samples=block.samples,
+            seconds=0.0,
+            model=None,
+            document={},
+        )
+        return cls(findings, block.window_end_ms / 1000.0, block.windows)
+
     def block(self, loop_id: int, seq: int, valid_for: int) -> ParameterBlock:
         """Return the block to send.
 
@@ -104,6 +125,10 @@ def _bounded(interval: Interval) -> Bounded:
     low = min(interval.low, value) if math.isfinite(interval.low) else value
     high = max(interval.high, value) if math.isfinite(interval.high) else value
     return Bounded(value, max(0.0, low), high)
+
+
+def _interval(bounded: Bounded) -> Interval:
+    return Interval(bounded.value, bounded.low, bounded.high)
 
 
 def _finite(value: float) -> float:

@@ -34,6 +34,7 @@ from fieldlink.links import (
     SteppedLink,
 )
 from fieldlink.site import Loop, Site
+from fieldlink.store import WritebackRecord
 
 __all__ = ["DeviceRunner", "poll_period"]
 
@@ -136,6 +137,11 @@ class DeviceRunner:
         writeback = self._writebacks.get(loop)
         if writeback is not None and estimate.findings is not None:
             writeback.submit(estimate.findings, estimate.end_utc)
+
+    def resume(self, loop: str, record: WritebackRecord) -> None:
+        """Let a loop's write-back find out what became of a block that was begun before."""
+        if (writeback := self._writebacks.get(loop)) is not None:
+            writeback.resume(record)
 
     async def service(self, now: float) -> None:
         """Let the loops' write-backs do what is due at plant second ``now``."""
@@ -290,6 +296,7 @@ class DeviceRunner:
             read_only=read_only,
             pause=pause,
             report=partial(self._note_attempt, loop),
+            keep=partial(self._journal.begin, loop),
         )
 
 

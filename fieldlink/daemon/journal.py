@@ -7,6 +7,7 @@ second.
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 
 import structlog
 
@@ -29,6 +30,7 @@ _EXPECTED = frozenset(
         WritebackOutcome.READ_ONLY,
         WritebackOutcome.SUPERSEDED,
         WritebackOutcome.NOT_ENABLED,
+        WritebackOutcome.INTERRUPTED,
     }
 )
 
@@ -39,11 +41,19 @@ class Journal:
     Args:
         put: takes a record for the store; must not block a live daemon.
         clock: gives the time of day.
+        keep: takes a record and promises that it will be stored; None where nothing has to outlive
+            the process, as in a simulation.
     """
 
-    def __init__(self, put: Callable[[Record], object], clock: Clock) -> None:
+    def __init__(
+        self,
+        put: Callable[[Record], object],
+        clock: Clock,
+        keep: Callable[[Record], Future[bool]] | None = None,
+    ) -> None:
         self._put = put
         self._clock = clock
+        self._keep = keep
 
     def sample(self, record: SampleRecord) -> None:
         """Store a sample."""
@@ -89,6 +99,14 @@ class Journal:
             status=record.status,
             reason=record.reason,
         )
+
+    def begin(self, loop: str, attempt: Attempt) -> Future[bool]:
+        """Store an attempt before it is made; the promise says when and whether it is stored."""
+        if self._keep is not None:
+            return self._keep(attempt.record(loop, self._clock.utc()))
+        kept: Future[bool] = Future()
+        kept.set_result(True)
+        return kept
 
     def event(self, kind: str, source: str, message: str, *, bad: bool = False) -> None:
         """Log and store something that happened to ``source``."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from fieldlink.daemon.candidate import Candidate
@@ -15,6 +15,7 @@ __all__ = ["Attempt", "WritebackOutcome"]
 class WritebackOutcome(Enum):
     """The outcome of an attempt, or why there was none; the code is stored, with advice."""
 
+    BEGUN = ("begun", "what follows is written only after this row is stored")
     COMMITTED = ("committed", "waiting for the PLC to acknowledge")
     ACCEPTED = ("accepted", "the PLC has taken the block over")
     REJECTED = ("rejected", "see the PLC's result code")
@@ -34,11 +35,26 @@ class WritebackOutcome(Enum):
     WRITE_FAILED = ("write_failed", "nothing was committed; it is tried again later")
     READBACK_DIFFERS = ("readback_differs", "nothing was committed; look for a second writer")
     COMMIT_FAILED = ("commit_failed", "the PLC has the old or the new block; it is checked again")
+    INTERRUPTED = (
+        "interrupted",
+        "the daemon ended before the commit; the active block is as it was",
+    )
+    NOT_RECORDED = ("not_recorded", "it is written when the store can be written again")
     SUPERSEDED = ("superseded", "a newer estimate took its place before it was written")
 
     def __init__(self, code: str, advice: str) -> None:
         self.code = code
         self.advice = advice
+
+    @classmethod
+    def of(cls, code: str) -> WritebackOutcome:
+        """Return the outcome with a code, as it is stored."""
+        return cls[code.upper()]
+
+    @property
+    def leaves_open(self) -> bool:
+        """Whether a row with this outcome, if it is the last of a block, is not the whole story."""
+        return self in _LEAVES_OPEN
 
     @property
     def leaves_pending(self) -> bool:
@@ -46,8 +62,13 @@ class WritebackOutcome(Enum):
         return self in _LEAVES_PENDING
 
 
+_LEAVES_OPEN = frozenset(
+    {WritebackOutcome.BEGUN, WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED}
+)
+
 _LEAVES_PENDING = frozenset(
     {
+        WritebackOutcome.NOT_RECORDED,
         WritebackOutcome.TOO_SOON,
         WritebackOutcome.NOT_ENABLED,
         WritebackOutcome.UNREACHABLE,
@@ -78,6 +99,10 @@ class Attempt:
     bank: Bank | None = None
     bank_before: tuple[int, ...] | None = None
     active_before: tuple[int, ...] | None = None
+
+    def became(self, outcome: WritebackOutcome, reason: str) -> Attempt:
+        """Return the same attempt with another outcome."""
+        return replace(self, outcome=outcome, reason=reason)
 
     def record(self, loop: str, utc: float) -> WritebackRecord:
         """Return what to store; ``utc`` in seconds since 1970."""

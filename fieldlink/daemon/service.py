@@ -17,6 +17,7 @@ from fieldlink.daemon.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.assembly import Assembly
 from fieldlink.daemon.clock_watch import CHECK_EVERY, ClockWatch
 from fieldlink.daemon.device import DeviceRunner
+from fieldlink.daemon.outcomes import WritebackOutcome
 from fieldlink.daemon.pool import EstimatorPool, PoolReport, PoolSettings
 from fieldlink.daemon.reload import FileWatch, SiteChange
 from fieldlink.daemon.schedule import Schedule
@@ -26,7 +27,7 @@ from fieldlink.daemon.tasks import DeviceTasks, spawn, wait_for
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
 from fieldlink.site import Site, load_site
-from fieldlink.store import Historian, HistorianSettings
+from fieldlink.store import Historian, HistorianSettings, StoreError, unfinished_writebacks
 
 __all__ = ["Daemon"]
 
@@ -78,6 +79,7 @@ class Daemon:
             read_only=read_only,
             live=True,
             watch=self._clock_watch,
+            keep=self._historian.keep,
         )
         self._pool_settings = pool or pool_settings_of(site)
         self._pool: EstimatorPool | None = None
@@ -128,6 +130,7 @@ class Daemon:
         journal = self._assembly.journal
         self._historian.start(journal.event_record("daemon.start", "daemon", self._site.name))
         try:
+            await self._resume_writebacks()
             self._pool = EstimatorPool(self._pool_settings)
             try:
                 await self._assembly.open()
@@ -145,6 +148,18 @@ class Daemon:
         finally:
             await asyncio.to_thread(self._historian.stop)
         return self.status()
+
+    async def _resume_writebacks(self) -> None:
+        """Take up the blocks that a daemon before this one began and whose end is not stored."""
+        open_ones = [outcome.code for outcome in WritebackOutcome if outcome.leaves_open]
+        try:
+            unfinished = await asyncio.to_thread(
+                unfinished_writebacks, self._site.historian_url, open_ones
+            )
+        except StoreError as error:
+            self._assembly.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
+        else:
+            self._assembly.resume(unfinished)
 
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:

@@ -6,38 +6,37 @@ the PLC's acknowledgement, and makes at most one attempt:
 
     enable bit set? - minimum interval over? - more than the deadband away from the active block?
     nothing but another valve model while a sticky valve's model is in force?
-    write the inactive bank (one FC16) - read it back, once more if it differs - commit (one FC6)
+    store what is about to be written - once that is stored: write, read back, commit (`handover`)
 
-A step that fails ends the attempt and leaves the active bank as it was. Only the newest candidate
-waits. The sequence number goes on from the newest that PLC, banks or this process know. Times are
-plant seconds that the caller passes in; there is no clock here.
+Only the newest candidate waits. The sequence number goes on from the newest that PLC, banks, store
+or this process know. Times are plant seconds that the caller passes in; there is no clock here.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 from fieldlink.daemon.candidate import Agreement, Candidate
 from fieldlink.daemon.estimating import Findings
 from fieldlink.daemon.exchange import ControlWords, Exchange
+from fieldlink.daemon.handover import Handover
 from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
 from fieldlink.links import LinkError
 from fieldlink.registers import (
     ACCEPTED,
-    Bank,
     BlockError,
     ParameterBlock,
     Status,
     commit_word,
     describe_ack,
-    is_newer,
-    next_seq,
 )
 from fieldlink.site import WriteBack as WriteBackSettings
+from fieldlink.store import WritebackRecord
 
-__all__ = ["BEAT", "WriteBack"]
+__all__ = ["BEAT", "Receipt", "WriteBack"]
 
 BEAT = 2.0
 """Plant seconds between two looks at the exchange area; PLCs count a heartbeat dead after ten."""
@@ -49,14 +48,37 @@ RETRY = 30.0
 """Plant seconds after an attempt that failed before its commit, or the interval if that is less."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Banks:
-    """Both banks as read before a write."""
+RECORD_WAIT = 60.0
+"""Plant seconds after which it is said that a block waits for the store."""
 
-    target: Bank
-    target_words: tuple[int, ...]
-    active_words: tuple[int, ...]
-    active: ParameterBlock | None
+
+class Receipt(Protocol):
+    """The promise that a row will be in the store."""
+
+    def done(self) -> bool:
+        """Whether that has been settled."""
+        ...
+
+    def result(self) -> bool:
+        """Whether the row is there."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """An attempt whose row is on its way into the store, since a plant second."""
+
+    attempt: Attempt
+    receipt: Receipt
+    since: float
+
+
+@dataclass(slots=True)
+class _Awaited:
+    """An attempt that the PLC has to acknowledge, from its first look on until a plant second."""
+
+    attempt: Attempt
+    until: float | None = None
 
 
 class WriteBack:
@@ -69,6 +91,7 @@ class WriteBack:
         read_only: never write, whatever the settings say.
         pause: waits one scan of the PLC before a second read-back.
         report: called with every attempt and every decision.
+        keep: called with an attempt before anything of it is written; promises its row.
     """
 
     def __init__(
@@ -80,6 +103,7 @@ class WriteBack:
         read_only: bool,
         pause: Callable[[], Awaitable[None]],
         report: Callable[[Attempt], None],
+        keep: Callable[[Attempt], Receipt],
     ) -> None:
         if settings.loop_id is None:
             raise ValueError("write-back needs a loop_id; the site file's check asks for it")
@@ -87,14 +111,18 @@ class WriteBack:
         self._loop_id = settings.loop_id
         self._exchange = exchange
         self._read_only = read_only
-        self._pause = pause
+        self._handover = Handover(
+            exchange, loop_id=self._loop_id, valid_for=settings.valid_for, pause=pause
+        )
         self._report = report
+        self._keep = keep
         self._ack_wait = max(ACK_WAIT, 4.0 * period)
         self._agreement = Agreement()
         self._pending: Candidate | None = None
         self._said: WritebackOutcome | None = None
-        self._awaiting: tuple[Attempt, float] | None = None
-        self._last_seq = 0
+        self._begun: _Begun | None = None
+        self._awaited: _Awaited | None = None
+        self._left: Attempt | None = None
         self._written_at: float | None = None
         self._not_before = -math.inf
         self._next_beat: float | None = None
@@ -108,11 +136,15 @@ class WriteBack:
         """Go on where another write-back of the same loop was: its settings may have differed."""
         self._agreement = other._agreement
         self._pending, self._said = other._pending, other._said
-        self._awaiting = other._awaiting
-        self._last_seq = other._last_seq
+        self._begun, self._awaited, self._left = other._begun, other._awaited, other._left
+        self._handover.last_seq = other._handover.last_seq
         self._written_at = other._written_at
         self._not_before = other._not_before
         self._next_beat = other._next_beat
+
+    def resume(self, record: WritebackRecord) -> None:
+        """Find out at the next look what became of a block that a process before this had begun."""
+        self._left = self._handover.recall(record)
 
     def submit(self, findings: Findings, end_utc: float) -> None:
         """Judge new findings; what passes waits for its turn and takes the place of what waited."""
@@ -141,9 +173,13 @@ class WriteBack:
         except LinkError as error:
             self._wait(WritebackOutcome.UNREACHABLE, str(error))
             raise
+        if self._left is not None:
+            await self._look_back(self._left, control, now)
         self._look_for_ack(control, now)
-        if self._pending is not None and self._awaiting is None:
+        if self._begun is None and self._awaited is None and self._pending is not None:
             await self._try(self._pending, control, now)
+        if self._begun is not None:
+            await self._go_on(self._begun, control, now)
         return True
 
     def _judge(self, candidate: Candidate) -> Attempt | None:
@@ -176,7 +212,7 @@ class WriteBack:
             self._wait(WritebackOutcome.TOO_SOON, f"{self._not_before - now:.0f} s left")
             return
         try:
-            banks = await self._read_banks(control)
+            banks = await self._handover.banks(control)
         except LinkError as error:
             self._wait(WritebackOutcome.UNREACHABLE, str(error))
             return
@@ -200,28 +236,49 @@ class WriteBack:
                 )
             )
             return
-        attempt = await self._write(candidate, control, banks)
+        attempt = self._handover.plan(candidate, control, banks)
+        self._begun = _Begun(attempt, self._keep(attempt), now)
+        self._pending = None
+
+    async def _go_on(self, begun: _Begun, control: ControlWords, now: float) -> None:
+        """Write what was begun once its row is in the store."""
+        attempt = begun.attempt
+        if not begun.receipt.done():
+            if now - begun.since > RECORD_WAIT:
+                self._say(WritebackOutcome.NOT_RECORDED, "its row is not stored yet", attempt)
+            return
+        self._begun = None
+        if not begun.receipt.result():
+            done = attempt.became(WritebackOutcome.NOT_RECORDED, "the store did not take its row")
+        elif not control.enabled:
+            done = attempt.became(
+                WritebackOutcome.NOT_ENABLED, f"enable register is {control.enable}"
+            )
+        elif control.inactive_bank is not attempt.bank:
+            done = attempt.became(
+                WritebackOutcome.READBACK_DIFFERS, "the PLC has changed its bank meanwhile"
+            )
+        else:
+            done = await self._handover.carry_out(attempt)
         interval = self._settings.min_interval
-        if attempt.outcome in (WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED):
-            self._awaiting = (attempt, now + self._ack_wait)
+        if done.outcome in (WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED):
+            self._awaited = _Awaited(done)
             self._not_before = now + interval
         else:
             self._not_before = now + min(interval, RETRY)
-        self._settle(attempt)
+        if done.outcome.leaves_pending and self._pending is None:
+            self._pending, self._said = attempt.candidate, done.outcome
+        self._report(done)
 
-    async def _read_banks(self, control: ControlWords) -> _Banks:
-        target = control.inactive_bank
-        active_words = await self._exchange.bank(target.other)
-        target_words = await self._exchange.bank(target)
-        active = self._exchange.decode(active_words)
-        for known in (active, self._exchange.decode(target_words)):
-            if known is not None and is_newer(known.seq, self._last_seq):
-                self._last_seq = known.seq
-        if control.ack_seq and is_newer(control.ack_seq, self._last_seq):
-            self._last_seq = control.ack_seq
-        if active is not None and active.seq != control.ack_seq:
-            active = None
-        return _Banks(target, target_words, active_words, active)
+    async def _look_back(self, left: Attempt, control: ControlWords, now: float) -> None:
+        """Complete the record of what a process before this one had begun."""
+        found = await self._handover.look_back(left, control)
+        self._left = None
+        if found.outcome is WritebackOutcome.COMMITTED:
+            self._awaited = _Awaited(found)
+            self._not_before = now + self._settings.min_interval
+        if found.outcome is not left.outcome:
+            self._report(found)
 
     def _is_unchanged(
         self, candidate: Candidate, active: ParameterBlock | None, now: float
@@ -248,76 +305,46 @@ class WriteBack:
             return False
         return now - (self._written_at or 0.0) <= active.valid_for
 
-    async def _write(self, candidate: Candidate, control: ControlWords, banks: _Banks) -> Attempt:
-        seq = next_seq(self._last_seq)
-        block = candidate.block(self._loop_id, seq, self._settings.valid_for)
-        words = tuple(self._exchange.encode(block))
-        attempt = Attempt(
-            WritebackOutcome.COMMITTED,
-            f"{control.commit:#06x} was committed before",
-            candidate,
-            block,
-            words,
-            banks.target,
-            banks.target_words,
-            banks.active_words,
-        )
-        self._last_seq = seq
-        try:
-            await self._exchange.write_bank(banks.target, words)
-            back = await self._exchange.bank(banks.target)
-            if back != words:
-                await self._pause()
-                back = await self._exchange.bank(banks.target)
-        except LinkError as error:
-            return replace(attempt, outcome=WritebackOutcome.WRITE_FAILED, reason=str(error))
-        if back != words:
-            differing = [i for i, (a, b) in enumerate(zip(words, back, strict=True)) if a != b]
-            return replace(
-                attempt,
-                outcome=WritebackOutcome.READBACK_DIFFERS,
-                reason=f"{len(differing)} registers differ, the first at offset {differing[0]}",
-            )
-        try:
-            await self._exchange.commit(banks.target, seq)
-        except LinkError as error:
-            return replace(attempt, outcome=WritebackOutcome.COMMIT_FAILED, reason=str(error))
-        return attempt
-
     def _look_for_ack(self, control: ControlWords, now: float) -> None:
-        if self._awaiting is None:
+        if self._awaited is None:
             return
-        attempt, until = self._awaiting
+        attempt = self._awaited.attempt
         assert attempt.block is not None
         assert attempt.bank is not None
+        if self._awaited.until is None:
+            self._awaited.until = now + self._ack_wait
         committed = commit_word(attempt.bank, attempt.block.seq)
         if control.ack_seq == attempt.block.seq and control.ack_result == ACCEPTED:
             self._written_at = now
             # What a failed commit left waiting has arrived after all.
             if self._pending is attempt.candidate:
                 self._pending = None
-            self._finish(replace(attempt, outcome=WritebackOutcome.ACCEPTED, reason=""))
+            self._finish(attempt.became(WritebackOutcome.ACCEPTED, ""))
         elif control.ack_commit == committed and control.ack_result != ACCEPTED:
-            reason = describe_ack(control.ack_result)
-            self._finish(replace(attempt, outcome=WritebackOutcome.REJECTED, reason=reason))
-        elif now >= until:
             self._finish(
-                replace(
-                    attempt,
-                    outcome=WritebackOutcome.NOT_ACKNOWLEDGED,
-                    reason=f"ack_seq is {control.ack_seq} after {self._ack_wait:g} s",
+                attempt.became(WritebackOutcome.REJECTED, describe_ack(control.ack_result))
+            )
+        elif now >= self._awaited.until:
+            self._finish(
+                attempt.became(
+                    WritebackOutcome.NOT_ACKNOWLEDGED,
+                    f"ack_seq is {control.ack_seq} after {self._ack_wait:g} s",
                 )
             )
 
     def _finish(self, attempt: Attempt) -> None:
-        self._awaiting = None
+        self._awaited = None
         self._report(attempt)
 
     def _wait(self, outcome: WritebackOutcome, reason: str) -> None:
         """Say once a candidate why it waits."""
-        if self._pending is not None and self._said is not outcome:
+        if self._pending is not None:
+            self._say(outcome, reason, Attempt(outcome, reason, self._pending))
+
+    def _say(self, outcome: WritebackOutcome, reason: str, attempt: Attempt) -> None:
+        if self._said is not outcome:
             self._said = outcome
-            self._report(Attempt(outcome, reason, self._pending))
+            self._report(attempt.became(outcome, reason))
 
     def _settle(self, attempt: Attempt) -> None:
         if not attempt.outcome.leaves_pending and self._pending is attempt.candidate:

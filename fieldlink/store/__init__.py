@@ -21,6 +21,7 @@ from fieldlink.store.records import (
     SlotRecord,
     WritebackRecord,
 )
+from fieldlink.store.unfinished import unfinished_writebacks
 
 __all__ = [
     "EXPORTED_TABLES",
@@ -45,4 +46,5 @@ __all__ = [
     "read_samples",
     "read_slots",
     "read_writebacks",
+    "unfinished_writebacks",
 ]

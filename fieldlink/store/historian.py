@@ -14,6 +14,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 
 import structlog
@@ -107,6 +108,7 @@ class Historian:
         self._lock = threading.Lock()
         self._written = self._dropped = self._retries = self._in_hand = 0
         self._set_aside = self._removed = 0
+        self._receipts: dict[int, Future[bool]] = {}
         self._last_error = ""
         self._failing = False
         self._overflowing_since: int | None = None
@@ -154,6 +156,14 @@ class Historian:
             self._overflowing_since = None
             self._note_loss(self._dropped - since)
         return True
+
+    def keep(self, record: Record) -> Future[bool]:
+        """Hand over a record; the promise becomes True when it is stored, False when it is lost."""
+        receipt: Future[bool] = Future()
+        self._receipts[id(record)] = receipt
+        if not self.put(record):
+            self._settle([record], stored=False)
+        return receipt
 
     def tidy(self) -> None:
         """Let the retention be applied soon, between two batches; returns at once."""
@@ -243,12 +253,14 @@ class Historian:
                 failed = True
                 if time.monotonic() >= self._deadline:
                     self._drop(len(batch))
+                    self._settle(batch, stored=False)
                     break
                 self._pause()
                 continue
             with self._lock:
                 self._written += written
                 self._failing = False
+            self._settle(batch, stored=True)
             if failed:
                 _log.info("store.writable_again", retries=self._retries)
             break
@@ -259,6 +271,7 @@ class Historian:
     def _write_singly(self, engine: Engine, batch: Sequence[Record]) -> Engine:
         if len(batch) == 1:
             self._drop(1)
+            self._settle(batch, stored=False)
             with self._lock:
                 self._failing = False
             return engine
@@ -342,6 +355,15 @@ class Historian:
         message = f"{lost} records were lost while the store could not be written"
         _log.error("store.overflow_over", lost=lost, error=self._last_error)
         self.put(EventRecord(_now_ms(), "store.lost", "store", f"{message}: {self._last_error}"))
+
+    def _settle(self, batch: Sequence[Record], *, stored: bool) -> None:
+        """Keep the promises made for records; identity tells them, their batch holds them."""
+        if not self._receipts:
+            return
+        for record in batch:
+            receipt = self._receipts.pop(id(record), None)
+            if receipt is not None:
+                receipt.set_result(stored)
 
     def _drop(self, count: int) -> None:
         with self._lock:

@@ -12,6 +12,7 @@ import pytest
 from fieldlink.daemon.estimating import Findings, Interval
 from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState
 from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.daemon.bench import Bench, benches
 
 HELPER = Path(__file__).resolve().parents[1] / "links" / "fake_device.py"
 LAYOUT = ExchangeLayout.at(100)
@@ -113,3 +114,11 @@ def _findings(
 @pytest.fixture
 def findings() -> Callable[..., Findings]:
     return _findings
+
+
+@pytest.fixture
+async def bench(
+    device: Any, plc: PlcProgram, layout: ExchangeLayout
+) -> AsyncIterator[Callable[..., Bench]]:
+    async with benches(device, plc, layout) as make:
+        yield make

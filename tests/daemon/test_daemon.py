@@ -245,8 +245,8 @@ async def test_findings_reach_the_plcs_block(device: Any, plc: Any, tmp_path: Pa
     assert last.words is not None
     assert decode_block(last.words) == block
     stored = read_writebacks(site.historian_url, "PLC")
-    assert stored["outcome"].tolist()[:2] == ["committed", "accepted"]
-    assert stored["words"][0] == list(last.words)
+    assert stored["outcome"].tolist()[:3] == ["begun", "committed", "accepted"]
+    assert stored["words"][0] == stored["words"][1] == list(last.words)
 
 
 async def test_read_only_overrides_the_site_file(device: Any, plc: Any, tmp_path: Path) -> None:

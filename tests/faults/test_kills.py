@@ -19,3 +19,4 @@ def test_a_daemon_that_is_killed_loses_nothing_that_was_stored(tmp_path: Path) -
     assert (tally.after_bank, tally.after_commit) == (1, 1)
     # What was committed before the kill is taken by the PLC after it.
     assert tally.accepted >= 1
+    assert (tally.unrecorded, tally.incomplete) == (0, 0)

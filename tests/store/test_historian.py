@@ -26,6 +26,7 @@ from fieldlink.store import (
     read_samples,
     read_slots,
     read_writebacks,
+    unfinished_writebacks,
 )
 
 NOON_MS = 1_795_262_400_000
@@ -262,3 +263,21 @@ def test_another_schema_is_refused(url: str) -> None:
 def test_reading_needs_a_historian(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="there is no historian"):
         read_samples(f"sqlite:///{tmp_path}/none.sqlite")
+
+
+def test_a_promise_is_kept_when_the_row_is_stored(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    historian = Historian(url, HistorianSettings(linger=0.01))
+    historian.start(EventRecord(NOON_MS, "start", "test", ""))
+    row = WritebackRecord("FC101", NOON_MS, "begun", "", seq=3, bank="A", words=(1, 2))
+    assert historian.keep(row).result(30.0)
+    assert unfinished_writebacks(url, ["begun"]) == {"FC101": replace(row, words=[1, 2])}
+    assert historian.keep(replace(row, outcome="accepted")).result(30.0)
+    assert historian.keep(replace(row, outcome="too_soon", seq=None)).result(30.0)
+    assert unfinished_writebacks(url, ["begun"]) == {}
+    historian.stop()
+
+
+def test_a_promise_is_broken_when_there_is_no_room(tmp_path: Path) -> None:
+    historian = Historian(f"sqlite:///{tmp_path / 'history.sqlite'}", HistorianSettings(queue=0))
+    assert not historian.keep(WritebackRecord("FC101", NOON_MS, "begun", "")).result(1.0)

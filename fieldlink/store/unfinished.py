@@ -1,0 +1,39 @@
+"""What the last block of every loop came to, where its last row leaves that open."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from sqlalchemy import func, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.errors import StoreError
+from fieldlink.store.records import WritebackRecord
+from fieldlink.store.schema import WRITEBACKS
+
+__all__ = ["unfinished_writebacks"]
+
+
+def unfinished_writebacks(url: str, outcomes: Collection[str]) -> dict[str, WritebackRecord]:
+    """Return, by loop, the last row with a sequence number, where its outcome is one of these.
+
+    Raises:
+        StoreError: the historian cannot be read.
+    """
+    c = WRITEBACKS.c
+    last = select(func.max(c.id)).where(c.seq.is_not(None)).group_by(c.loop)
+    query = select(WRITEBACKS).where(c.id.in_(last), c.outcome.in_(outcomes))
+    engine = open_for_reading(url)
+    try:
+        with engine.connect() as connection:
+            rows = [dict(row) for row in connection.execute(query).mappings()]
+    except SQLAlchemyError as error:
+        raise StoreError(
+            f"the write-backs in {shown(url)} cannot be read: {cause_of(error)}"
+        ) from error
+    finally:
+        engine.dispose()
+    for row in rows:
+        del row["id"]
+    return {row["loop"]: WritebackRecord(**row) for row in rows}

@@ -1,0 +1,136 @@
+"""What the write-back does when a step fails: nothing half done, and tried again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from fieldlink.daemon.estimating import Findings
+from fieldlink.daemon.outcomes import WritebackOutcome
+from fieldlink.registers import (
+    BLOCK_REGISTERS,
+    Bank,
+    BlockLimits,
+    BlockReader,
+    ExchangeLayout,
+)
+from tests.daemon.bench import Bench
+
+Make = Callable[..., Findings]
+
+
+def bank_of(device: Any, layout: ExchangeLayout, bank: Bank) -> list[int]:
+    start = layout.bank_address(bank)
+    return list(device.words[start : start + BLOCK_REGISTERS])
+
+
+async def test_a_corrupted_read_back_is_never_committed(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+    await b.write(findings(5.0))
+    active = bank_of(device, layout, Bank.B)
+    commit = device.words[layout.commit]
+    device.after_write = lambda: device.words.__setitem__(layout.bank_a + 20, 0xDEAD)
+    b.submit(findings(6.0))
+    await b.seconds(3)
+    assert b.outcomes[-1] is WritebackOutcome.READBACK_DIFFERS
+    assert "offset 20" in b.said[-1].reason
+    assert bank_of(device, layout, Bank.B) == active
+    assert device.words[layout.commit] == commit
+    assert b.plc.state.in_force.stick_band.value == 5.0
+
+    device.after_write = None
+    await b.seconds(40)
+    assert b.outcomes[-2:] == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
+    assert b.plc.state.in_force.stick_band.value == 6.0
+
+
+async def test_a_read_back_is_repeated_after_a_scan_before_it_counts(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    right: list[int] = []
+
+    def not_yet() -> None:
+        if device.writes[-1][0] == 16:
+            right.append(device.words[layout.bank_b + 5])
+            device.words[layout.bank_b + 5] ^= 1
+
+    async def a_scan_later() -> None:
+        device.words[layout.bank_b + 5] = right[-1]
+
+    device.after_write = not_yet
+    b = bench(pause=a_scan_later)
+    b.submit(findings())
+    await b.seconds(5)
+    assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
+
+
+async def test_a_refused_write_changes_nothing_and_is_tried_later(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench(min_interval=0.0)
+    b.submit(findings())
+    real = device._answer
+
+    def refuse_block(body: bytes) -> bytes:
+        return bytes([0x90, 4]) if body[0] == 16 else bytes(real(body))
+
+    device._answer = refuse_block
+    await b.seconds(1)
+    assert b.outcomes == [WritebackOutcome.WRITE_FAILED]
+    assert "exception 4" in b.said[0].reason
+    assert device.words[layout.commit] == 0
+    device._answer = real
+    await b.seconds(5)
+    assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+
+
+async def test_a_commit_without_an_answer_is_settled_by_the_acknowledgement(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+
+    def lose_answer(frame: bytes) -> bytes:
+        lost = device.requests[-1][:2] == (6, layout.commit)
+        return b"" if lost else frame
+
+    device.tamper = lose_answer
+    b.submit(findings())
+    await b.seconds(5)
+    assert b.outcomes == [WritebackOutcome.COMMIT_FAILED, WritebackOutcome.ACCEPTED]
+    assert [a for f, a, _ in device.writes if f == 16] == [layout.bank_b]
+
+
+async def test_a_rejection_names_the_plcs_reason(
+    bench: Callable[..., Bench], findings: Make, plc: Any
+) -> None:
+    plc.reader = BlockReader(101, limits=BlockLimits(stick_band=(0.0, 3.0)))
+    b = bench()
+    b.submit(findings(7.0))
+    await b.seconds(5)
+    assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.REJECTED]
+    assert "outside its range" in b.said[-1].reason
+
+
+async def test_a_plc_that_does_not_acknowledge_is_reported(
+    bench: Callable[..., Bench], findings: Make
+) -> None:
+    b = bench()
+    b.submit(findings())
+    await b.seconds(15, scanning=False)
+    assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.NOT_ACKNOWLEDGED]
+
+
+async def test_findings_wait_while_the_device_is_away(
+    bench: Callable[..., Bench], findings: Make, device: Any
+) -> None:
+    b = bench()
+    await device.stop()
+    b.submit(findings())
+    await b.seconds(6)
+    assert b.outcomes == [WritebackOutcome.UNREACHABLE]
+    assert b.errors
+    await device.start()
+    await b.seconds(6)
+    assert b.outcomes[1:] == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
