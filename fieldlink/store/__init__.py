@@ -3,7 +3,7 @@
 from fieldlink.store.backup import Backup, back_up
 from fieldlink.store.errors import StoreError
 from fieldlink.store.export import EXPORTED_TABLES, Export, export
-from fieldlink.store.historian import Historian, HistorianSettings, StoreReport
+from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.queries import (
     read_averages,
@@ -21,6 +21,7 @@ from fieldlink.store.records import (
     SlotRecord,
     WritebackRecord,
 )
+from fieldlink.store.reports import HistorianSettings, StoreReport
 from fieldlink.store.unfinished import unfinished_writebacks
 
 __all__ = [

@@ -4,7 +4,8 @@ Records go into a bounded queue and reach the database in batches, one transacti
 database cannot be written, the batch is kept and tried again; when the queue is full meanwhile, the
 newest samples are dropped, counted and said. Estimates, write-backs and events have room of their
 own at the end of the queue, because they are few and the record of what was done to a plant. A file
-that turns out to be damaged is set aside, and a new one begun.
+that turns out to be damaged is set aside, and a new one begun; so it is when the file is found to
+be gone, and what was written last is written again.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
 
 import structlog
 from sqlalchemy import Engine, insert
@@ -25,61 +25,16 @@ from fieldlink.store.damage import is_corruption, set_aside
 from fieldlink.store.database import cause_of, file_of, open_for_writing
 from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.housekeeping import Housekeeping, Retention
+from fieldlink.store.presence import Presence
 from fieldlink.store.records import EventRecord, Record, SampleRecord
+from fieldlink.store.reports import HistorianSettings, StoreReport
 
-__all__ = ["Historian", "HistorianSettings", "StoreReport"]
+__all__ = ["Historian"]
 
 _log = structlog.get_logger(__name__)
 
 TIDY_TIME = 0.1
 """Seconds that housekeeping may take between two batches."""
-
-
-@dataclass(frozen=True, slots=True)
-class HistorianSettings:
-    """How much to hold and how patient to be.
-
-    Attributes:
-        queue: records that may wait; samples may fill nine tenths of it.
-        batch: the most records in one transaction.
-        linger: seconds to wait for more records before a batch is written.
-        retry: seconds between attempts while the database cannot be written.
-        busy_timeout: seconds one attempt waits for another program's lock.
-        flush: seconds that stopping may take.
-    """
-
-    queue: int = 200_000
-    batch: int = 2_000
-    linger: float = 0.2
-    retry: float = 1.0
-    busy_timeout: float = 5.0
-    flush: float = 20.0
-
-
-@dataclass(frozen=True, slots=True)
-class StoreReport:
-    """What became of the records so far.
-
-    Attributes:
-        written: rows in the database.
-        dropped: records lost because the queue was full, a row was refused, or stopping took too
-            long.
-        waiting: records in the queue.
-        retries: attempts that failed and were repeated.
-        last_error: the last failure's text, empty when there was none.
-        failing: whether the newest attempt to write failed.
-        set_aside: damaged files that were replaced.
-        removed: rows that the retention removed.
-    """
-
-    written: int = 0
-    dropped: int = 0
-    waiting: int = 0
-    retries: int = 0
-    last_error: str = ""
-    failing: bool = False
-    set_aside: int = 0
-    removed: int = 0
 
 
 class Historian:
@@ -107,7 +62,8 @@ class Historian:
         self._samples_stop_at = int(0.9 * self._settings.queue)
         self._lock = threading.Lock()
         self._written = self._dropped = self._retries = self._in_hand = 0
-        self._set_aside = self._removed = 0
+        self._set_aside = self._removed = self._gone = 0
+        self._presence: Presence | None = None
         self._receipts: dict[int, Future[bool]] = {}
         self._last_error = ""
         self._failing = False
@@ -125,7 +81,7 @@ class Historian:
             StoreError: see `open_for_writing`.
         """
         try:
-            engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
+            engine = self._open(opened)
         except StoreCorruptError as error:
             engine = self._begin_anew(str(error.__cause__), opened)
         self._written += 1
@@ -186,6 +142,7 @@ class Historian:
                 self._failing,
                 self._set_aside,
                 self._removed,
+                self._gone,
             )
 
     def stop(self) -> StoreReport:
@@ -239,23 +196,31 @@ class Historian:
         failed = False
         while True:
             try:
+                if self._presence is not None and (what := self._presence.lost()):
+                    engine = self._go_on_without(engine, self._presence, what)
                 written = _insert(engine, batch)
+                if self._presence is not None and self._presence.lost():
+                    # It went into a file that nobody will find.
+                    continue
+            except StoreError as error:
+                self._note_failure(str(error), first=not failed)
+                failed = True
+                if self._give_up(batch):
+                    break
+                continue
             except SQLAlchemyError as error:
                 if is_corruption(error) and (anew := self._replace(engine, error)) is not None:
                     engine = anew
                     continue
                 if not _may_pass(error):
                     # Not the database but a record is wrong: the others must not suffer.
-                    self._note_failure(error, first=True)
+                    self._note_failure(cause_of(error), first=True)
                     engine = self._write_singly(engine, batch)
                     break
-                self._note_failure(error, first=not failed)
+                self._note_failure(cause_of(error), first=not failed)
                 failed = True
-                if time.monotonic() >= self._deadline:
-                    self._drop(len(batch))
-                    self._settle(batch, stored=False)
+                if self._give_up(batch):
                     break
-                self._pause()
                 continue
             with self._lock:
                 self._written += written
@@ -279,11 +244,17 @@ class Historian:
             engine = self._write(engine, [record])
         return engine
 
-    def _pause(self) -> None:
+    def _give_up(self, batch: Sequence[Record]) -> bool:
+        """Wait for the next attempt; True when there is no time left for one."""
+        if time.monotonic() >= self._deadline:
+            self._drop(len(batch))
+            self._settle(batch, stored=False)
+            return True
         if self._stopping.is_set():
             time.sleep(min(self._settings.retry, 0.05))
         else:
             self._stopping.wait(self._settings.retry)
+        return False
 
     def _tidy(self, engine: Engine) -> Engine:
         """Go on with the sweep that is under way, for a moment; begin one when it is due."""
@@ -304,7 +275,7 @@ class Historian:
         except SQLAlchemyError as error:
             # The next sweep begins where this one ended.
             self._sweep = None
-            self._note_failure(error, first=True)
+            self._note_failure(cause_of(error), first=True)
             if is_corruption(error):
                 return self._replace(engine, error) or engine
             with self._lock:
@@ -325,6 +296,32 @@ class Historian:
             _log.error("store.cannot_be_replaced", error=str(problem))
             return None
 
+    def _open(self, opened: EventRecord) -> Engine:
+        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
+        file = file_of(self._url)
+        self._presence = None if file is None else Presence(file)
+        return engine
+
+    def _go_on_without(self, engine: Engine, presence: Presence, what: str) -> Engine:
+        """Open what is there under the file's name now, or begin a new one."""
+        self._sweep = None
+        presence.let_go(engine)
+        file = file_of(self._url)
+        message = (
+            f"{file} {what} while it was written; what was in it is where it is now, and the "
+            "historian goes on here"
+        )
+        opened = EventRecord(_now_ms(), "store.gone", "store", message)
+        try:
+            anew = self._open(opened)
+        except StoreCorruptError as error:
+            anew = self._begin_anew(str(error.__cause__), opened)
+        with self._lock:
+            self._gone += 1
+            self._written += 1
+        _log.error("store.gone", file=str(file), what=what)
+        return anew
+
     def _begin_anew(self, cause: str, opened: EventRecord) -> Engine:
         file = file_of(self._url)
         assert file is not None
@@ -333,7 +330,7 @@ class Historian:
             f"{file.name} is damaged ({cause}) and was set aside as {aside.name}; a new historian "
             "has begun. sqlite3's .recover may save what is in the old one"
         )
-        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
+        engine = self._open(opened)
         with self._lock:
             self._set_aside += 1
             self._last_error = cause
@@ -341,8 +338,7 @@ class Historian:
         self.put(EventRecord(_now_ms(), "store.set_aside", "store", message))
         return engine
 
-    def _note_failure(self, error: SQLAlchemyError, *, first: bool) -> None:
-        cause = cause_of(error)
+    def _note_failure(self, cause: str, *, first: bool) -> None:
         with self._lock:
             self._retries += 1
             self._last_error = cause

@@ -153,6 +153,11 @@ def _of_the_store(status: DaemonStatus) -> Iterator[Metric]:
         CounterMetricFamily(
             "fieldlink_store_set_aside", "Damaged files that were replaced.", store.set_aside
         ),
+        CounterMetricFamily(
+            "fieldlink_store_gone",
+            "Times the store's file was found deleted, moved or replaced.",
+            store.gone,
+        ),
         GaugeMetricFamily("fieldlink_store_waiting", "Records that wait.", store.waiting),
         GaugeMetricFamily(
             "fieldlink_store_failing", "1 while the store cannot be written.", store.failing
