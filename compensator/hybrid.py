@@ -24,9 +24,10 @@ from compensator.action import (
     require_finite,
     require_not_negative,
 )
+from compensator.belief import FRICTION, GAIN, Belief
 from compensator.moves import MovePlan, MovePlanner, Ramp
 from compensator.prediction import NoiseModel, Prediction
-from compensator.stem import FRICTION, Belief, StemTracker, TrackerSettings
+from compensator.stem import StemTracker, TrackerSettings
 from compensator.tracking import NOISE_KINDS, TrackerBank
 from loop_model import LoopModel, ValveModel
 
@@ -51,7 +52,8 @@ class HybridSettings:
             even if the static friction is somewhat above its estimate.
         overshoot: how far beyond its final position the stem may go for speed, as a share of the
             way there. The farther, the more the plan relies on the fast part of the process model.
-        spread: relative uncertainty of fS (that of fD is taken as half of it).
+        spread: relative uncertainty of fS and of fD.
+        gain_spread: relative uncertainty of the process gain.
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
         noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
@@ -66,6 +68,7 @@ class HybridSettings:
     slip_margin: float = 0.2
     overshoot: float = 0.5
     spread: float = 0.1
+    gain_spread: float = 0.1
     offset_memory: float = 2.0
     noise: NoiseModel | None = None
 
@@ -79,6 +82,7 @@ class HybridSettings:
             slip_margin=self.slip_margin,
             overshoot=self.overshoot,
             spread=self.spread,
+            gain_spread=self.gain_spread,
         )
 
     def with_limits(self, limits: OpLimits) -> HybridSettings:
@@ -105,7 +109,13 @@ class HybridMpc:
         self.planner = MovePlanner(self.prediction, self.settings.horizon)
         noise = self.settings.noise
         noises = NOISE_KINDS if noise is None else (noise,)
-        tracking = TrackerSettings(noises[0], self.settings.spread, self.settings.offset_memory)
+        s = self.settings
+        tracking = TrackerSettings(
+            noises[0],
+            spread=s.spread,
+            gain_spread=s.gain_spread,
+            offset_memory=s.offset_memory,
+        )
         self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
         self._reach = self.require_reachable(model.valve)
         self._op = math.nan
@@ -218,7 +228,7 @@ class HybridMpc:
     def _stem_for(self, belief: Belief, change: float, direction: float) -> float:
         """Return the stem position that changes the process's drive by ``change``."""
         turned = belief.errors[FRICTION] * (direction - belief.direction)
-        return belief.stem + float(change - turned)
+        return float(belief.stem + (change - turned) / (1.0 + belief.errors[GAIN]))
 
     def _slipping(self, belief: Belief, change: float) -> float:
         """Return the stem position for a change of the drive.
@@ -228,7 +238,7 @@ class HybridMpc:
         """
         side = math.copysign(1.0, change)
         position = self._stem_for(belief, change, side)
-        if math.isfinite(belief.survived):
+        if math.isfinite(belief.tested):
             least = self._smallest_move(belief)
             return belief.stem + side * max(side * (position - belief.stem), least)
         return position
@@ -236,24 +246,27 @@ class HybridMpc:
     def _change_for(self, belief: Belief, position: float, direction: float) -> float:
         """Return the change of the process's drive that a stem position makes."""
         turned = belief.errors[FRICTION] * (direction - belief.direction)
-        return float(position - belief.stem + turned)
+        return float((position - belief.stem) * (1.0 + belief.errors[GAIN]) + turned)
 
     def plan(self, sp: float) -> MovePlan:
         """Return the best plan from the present belief for the set-point ``sp``."""
         tracker, s = self.tracker, self.settings
         belief = tracker.best
         error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - sp
+        # The planner moves the process's drive; the stem moves it by a gain known a little better.
+        gain = 1.0 + float(belief.errors[GAIN])
         smallest = self._smallest_move(belief)
+        ramp = self._ramp(belief, smallest)
         move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         way = wanted - tracker.drive(belief)
-        beyond = smallest + s.overshoot * abs(way)
+        beyond = gain * smallest + s.overshoot * abs(way)
         reach = (
             max(self._change_for(belief, self._reach[0], -1.0), min(0.0, way) - beyond),
             min(self._change_for(belief, self._reach[1], 1.0), max(0.0, way) + beyond),
         )
-        ramp = self._ramp(belief, smallest)
-        return self.planner.plan(error, reach, smallest, move_cost, travel_cost, ramp)
+        ramp = replace(ramp, largest=gain * ramp.largest)
+        return self.planner.plan(error, reach, gain * smallest, move_cost, travel_cost, ramp)
 
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""

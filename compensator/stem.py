@@ -9,11 +9,12 @@ agree: after it the position is ``OP -/+ fD``, whatever it was before. The frict
 needs is taken as normal around fS; a hypothesis that has survived a command knows that it needs
 more than that command.
 
-What is wrong in the parameters is learnt with the state, as two more unknowns of the filter. What
-drives the process is ``x + m + w d``, with ``m`` the load (the offset-free disturbance), ``d`` the
-direction of the last slip and ``w`` the error of fD, which turns its sign with the direction:
-without it a wrong fD makes the loop hunt between two positions. Their covariance is followed in
-time; it is that of the best hypothesis, the others share it.
+What is wrong in the parameters is learnt with the state, as three more unknowns of the filter.
+What drives the process is ``x + m``, with ``m`` the load (the offset-free disturbance). A slip of
+the stem by ``s`` changes ``m`` by ``w t + g s``: ``w`` is the error of fD, which counts where the
+direction turns by ``t`` (without it a wrong fD makes the loop hunt between two positions), ``g``
+the relative error of the process gain. At rest they cannot be seen and stay what they are. Their
+covariance is followed in time; it is that of the best hypothesis, the others share it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chance_of_rest
+from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power
 from compensator.prediction import NoiseModel, Prediction, settling_samples
 from loop_model import ValveModel
@@ -33,8 +36,6 @@ __all__ = ["Belief", "StemTracker", "TrackerSettings"]
 
 Array = NDArray[np.float64]
 
-LOAD, FRICTION = 0, 1
-
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
@@ -42,7 +43,8 @@ class TrackerSettings:
 
     Attributes:
         noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
-        spread: relative deviation of the static friction; fD is taken as known twice as well.
+        spread: relative deviation of the static and of the dynamic friction.
+        gain_spread: relative deviation of the process gain.
         offset_memory: settling times over which the load is averaged in quiet times.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
@@ -50,36 +52,10 @@ class TrackerSettings:
 
     noise: NoiseModel
     spread: float = 0.1
+    gain_spread: float = 0.1
     offset_memory: float = 2.0
     hypotheses: int = 6
     memory: float = 60.0
-
-
-@dataclass(slots=True)
-class Belief:
-    """One hypothesis.
-
-    Attributes:
-        stem: position by the model's equations; direction: of its last slip (0: unknown).
-        state: of the process at this scan, shape ``(n,)``; errors: ``(m, w)``, see the module.
-        noise: equation noise seen in this scan's PV, on its way into the next state.
-        score: log-likelihood, forgetting.
-        survived: largest command withstood since the last slip, in deviations of the static
-            friction around fS (minus infinity: none near it).
-    """
-
-    stem: float
-    direction: float
-    state: Array
-    errors: Array
-    noise: float = 0.0
-    score: float = 0.0
-    survived: float = -math.inf
-
-
-def _tail(z: float) -> float:
-    """Return the probability that a normal variable exceeds ``z``."""
-    return 0.5 * math.erfc(z / math.sqrt(2.0))
 
 
 class StemTracker:
@@ -97,7 +73,7 @@ class StemTracker:
         self.prediction, self.valve, self.settings = prediction, valve, settings
         n = prediction.order
         noise = settings.noise
-        enters = np.append(prediction.equation_gain, np.zeros(2))
+        enters = np.append(prediction.equation_gain, np.zeros(ERRORS))
         self._cross = noise.equation**2 * enters
         self._q = noise.equation**2 * np.outer(enters, enters)
         # The load's drift per scan that makes the filter average over ``offset_memory``.
@@ -108,25 +84,21 @@ class StemTracker:
         settle = settling_samples(prediction)
         self._load_drift = density / (settings.offset_memory * settle) ** 2
         self._error_memory = 1.0 - 1.0 / (20.0 * settle)
-        self._transition = np.eye(n + 2)
+        self._transition = np.eye(n + ERRORS)
         self._transition[:n, :n] = prediction.A
         self._transition[:n, n + LOAD] = prediction.B
-        self._transition[n + FRICTION, n + FRICTION] = self._error_memory
+        for error in (FRICTION, GAIN):
+            self._transition[n + error, n + error] = self._error_memory
         self._r = noise.equation**2 + noise.measurement**2
         self._correlations = self._noise_correlations()
         self.beliefs: list[Belief] = []
-        self.variance = 0.0
-        self._count = 0
-        self._trend = 0.0
-        self.evidence = 0.0  # log-density that the last PV had
-        self.colour = 0.0  # correlation of successive innovations: 0 if the model is right
-        self._last_normal = 0.0
+        self.innovations = InnovationStatistics()
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._op = math.nan
         self._innovation = 1.0
         self._noise_now = self._scale_now = 0.0
-        self._gain = np.zeros(n + 2)
-        self._covariance = np.zeros((n + 2, n + 2))
+        self._gain = np.zeros(n + ERRORS)
+        self._covariance = np.zeros((n + ERRORS, n + ERRORS))
         # The first PV may come from the middle of a move: the state is as uncertain as moves of
         # the stem band's size make it.
         reach = prediction.B * max(valve.stick_band, 1e-3)
@@ -164,22 +136,19 @@ class StemTracker:
     def held_variance(self) -> float:
         """Variance of PV that the noise seen so far makes with the stem held (PV squared)."""
         noise, lags = self.settings.noise, self._correlations
-        power = noise.equation**2 * coloured_power(lags, self.colour) + noise.measurement**2
-        return self.variance * power
+        seen = self.innovations
+        power = noise.equation**2 * coloured_power(lags, seen.colour) + noise.measurement**2
+        return seen.variance * power
 
     @property
     def offset_variance(self) -> float:
         """Variance of the lasting PV offset that is still unknown (PV squared)."""
         n = self.prediction.order
-        (load, shared), (_, friction) = self._covariance[n:, n:].tolist()
-        side = self.best.direction
-        unknown = load + 2.0 * side * shared + side * side * friction
-        return float(unknown * self.prediction.scale**2)
+        return float(self._covariance[n, n]) * self.prediction.scale**2
 
     def drive(self, belief: Belief) -> float:
         """Return what drives the process while the stem rests where ``belief`` has it."""
-        errors = belief.errors
-        return float(belief.stem + errors[LOAD] + belief.direction * errors[FRICTION])
+        return belief.stem + float(belief.errors[LOAD])
 
     def free(self, belief: Belief) -> Array:
         """Return the state of the next scan if nothing drove the process (add ``B * drive``)."""
@@ -196,7 +165,7 @@ class StemTracker:
                 op + offset * fs,
                 0.0,
                 state.copy(),
-                np.array([drive - op - offset * fs, 0.0]),
+                np.array([drive - op - offset * fs, 0.0, 0.0]),
                 score=-0.5 * abs(offset),
             )
             for offset in offsets
@@ -204,7 +173,7 @@ class StemTracker:
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
-        self.evidence = 0.0
+        self.innovations.evidence = 0.0
         if not self.ready:
             if math.isfinite(pv):
                 self.start(pv, op)
@@ -221,24 +190,17 @@ class StemTracker:
             error = op - h.stem
             side = math.copysign(1.0, error)
             z = (abs(error) - fs) / width
-            withstood = _tail(h.survived)
-            stays = min(1.0, _tail(z) / withstood) if withstood > 0.0 else 1.0
-            if z <= h.survived:
-                stays = 1.0
+            stays = chance_of_rest(z, h.tested)
             outcomes = []
             if stays > 0.006:
-                tested = max(h.survived, z) if z > -4.0 else h.survived
-                outcomes.append((h.stem, h.direction, math.log(stays), tested))
+                outcomes.append(h.stay(z, math.log(stays)))
             if stays < 0.994:
-                outcomes.append((op - side * fd, side, math.log(1.0 - stays), -math.inf))
-            for stem, direction, log_chance, survived in outcomes:
-                after = Belief(
-                    stem, direction, free, h.errors.copy(), 0.0, h.score + log_chance, survived
-                )
+                outcomes.append(h.slip(op - side * fd, side, math.log(1.0 - stays)))
+            for after in outcomes:
                 after.state = free + self.prediction.B * self.drive(after)
-                moved.append(after)
-        self._spread_out()
+            moved += outcomes
         self.beliefs = self._likely(moved)
+        self._spread_out()
         self._op = op
         here = (self.best.stem, self.best.direction)
         if not self._rests or self._rests[-1][0] != here[0]:
@@ -248,16 +210,20 @@ class StemTracker:
         """Carry the covariance over to the next scan, by Joseph's form (right for any gain)."""
         n = self.prediction.order
         A, keep, errors = self._transition, self._error_memory, self._prior_errors()
-        A[:n, n + FRICTION] = self.prediction.B * self.best.direction
+        for error, change in ((FRICTION, self.best.turn), (GAIN, self.best.way)):
+            A[:n, n + error] = self.prediction.B * change
+            A[n + LOAD, n + error] = change
         gain = A @ self._gain
         if self._gain.any():
             gain += self._scale_now * self._cross / self._innovation
         self._covariance = carried_covariance(
             self._covariance, A, gain, self._q, self._cross, self._scale_now, self._noise_now
         )
-        drift = self._scale_now * self._load_drift * (1.0 + self.colour) / (1.0 - self.colour)
+        colour = self.innovations.colour
+        drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
         self._covariance[n + LOAD, n + LOAD] += drift
-        self._covariance[n + FRICTION, n + FRICTION] += (1.0 - keep**2) * errors[FRICTION]
+        for error in (FRICTION, GAIN):
+            self._covariance[n + error, n + error] += (1.0 - keep**2) * errors[error]
 
     def _likely(self, beliefs: list[Belief]) -> list[Belief]:
         """Return the best few, best first: none hopeless, one of a position."""
@@ -293,13 +259,14 @@ class StemTracker:
             self._gain = np.zeros_like(self._gain)
             return
         n = self.prediction.order
-        self._scale_now = variance = max(self.variance, self._floor)
+        self._scale_now = variance = max(self.innovations.variance, self._floor)
         self._noise_now = variance * self._r
         self._innovation = float(self._covariance[0, 0]) + self._noise_now
         self._gain = self._covariance[:, 0] / self._innovation
         # Innovations that a model of too low an order leaves correlated count for fewer in what is
         # learnt of lasting errors; Joseph's form allows any gain.
-        self._gain[n:] *= (1.0 - self.colour) / (1.0 + self.colour)
+        colour = self.innovations.colour
+        self._gain[n:] *= (1.0 - colour) / (1.0 + colour)
         keep = 1.0 - 1.0 / self.settings.memory
         carried = variance * self.settings.noise.equation**2 / self._innovation
         surprises = {}
@@ -321,41 +288,26 @@ class StemTracker:
         return 1e-18 + (1e-6 * self.prediction.scale) ** 2
 
     def _watch(self, surprise: float) -> None:
-        """Follow the noise's variance; learn afresh when innovations keep one sign too long."""
-        n = self.prediction.order
-        self._count += 1
-        variance = max(self.variance, self._floor)
-        square = surprise**2 / (self._innovation / variance)
-        if self._count > 20:
-            square = min(square, 4.0 * variance)
-        self.variance += (square - self.variance) / min(self._count, 80)
-        normal = surprise / math.sqrt(self._innovation)
-        self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(self._innovation))
-        if self._count > 20 and abs(normal) < 3.0:
-            product = (normal - self._trend) * (self._last_normal - self._trend)
-            self.colour += (product - self.colour) / min(self._count, 80)
-            self.colour = min(max(self.colour, 0.0), 0.9)
-        self._last_normal = normal = min(max(normal, -3.0), 3.0)
-        rate = 0.05
-        self._trend += rate * (normal - self._trend)
-        if self._count in (20, 60):  # what was learnt before the noise was known is not worth much
+        """Follow the noise; learn afresh when innovations keep one sign too long."""
+        n, seen = self.prediction.order, self.innovations
+        seen.push(surprise, self._innovation, self._floor)
+        if seen.is_learning:  # what was learnt before the noise was known is not worth much
             self._forget_errors()
             for h in self.beliefs:
-                h.errors[:] = self.drive(h) - h.stem, 0.0
-            self._trend = 0.0
-        spread = rate / (2.0 - rate) * (1.0 + self.colour) / (1.0 - self.colour)
-        if abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0):
-            self.colour *= 0.5
+                h.errors[FRICTION] = h.errors[GAIN] = 0.0
+            seen.restart_trend()
+        if seen.is_biased:
+            seen.restart_trend(colour=0.5)
             self._recall()
             self._covariance[n, n] += 4.0 * self.held_variance / self.prediction.scale**2
-            self._trend = 0.0
 
     def _prior_errors(self) -> Array:
-        """Return the variances that the settings give the errors ``(m, w)``."""
+        """Return the variances that the settings give the errors ``(m, w, g)``."""
         s, valve = self.settings, self.valve
         deviations = [
             0.5 * valve.static_friction + 1e-3,
-            0.5 * s.spread * valve.dynamic_friction,
+            s.spread * valve.dynamic_friction,
+            s.gain_spread,
         ]
         return np.asarray(np.square(deviations), dtype=np.float64)
 
@@ -366,8 +318,7 @@ class StemTracker:
         self._covariance[n:, n:] = np.diag(self._prior_errors())
 
     def _keep_believable(self, h: Belief) -> None:
-        """Hold the error of fD inside what can be, without changing the drive."""
-        before = self.drive(h)
+        """Hold the errors of fD and of the gain inside what can be."""
         fd = 0.5 * self.valve.dynamic_friction
         h.errors[FRICTION] = min(max(float(h.errors[FRICTION]), -fd), fd)
-        h.errors[LOAD] += before - self.drive(h)
+        h.errors[GAIN] = min(max(float(h.errors[GAIN]), -0.5), 0.5)

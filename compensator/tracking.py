@@ -75,7 +75,7 @@ class TrackerBank:
         keep = 1.0 - 1.0 / _MEMORY
         for i, tracker in enumerate(self._trackers):
             tracker.observe(pv, op)
-            self._scores[i] = keep * self._scores[i] + tracker.evidence
+            self._scores[i] = keep * self._scores[i] + tracker.innovations.evidence
         self._count += 1
         if self._count <= _LEARNING:
             self._scores = [0.0] * len(self._trackers)

@@ -1,0 +1,60 @@
+"""What the innovations of PV tell: how much noise there is, how coloured, and lasting errors."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["InnovationStatistics"]
+
+_RATE = 0.05
+
+
+class InnovationStatistics:
+    """Running figures of a filter's innovations.
+
+    Attributes:
+        variance: of the noise, in the filter's own scale.
+        colour: correlation of successive innovations, 0 if the model is right.
+        evidence: log-density that the last PV had.
+    """
+
+    def __init__(self) -> None:
+        self.variance = 0.0
+        self.colour = 0.0
+        self.evidence = 0.0
+        self._count = 0
+        self._trend = 0.0
+        self._last = 0.0
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether the noise is known for the first time, or a little better, only now."""
+        return self._count in (20, 60)
+
+    @property
+    def is_biased(self) -> bool:
+        """Whether innovations have kept one sign for too long."""
+        spread = _RATE / (2.0 - _RATE) * (1.0 + self.colour) / (1.0 - self.colour)
+        return abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0)
+
+    def restart_trend(self, colour: float = 1.0) -> None:
+        """Begin anew to look for a bias; ``colour`` scales what is held of the correlation."""
+        self._trend = 0.0
+        self.colour *= colour
+
+    def push(self, surprise: float, innovation: float, least: float) -> None:
+        """Take in an innovation and its variance; ``least`` is a noise that counts as none."""
+        self._count += 1
+        variance = max(self.variance, least)
+        square = surprise**2 / (innovation / variance)
+        if self._count > 20:
+            square = min(square, 4.0 * variance)
+        self.variance += (square - self.variance) / min(self._count, 80)
+        normal = surprise / math.sqrt(innovation)
+        self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(innovation))
+        if self._count > 20 and abs(normal) < 3.0:
+            product = (normal - self._trend) * (self._last - self._trend)
+            self.colour += (product - self.colour) / min(self._count, 80)
+            self.colour = min(max(self.colour, 0.0), 0.9)
+        self._last = normal = min(max(normal, -3.0), 3.0)
+        self._trend += _RATE * (normal - self._trend)
