@@ -2,6 +2,7 @@
 
 from compensator.action import Action, ActionStatus, CompensatorError, Controller, OpLimits
 from compensator.embedding import EmbeddingMpc, EmbeddingSettings
+from compensator.followed import Followed
 from compensator.hybrid import HybridMpc, HybridSettings
 from compensator.knocker import Knocker, KnockerSettings
 from compensator.moves import warm_up
@@ -25,6 +26,7 @@ __all__ = [
     "Controller",
     "EmbeddingMpc",
     "EmbeddingSettings",
+    "Followed",
     "HybridMpc",
     "HybridSettings",
     "Knocker",

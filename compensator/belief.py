@@ -81,8 +81,8 @@ class Belief:
 def _tail(z: float) -> float:
     """Return the probability that the static friction lies more than ``z`` deviations above fS.
 
-    Normal, but one time in twenty the parameters are worse than they say: a command well above fS may
-    have missed.
+    Normal, but one time in twenty the parameters are worse than they say: a command well above fS
+    may have missed.
     """
 
     def normal(at: float) -> float:

@@ -34,7 +34,7 @@ from compensator.action import (
 from compensator.hybrid import HybridMpc, HybridSettings
 from compensator.prediction import Prediction
 from compensator.screen import PvScreen
-from compensator.watch import LoopWatch, WatchVerdict, WindowFigures
+from compensator.watch import LoopFigures, LoopWatch, WatchVerdict, oscillation_period
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["Supervisor", "SupervisorSettings", "SupervisorState", "WithdrawReason"]
@@ -73,6 +73,11 @@ _GIVEN_UP = {
 }
 
 
+_PASSING = (WithdrawReason.PV_BAD, WithdrawReason.PV_FROZEN, WithdrawReason.SOLVER)
+_PAUSES = 3
+"""Pauses that an overtaxed solver is given before it is given up."""
+
+
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings:
     """Settings of `Supervisor`.
@@ -80,10 +85,12 @@ class SupervisorSettings:
     Attributes:
         hybrid: settings of the compensator.
         friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
-        history: scans that a new compensator relives, to find stem and load at once.
+        history: scans that a new compensator relives, to find stem and load at once; four times as
+            many tell how good the loop was before.
         pv_bad_limit: scans of bad PV after which the base controller gets the loop.
         pv_frozen_limit: least scans in which PV repeats one value to count as frozen (`PvScreen`).
-        solver_limit: scans in a row that the compensator's solver may pass its bound.
+        solver_limit: scans in a row that the compensator's solver may pass its bound; then the base
+            controller has the loop for a horizon, and for good from the fourth time on.
         worse_by: factor of PV's mean square error, against before, that is too much.
     """
 
@@ -93,7 +100,7 @@ class SupervisorSettings:
     pv_bad_limit: int = 10
     pv_frozen_limit: int = 30
     solver_limit: int = 3
-    worse_by: float = 1.3
+    worse_by: float = 1.05
 
     def __post_init__(self) -> None:
         require_positive(
@@ -146,6 +153,7 @@ class _Sample:
     pv: float
     sp: float
     op: float
+    by_base: bool
 
 
 class Supervisor:
@@ -176,11 +184,11 @@ class Supervisor:
         self._goal: ValveModel | None = None
         self._given_up: LoopModel | None = None
         self._watch: LoopWatch | None = None
-        self._history: deque[_Sample] = deque(maxlen=self.settings.history)
+        self._history: deque[_Sample] = deque(maxlen=4 * self.settings.history)
         self._sp = math.nan
         self._bad_scans = 0
         self._screen = PvScreen(self.settings.pv_frozen_limit)
-        self._unsolved = 0
+        self._unsolved = self._pauses = self._pause = 0
 
     @property
     def model(self) -> LoopModel | None:
@@ -213,7 +221,7 @@ class Supervisor:
             compensator = self._build(model)
         except CompensatorError as error:
             return self._refuse(error)
-        for sample in self._history:
+        for sample in list(self._history)[-self.settings.history :]:
             compensator.observe(sample.pv, sample.op)
         self._next, self._goal = compensator, model.valve
         self.reason, self.refusal = WithdrawReason.NONE, ""
@@ -245,7 +253,8 @@ class Supervisor:
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
         pv = self._screened(pv)
         moved = abs(op_applied - self._history[-1].op) if self._history else 0.0
-        self._history.append(_Sample(pv, sp, op_applied))
+        by_base = automatic and not self.compensating
+        self._history.append(_Sample(pv, sp, op_applied, by_base))
         for controller in (self.base, self._compensator, self._next):
             if controller is not None:
                 controller.observe(pv, op_applied)
@@ -295,7 +304,13 @@ class Supervisor:
         self._unsolved = self._unsolved + 1 if failed else 0
         if self._unsolved >= self.settings.solver_limit:
             self._unsolved = 0
-            self.withdraw(WithdrawReason.SOLVER)
+            self._pauses += 1
+            if self._pauses > _PAUSES:
+                self.withdraw(WithdrawReason.SOLVER)
+            else:
+                self._pause = self._compensator.horizon
+                self._stand_by(SupervisorState.WAITING)
+                self.reason = WithdrawReason.SOLVER
         return action
 
     def _stand_by(self, state: SupervisorState) -> None:
@@ -306,32 +321,35 @@ class Supervisor:
     def _take_over(self) -> bool:
         """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
         candidate = self._next or (None if self.compensating else self._compensator)
-        if candidate is None or not candidate.ready or self._bad_scans:
+        self._pause = max(0, self._pause - 1)
+        if candidate is None or not candidate.ready or self._bad_scans or self._pause:
             return False
         if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
             return False
         if self._watch is None:
             window = min(max(candidate.horizon, 40), self.settings.history // 2)
-            self._watch = LoopWatch(window, self._before(window), self.settings.worse_by)
+            self._watch = LoopWatch(self._before(window), self.settings.worse_by)
         self._watch.restart(candidate.horizon // 2)
         self._compensator, self._next = candidate, None
         self.state = SupervisorState.COMPENSATING
-        if self.reason in (WithdrawReason.PV_BAD, WithdrawReason.PV_FROZEN):
+        if self.reason in _PASSING:
             self.reason = WithdrawReason.NONE
         return True
 
-    def _before(self, window: int) -> WindowFigures | None:
+    def _before(self, window: int) -> LoopFigures | None:
         """Return the base controller's figures since the last SP change, None soon after one."""
         seen = list(self._history)
-        changed = [k for k, s in enumerate(seen) if s.sp != seen[-1].sp]
+        changed = [k for k, s in enumerate(seen) if s.sp != seen[-1].sp or not s.by_base]
         recent = seen[changed[-1] + 1 + window // 2 :] if changed else seen
-        if len(recent) < 2 * window:
-            return None
-        good = [(s.pv - s.sp) ** 2 for s in recent if math.isfinite(s.pv)]
-        if len(good) < window:
+        errors = [s.pv - s.sp for s in recent if math.isfinite(s.pv)]
+        if len(recent) < 2 * window or len(errors) < window:
             return None
         travel = sum(abs(b.op - a.op) for a, b in itertools.pairwise(recent))
-        return WindowFigures(sum(good) / len(good), travel / len(recent))
+        return LoopFigures(
+            sum(e * e for e in errors) / len(errors),
+            travel / len(recent),
+            min(oscillation_period(errors, window), 0.5 * len(errors)),
+        )
 
     def _ramp_frictions(self) -> None:
         """Move the compensator's fS and fD towards the offered ones while the valve rests."""

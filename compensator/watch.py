@@ -1,23 +1,29 @@
-"""Is the compensated loop better than before? Judged by windows and by cycles of the oscillation.
+"""Is the compensated loop better than before? Judged over periods of the oscillation it replaced.
 
-A window's mean square error and OP travel show a loop that is worse, or that hunts. Cycles, from
-one change of the error's sign to the next but one, show a growing oscillation within three
-periods, whatever the window; one that stays below what was there before is no reason. Nothing that
-noise explains is held against the compensator.
+The mean square error over the last three periods must stay below what the base controller left, and
+over the last one and a half far below double that; so a loop that is worse is noticed well within
+five periods, the time after a set-point change not counted. Cycles, from one change of the error's
+sign to the next but one, show a growing oscillation, whatever was there before. Nothing that noise
+with the stem held explains is held against the compensator.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["LoopWatch", "WatchVerdict", "WindowFigures"]
+__all__ = ["LoopFigures", "LoopWatch", "WatchVerdict", "oscillation_period"]
 
 _GROWTH = 1.15
 _GROWN = 1.6
 _HALF_CYCLES = 6
+_LONG = 3.0
+_SHORT = 1.5
+_MUCH_WORSE = 1.8
+_SHORTEST_PERIOD = 12
 
 
 class WatchVerdict(Enum):
@@ -30,71 +36,77 @@ class WatchVerdict(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class WindowFigures:
-    """Mean square of PV minus SP, and OP travel per sample, of one window."""
+class LoopFigures:
+    """A loop under its base controller.
+
+    Attributes:
+        mean_square: of PV minus SP; travel: of OP per sample.
+        period: of its oscillation, samples.
+    """
 
     mean_square: float
     travel: float
+    period: float
 
 
-@dataclass(slots=True)
-class _HalfCycle:
-    """The error between two changes of its sign."""
+def oscillation_period(errors: Sequence[float], otherwise: float) -> float:
+    """Return the mean period of an error, in samples; ``otherwise`` where it has no three turns.
 
-    peak: float = 0.0
-    squares: float = 0.0
-    samples: int = 0
+    Its sign has changed once it is half its root mean square beyond zero.
+    """
+    level = 0.5 * math.sqrt(sum(e * e for e in errors) / max(1, len(errors)))
+    side, turns = 0.0, []
+    for k, error in enumerate(errors):
+        if abs(error) > level and math.copysign(1.0, error) != side:
+            if side:
+                turns.append(k)
+            side = math.copysign(1.0, error)
+    if len(turns) < 3:
+        return otherwise
+    return max(float(_SHORTEST_PERIOD), 2.0 * (turns[-1] - turns[0]) / (len(turns) - 1))
 
 
 class LoopWatch:
     """Compares a loop with the figures from before, and its cycles with each other.
 
     Args:
-        window: samples; at least an oscillation's period.
-        before: figures under the base controller, or None if it was not watched long enough.
-        worse_by: factor of the mean square error above which two windows, or three cycles, in a
-            row are too many.
+        before: figures under the base controller, or None if it was not watched long enough; then
+            only a growing oscillation is noticed.
+        worse_by: factor of the mean square error that is too much.
     """
 
-    def __init__(
-        self, window: int, before: WindowFigures | None = None, worse_by: float = 1.3
-    ) -> None:
-        self.window, self.before, self.worse_by = window, before, worse_by
-        self._figures: deque[WindowFigures] = deque(maxlen=2)
-        self._halves: deque[_HalfCycle] = deque(maxlen=_HALF_CYCLES)
-        self.restart(0)
+    def __init__(self, before: LoopFigures | None = None, worse_by: float = 1.05) -> None:
+        self.before, self.worse_by = before, worse_by
+        period = before.period if before is not None else float(_SHORTEST_PERIOD)
+        self._long, self._short = math.ceil(_LONG * period), math.ceil(_SHORT * period)
+        self._squares: deque[float] = deque(maxlen=self._long)
+        self._travels: deque[float] = deque(maxlen=self._long)
+        self._quietest = math.inf
+        self._halves: deque[float] = deque(maxlen=_HALF_CYCLES)
+        self._side = self._peak = 0.0
+        self._skip = self._patience = 0
+        self._from = 0.0
 
     def restart(self, skip: int) -> None:
-        """Begin anew: leave out the next ``skip`` samples (a set-point change), and more until the
-        error has changed its sign, at most three times as many.
+        """Leave out the next ``skip`` samples (a set-point change), and as many again while the
+        error has not changed its sign; what was seen before still counts.
         """
-        self._squares = self._travel = 0.0
-        self._count, self._skip = 0, skip
-        self._patience = 2 * skip
+        self._skip = self._patience = skip
         self._from = 0.0
-        self._figures.clear()
         self._halves.clear()
-        self._half = _HalfCycle()
-        self._side = 0.0
+        self._side = self._peak = 0.0
 
     def push(self, error: float, op_change: float, noise_variance: float) -> WatchVerdict:
         """Take in one sample: PV minus SP, the change of OP, and the variance of PV that noise
-        alone makes. What twice that variance explains is never held against the compensator.
+        alone makes with the stem held.
         """
         if self._still_settling(error):
             return WatchVerdict.FINE
+        self._quietest = min(self._quietest, noise_variance)
+        self._squares.append(error**2)
+        self._travels.append(abs(op_change))
         verdict = self._push_cycle(error, noise_variance)
-        self._squares += error**2
-        self._travel += abs(op_change)
-        self._count += 1
-        if self._count < self.window or verdict is not WatchVerdict.FINE:
-            return verdict
-        self._figures.append(WindowFigures(self._squares / self.window, self._travel / self.window))
-        self._squares = self._travel = 0.0
-        self._count = 0
-        if self._figures[-1].mean_square <= 2.0 * noise_variance:
-            return WatchVerdict.FINE
-        return self._judge_windows()
+        return verdict if verdict is not WatchVerdict.FINE else self._judge()
 
     def _still_settling(self, error: float) -> bool:
         if self._from == 0.0:
@@ -108,26 +120,42 @@ class LoopWatch:
         self._patience = 0
         return False
 
+    def _judge(self) -> WatchVerdict:
+        if self.before is None or len(self._squares) < self._short:
+            return WatchVerdict.FINE
+        known, squares = self.before.mean_square, list(self._squares)
+        recent = sum(squares[-self._short :]) / self._short
+        if recent > max(_MUCH_WORSE * known, 2.0 * self._quietest):
+            return WatchVerdict.WORSE
+        if len(squares) < self._long:
+            return WatchVerdict.FINE
+        mean_square = sum(squares) / self._long
+        if mean_square > max(self.worse_by * known, 1.1 * self._quietest):
+            return WatchVerdict.WORSE
+        travel = sum(self._travels) / self._long
+        if travel > 1.5 * self.before.travel and mean_square > max(
+            0.5 * known, 2.0 * self._quietest
+        ):
+            return WatchVerdict.HUNTING
+        return WatchVerdict.FINE
+
     def _push_cycle(self, error: float, noise_variance: float) -> WatchVerdict:
-        half = self._half
-        half.peak = max(half.peak, abs(error))
-        half.squares += error**2
-        half.samples += 1
+        peak, self._peak = self._peak, max(self._peak, abs(error))
         # The sign has changed once the error is beyond the noise on the other side.
         if abs(error) <= 1.5 * math.sqrt(noise_variance) or math.copysign(1.0, error) == self._side:
             return WatchVerdict.FINE
         began, self._side = self._side != 0.0, math.copysign(1.0, error)
-        self._half = _HalfCycle()
+        self._peak = abs(error)
         if not began:
             return WatchVerdict.FINE
-        self._halves.append(half)
+        self._halves.append(peak)
         return self._judge_cycles(noise_variance)
 
     def _judge_cycles(self, noise_variance: float) -> WatchVerdict:
         halves = list(self._halves)
         if len(halves) < _HALF_CYCLES:
             return WatchVerdict.FINE
-        cycles = [0.5 * (a.peak + b.peak) for a, b in zip(halves[::2], halves[1::2], strict=True)]
+        cycles = [0.5 * (a + b) for a, b in zip(halves[::2], halves[1::2], strict=True)]
         grows = (
             cycles[1] > _GROWTH * cycles[0]
             and cycles[2] > _GROWTH * cycles[1]
@@ -136,20 +164,4 @@ class LoopWatch:
         known = 0.0 if self.before is None else self.before.mean_square
         if grows and cycles[2] > max(5.0 * math.sqrt(noise_variance), math.sqrt(2.0 * known)):
             return WatchVerdict.GROWING
-        mean_square = sum(h.squares for h in halves) / sum(h.samples for h in halves)
-        if self.before is not None and mean_square > max(
-            self.worse_by * self.before.mean_square, 2.0 * noise_variance
-        ):
-            return WatchVerdict.WORSE
-        return WatchVerdict.FINE
-
-    def _judge_windows(self) -> WatchVerdict:
-        if self.before is None or len(self._figures) < 2:
-            return WatchVerdict.FINE
-        least = min(w.mean_square for w in self._figures)
-        if least > self.worse_by * self.before.mean_square:
-            return WatchVerdict.WORSE
-        moved = min(w.travel for w in self._figures) > 1.5 * self.before.travel
-        if moved and least > 0.5 * self.before.mean_square:
-            return WatchVerdict.HUNTING
         return WatchVerdict.FINE

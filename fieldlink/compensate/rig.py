@@ -22,6 +22,7 @@ from compensator import (
     Controller,
     EmbeddingMpc,
     EmbeddingSettings,
+    Followed,
     HybridMpc,
     HybridSettings,
     Knocker,
@@ -143,6 +144,7 @@ class _Supervised:
         self._model, self._at = model, at
         self._scan = -1
         self._pv = self._op = math.nan
+        self.lost_at: int | None = None
 
     def observe(self, pv: float, op: float) -> None:
         """See `Controller.observe`."""
@@ -153,7 +155,13 @@ class _Supervised:
 
     def decide(self, sp: float) -> Action:
         """See `Controller.decide`."""
-        return self.supervisor.step(self._pv, sp, self._op)
+        had = self.supervisor.compensating
+        action = self.supervisor.step(self._pv, sp, self._op)
+        if self.supervisor.compensating:
+            self.lost_at = None
+        elif had:
+            self.lost_at = self._scan
+        return action
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +180,11 @@ class StagedRun:
         reason = self.supervisor.reason
         return reason.name.lower() if reason is not WithdrawReason.NONE else "waiting"
 
+    @property
+    def lost_at(self) -> int | None:
+        """Scan at which the compensator lost the loop for good; None if it has it."""
+        return self.controller.lost_at if isinstance(self.controller, _Supervised) else None
+
 
 def staged(name: str, setup: Setup, at: int) -> StagedRun:
     """Return a controller by name that has the loop from sample ``at`` on.
@@ -181,18 +194,17 @@ def staged(name: str, setup: Setup, at: int) -> StagedRun:
     """
     base = _base(setup)
     timing = Timing()
-    if name in ("hybrid", "embedding"):
+    if name in _COMPENSATORS:
         if setup.model is None:  # no valve model, no compensation: the plant's own goes on
             return StagedRun(_timed(base, timing, at), timing)
-        builders: Mapping[str, Callable[[LoopModel], Compensator]] = {
-            "hybrid": lambda model: HybridMpc(model, _hybrid(setup)),
-            "embedding": lambda model: EmbeddingMpc(model, _embedding(setup)),
-        }
+        build = _COMPENSATORS[name]
         supervisor = Supervisor(
             base,
             SupervisorSettings(_hybrid(setup)),
-            build=lambda model: _timed_compensator(builders[name](model), timing),
+            build=lambda model: _timed_compensator(build(setup, model), timing),
         )
+        if setup.process.is_integrating and name == "two-move":
+            _two_move(setup, setup.model)  # says why it cannot
         return StagedRun(_Supervised(supervisor, setup.model, at), timing, supervisor)
     after = _plain(name, setup)
     return StagedRun(Staged(base, _timed(after, timing, at), at), timing)
@@ -221,24 +233,45 @@ def _embedding(setup: Setup) -> EmbeddingSettings:
     return replace(defaults, op_weight=defaults.op_weight * setup.weight)
 
 
+def _pi(setup: Setup, weight: float = 1.0) -> PiController:
+    pi = PiSettings.simc(setup.process, setup.limits)
+    return PiController(replace(pi, gain=pi.gain / weight))
+
+
 def _plain(name: str, setup: Setup) -> Controller:
-    limits, weight = setup.limits, setup.weight
     if name == "unaware":
         defaults = _mpc(setup)
-        return UnawareMpc(setup.process, replace(defaults, op_weight=defaults.op_weight * weight))
-    pi = PiSettings.simc(setup.process, limits)
-    pi_weight = weight if name == "pi" else 1.0
-    pi_controller = PiController(replace(pi, gain=pi.gain / pi_weight))
-    if name == "pi" or setup.model is None:
-        return pi_controller
-    if name == "knocker":
-        knocks = KnockerSettings.of(setup.model.valve, limits)
-        return Knocker(pi_controller, replace(knocks, amplitude=knocks.amplitude / weight))
-    if name == "two-move":
-        return TwoMove(setup.model, TwoMoveSettings(limits, tolerance=weight))
+        weighted = replace(defaults, op_weight=defaults.op_weight * setup.weight)
+        return UnawareMpc(setup.process, weighted)
+    if name == "pi":
+        return _pi(setup, setup.weight)
     raise CompensatorError(
         f"there is no controller {name!r}; choose one of {', '.join(CONTROLLERS)}"
     )
+
+
+def _two_move(setup: Setup, model: LoopModel) -> Controller:
+    return TwoMove(model, TwoMoveSettings(setup.limits, tolerance=setup.weight))
+
+
+def _knocker(setup: Setup, model: LoopModel) -> Controller:
+    knocks = KnockerSettings.of(model.valve, setup.limits)
+    return Knocker(_pi(setup), replace(knocks, amplitude=knocks.amplitude / setup.weight))
+
+
+def _followed(
+    make: Callable[[Setup, LoopModel], Controller], setup: Setup, model: LoopModel
+) -> Compensator:
+    limits = HybridSettings(limits=setup.limits)
+    return Followed(lambda changed: make(setup, changed), model, limits)
+
+
+_COMPENSATORS: Mapping[str, Callable[[Setup, LoopModel], Compensator]] = {
+    "hybrid": lambda setup, model: HybridMpc(model, _hybrid(setup)),
+    "embedding": lambda setup, model: EmbeddingMpc(model, _embedding(setup)),
+    "knocker": lambda setup, model: _followed(_knocker, setup, model),
+    "two-move": lambda setup, model: _followed(_two_move, setup, model),
+}
 
 
 class _TimedController:

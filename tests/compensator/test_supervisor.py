@@ -18,7 +18,7 @@ from compensator import (
     WithdrawReason,
 )
 from compensator.study import EXAMPLE_1, Plant
-from compensator.watch import LoopWatch, WatchVerdict, WindowFigures
+from compensator.watch import LoopFigures, LoopWatch, WatchVerdict, oscillation_period
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 REST = EXAMPLE_1.process.gain * 50.0
@@ -243,15 +243,20 @@ def test_a_solver_that_keeps_passing_its_bound_is_given_up() -> None:
         ops.append(op)
         plant.step(op)
     assert failed == SupervisorSettings().solver_limit
-    assert supervisor.state is SupervisorState.BASE
+    assert supervisor.state is SupervisorState.WAITING
     assert supervisor.reason is WithdrawReason.SOLVER
     # Bumpless: held while the solver failed, and the base goes on from there.
     assert np.abs(np.diff(ops)).max() < 1.0
+    for _ in range(600):  # three pauses of a horizon later it is given up
+        op = supervisor.step(plant.pv, REST, op).op
+        plant.step(op)
+    assert supervisor.state is SupervisorState.BASE
+    assert supervisor.reason is WithdrawReason.SOLVER
 
 
 def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
     period, growth = 40, 1.3
-    watch = LoopWatch(window=400)
+    watch = LoopWatch()
     noise = np.random.default_rng(1).normal(0.0, 0.1, 20 * period)
     for k in range(20 * period):
         error = 0.5 * growth ** (k / period) * math.sin(2.0 * math.pi * k / period) + noise[k]
@@ -262,9 +267,9 @@ def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
 
 
 def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> None:
-    watch = LoopWatch(window=400, before=WindowFigures(0.5, 1.0))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
     for k in range(400):
-        verdict = watch.push(1.2 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01)
+        verdict = watch.push(1.05 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01)
         if verdict is not WatchVerdict.FINE:
             break
     assert verdict is WatchVerdict.WORSE
@@ -273,8 +278,27 @@ def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> No
 
 @pytest.mark.parametrize("amplitude", [0.9, 0.3])
 def test_a_steady_oscillation_no_worse_than_before_is_let_be(amplitude: float) -> None:
-    watch = LoopWatch(window=100, before=WindowFigures(0.5, 1.0))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
     noise = np.random.default_rng(2).normal(0.0, 0.1, 2000)
     for k in range(2000):
         error = amplitude * math.sin(2.0 * math.pi * k / 40.0) + noise[k]
         assert watch.push(error, 0.5, 0.01) is WatchVerdict.FINE
+
+
+def test_the_period_is_read_from_the_error() -> None:
+    noise = np.random.default_rng(3).normal(0.0, 0.2, 600)
+    errors = [math.sin(2.0 * math.pi * k / 60.0) + noise[k] for k in range(600)]
+    assert oscillation_period(errors, 1.0) == pytest.approx(60.0, rel=0.05)
+    assert oscillation_period([0.1, 0.2, 0.3], 77.0) == 77.0
+
+
+def test_what_was_seen_before_a_set_point_change_still_counts() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
+    seen = 0
+    for k in range(1000):
+        if k % 70 == 0:
+            watch.restart(20)
+        seen += 1
+        if watch.push(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01) is WatchVerdict.WORSE:
+            break
+    assert seen < 8 * 40
