@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -9,35 +11,41 @@ import numpy as np
 from estimator._kernels import Array
 from estimator._one_step import one_step_costs
 from estimator._slips import Op
-from estimator.arx import ArxFit, ArxOrders
+from estimator.arx import ArxFit, ArxOrders, ArxRegression
 from estimator.arx_search import ArxFound
 from estimator.candidate import stem_of
-from estimator.estimate import Estimate
-from estimator.posterior import explore
+from estimator.estimate import MISFIT, Estimate, step_of
+from estimator.listed import Likelihood, listed_posterior
+from estimator.noise import errs_at_slips
 from estimator.result import Interval, Process, RunnerUp
 from estimator.window import Window
+from estimator.zoomed import explore
 from loop_model import ProcessModel
 
 __all__ = ["arx_estimate"]
 
 _RUNNERS_UP = 4
+_MOST_B = 3
+_BLUR = 0.01
+"""A slip is told to this share of OP's step per sample where every slip can be listed."""
 
 
 def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> Estimate:
     """Valve and ARX process of what the search found, with intervals."""
-    best, regression, ranked = found.best.anchored(op), found.regression, found.ranked
-
-    def evaluate(nodes: Array) -> tuple[Array, Array]:
-        cost, gain = one_step_costs(op, regression.tables, nodes, best.first)
-        return -0.5 * regression.count * np.log(cost), gain
-
-    posterior = explore(evaluate, best)
+    best, regression = found.best.anchored(op), found.regression
+    likelihood = _likelihood(window, op, found)
+    posterior = listed_posterior(op, likelihood, best)
+    if posterior is None:
+        posterior = explore(lambda nodes: likelihood(op, nodes, best.first), best)
     band, jump, lead = (float(v) for v in posterior.best)
     stem = stem_of(op, band, jump, lead, best.first)
+    ranked = found.ranked
     fit = regression.solve(stem)
-    intervals = Estimate.intervals(posterior, confidence, op.u)
+    errs = errs_at_slips(fit.residual, regression.weight, stem, regression.orders.dead_time)
+    blur = math.hypot(_BLUR * step_of(op.u), MISFIT * band if errs else 0.0)
+    intervals = Estimate.intervals(posterior, confidence, blur, band, jump)
     deviation = regression.gain_deviation(fit, stem)
-    gain = posterior.interval(posterior.gain, confidence, deviation).around(
+    gain = posterior.gain_interval(confidence, deviation).around(
         float(fit.b.sum()) / (1.0 + float(fit.a.sum()))
     )
     model = fit.process(window, regression.orders.dead_time)
@@ -53,11 +61,37 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
         process=_description(window, model, regression.orders, gain),
         model=model,
         bic=found.bic,
+        peaks=posterior.peaks(),
         runners_up=tuple(
             RunnerUp(orders.name, orders.dead_time, orders.bic - chosen.bic)
             for orders in ranked[1 : 1 + _RUNNERS_UP]
         ),
     )
+
+
+def _likelihood(window: Window, op: Op, found: ArxFound) -> Likelihood:
+    """Of the one-step errors, with the search's orders and every dead time near its own.
+
+    All ``b`` that the regression can hold are in it: a stick band and a dead time trade against
+    each other, and what may be either must not be held.
+    """
+    own = found.regression.orders
+    shorter = (_MOST_B - own.nb + 1) // 2
+    orders = replace(own, nb=_MOST_B, dead_time=max(1, own.dead_time - shorter))
+    variance = found.best.cost / found.regression.count
+    regressions: dict[int, ArxRegression] = {}
+
+    def likelihood(part: Op, nodes: Array, first: float) -> tuple[Array, Array]:
+        n = part.u.size
+        if n not in regressions:
+            regressions[n] = ArxRegression(window.y[:n], window.good[:n], orders)
+        cost, gain = one_step_costs(part, regressions[n].tables, nodes, first)
+        if n < op.u.size:
+            # too short to tell how large the errors are
+            return -0.5 * cost / variance, gain
+        return -0.5 * regressions[n].count * np.log(cost), gain
+
+    return likelihood
 
 
 def _simulated(window: Window, fit: ArxFit, stem: Array, orders: ArxOrders) -> Array:

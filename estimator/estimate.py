@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator._kernels import Array
-from estimator.posterior import Posterior
+from estimator.posterior import Peak, Posterior
 from estimator.result import Interval, Process, RunnerUp
 from loop_model import ProcessModel
 
-__all__ = ["Estimate"]
+__all__ = ["MISFIT", "Estimate", "step_of"]
 
-_BLUR = 0.1
+MISFIT = 0.08
+"""Standard deviation of S and J, as a share of S, where one-step errors follow the slips: He's law
+is then not quite that of the valve. The size of the errors of S in `benchmarks.robustness`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,7 @@ class Estimate:
         process: for the reader; model: the same in ARX form, in units of OP and PV.
         bic: of the one-step-ahead prediction errors (their noise whitened), comparable between
             criteria.
+        peaks: valves that explain the window about equally well, as shares of OP's span.
         runners_up: other process structures, best first.
     """
 
@@ -41,27 +44,32 @@ class Estimate:
     model: ProcessModel
     bic: float
     runners_up: tuple[RunnerUp, ...]
+    peaks: tuple[Peak, ...] = ()
 
     @staticmethod
-    def intervals(posterior: Posterior, confidence: float, op: Array) -> tuple[Interval, ...]:
-        """S, J, fS and fD of a posterior; the values of fS and fD follow from those of S and J.
+    def intervals(
+        posterior: Posterior, confidence: float, blur: float, band: float, jump: float
+    ) -> tuple[Interval, ...]:
+        """S, J, fS and fD of a posterior for the valve (``band``, ``jump``) of the estimate.
 
-        The model's valve slips at a sample, a real one between two: no threshold is known better
-        than a fraction of what OP (``op``, scaled, shape ``(n,)``) moves from sample to sample.
+        ``blur`` is the standard deviation of a threshold, for the model's valve slips at a sample
+        and a real one between two. The values are those of one valve: valve and process must be of
+        one piece.
         """
-        band, jump = posterior.nodes[:, 0], posterior.nodes[:, 1]
-        steps = np.abs(np.diff(op))
-        blur = _BLUR * float(np.median(steps[steps > 0.0]))
-        # The values are those of the most likely node: valve and process must be of one piece.
-        top = posterior.best
-        s = posterior.interval(band, confidence, blur).within(0.0).around(float(top[0]))
-        j = posterior.interval(jump, confidence, blur).within(0.0, s.high).around(float(top[1]))
-        j = Interval(min(j.value, s.value), j.low, j.high)
-        static = posterior.interval(0.5 * (band + jump), confidence, blur).within(0.0)
-        dynamic = posterior.interval(0.5 * (band - jump), confidence, blur).within(0.0)
+        s = posterior.interval(1.0, 0.0, confidence, blur).within(0.0).around(band)
+        j = posterior.interval(0.0, 1.0, confidence, blur).within(0.0, s.high)
+        j = j.around(min(jump, s.value))
+        static = posterior.interval(0.5, 0.5, confidence, blur).within(0.0)
+        dynamic = posterior.interval(0.5, -0.5, confidence, blur).within(0.0)
         return (
             s,
             j,
             static.around(0.5 * (s.value + j.value)),
             dynamic.around(0.5 * (s.value - j.value)),
         )
+
+
+def step_of(op: Array) -> float:
+    """What OP (shape ``(n,)``) usually moves from sample to sample, where it moves."""
+    steps = np.abs(np.diff(op))
+    return float(np.median(steps[steps > 0.0]))

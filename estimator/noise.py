@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import fdtrc
 
 from estimator._kernels import Array
 
-__all__ = ["autoregression", "effective_samples"]
+__all__ = ["autoregression", "effective_samples", "errs_at_slips"]
 
 
 def effective_samples(residual: Array, weight: Array) -> float:
@@ -52,3 +53,27 @@ def autoregression(residual: Array, weight: Array, max_order: int = 10) -> tuple
         if bic < best[0]:
             best = (bic, np.concatenate([[1.0], -taps]), variance)
     return best[1], best[2]
+
+
+_AFTER = 3
+_LEAST = 20
+_SIGNIFICANT = 0.01
+
+
+def errs_at_slips(residual: Array, weight: Array, stem: Array, dead_time: int) -> bool:
+    """Whether one-step errors are larger after the stem's slips than elsewhere (F test, 1 %).
+
+    All arrays have shape ``(n,)``. Noise knows nothing of slips: errors that follow them say that
+    the slips, or the way the stem makes them, are not quite the real ones.
+    """
+    n = residual.size
+    late = np.flatnonzero(np.diff(stem) != 0.0)[:, None] + 1 + dead_time + np.arange(_AFTER)
+    after = np.zeros(n, dtype=np.bool_)
+    after[late[late < n]] = True
+    used = weight > 0.0
+    near, far = residual[used & after], residual[used & ~after]
+    if min(near.size, far.size) < _LEAST:
+        return False
+    spread = float(np.mean(far**2))
+    ratio = float(np.mean(near**2)) / max(spread, 1e-300)
+    return bool(fdtrc(near.size, far.size, ratio) < _SIGNIFICANT)

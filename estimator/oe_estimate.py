@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from estimator._kernels import Array
 from estimator._simulated import simulated_costs
 from estimator._slips import Op
+from estimator.arx import ArxRegression, select_orders
 from estimator.candidate import Candidate
 from estimator.conversion import process_description, process_model
-from estimator.estimate import Estimate
-from estimator.noise import effective_samples
-from estimator.posterior import Posterior, explore
+from estimator.estimate import MISFIT, Estimate, step_of
+from estimator.noise import effective_samples, errs_at_slips
+from estimator.posterior import Posterior
 from estimator.regression import Regression
 from estimator.result import RunnerUp
 from estimator.search import shortened
 from estimator.window import Window
+from estimator.zoomed import explore
 
 __all__ = ["oe_estimate"]
 
 _LAG_REACH = 4
+_BLUR = 0.1
+"""A real valve slips between two samples: share of OP's step per sample."""
+_LOW_ORDER = 0.025
+"""Standard deviation of S, as a share of it, that a process of low order leaves."""
+_RIVALS, _RIVAL, _APART = 2, 4.0, 0.02
+"""Other optima whose likelihood counts: how many, how far below, how far apart in S."""
 
 
 def oe_estimate(
@@ -36,13 +45,17 @@ def oe_estimate(
 
     ``bic`` is that of the whitened errors, to compare with another criterion.
     """
-    best = shortened(op, regression, found[0])
-    fit = regression.solve(best.stem(op), best.structure, best.dead_time)
-    samples = effective_samples(fit.residual, regression.weight)
-    posterior = _posterior(op, regression, best, samples)
-    band, jump, static, dynamic = Estimate.intervals(posterior, confidence, window.u)
+    start = shortened(op, regression, found[0])
+    samples = _samples(op, regression, start)
+    posterior, best = _posterior(op, regression, start, found[1:], samples)
+    stem = best.stem(op)
+    fit = regression.solve(stem, best.structure, best.dead_time)
+    blur = math.hypot(_BLUR * step_of(op.u), best.band * _model_error(window, stem))
+    band, jump, static, dynamic = Estimate.intervals(
+        posterior, confidence, blur, best.band, best.jump
+    )
     deviation = math.sqrt(best.cost / samples / max(fit.information, 1e-300))
-    gain = posterior.interval(posterior.gain, confidence, deviation).around(fit.gain)
+    gain = posterior.gain_interval(confidence, deviation).around(fit.gain)
     model = process_model(window, best.structure, best.dead_time, fit)
     return Estimate(
         criterion="oe",
@@ -50,11 +63,12 @@ def oe_estimate(
         jump=jump,
         static=static,
         dynamic=dynamic,
-        stem=best.stem(op),
+        stem=stem,
         simulated=fit.prediction,
         process=process_description(window, best.structure, model, gain),
         model=model,
         bic=bic,
+        peaks=posterior.peaks(),
         runners_up=tuple(
             RunnerUp(
                 other.structure.name,
@@ -67,16 +81,68 @@ def oe_estimate(
     )
 
 
-def _posterior(op: Op, regression: Regression, best: Candidate, samples: float) -> Posterior:
+def _samples(op: Op, regression: Regression, best: Candidate) -> float:
+    fit = regression.solve(best.stem(op), best.structure, best.dead_time)
+    return effective_samples(fit.residual, regression.weight)
+
+
+def _model_error(window: Window, stem: Array) -> float:
+    """Standard deviation of S as a share of it, beside what the likelihood says."""
+    orders = select_orders(window.y, window.good, stem)[0]
+    one_step = ArxRegression(window.y, window.good, orders)
+    residual = one_step.solve(stem).residual
+    errs = errs_at_slips(residual, one_step.weight, stem, orders.dead_time)
+    return MISFIT if errs else _LOW_ORDER
+
+
+def _posterior(
+    op: Op, regression: Regression, best: Candidate, others: tuple[Candidate, ...], samples: float
+) -> tuple[Posterior, Candidate]:
+    """Likelihood around the best valve and around those that the search found nearly as likely.
+
+    The candidate is the most likely one around the best valve.
+    """
+
+    def worth(candidate: Candidate) -> float:
+        free = candidate.structure.free * math.log(samples)
+        return -0.5 * (samples * math.log(candidate.cost) + free)
+
+    found, refined = _around(op, regression, best, samples)
+    seen = [best]
+    for other in others:
+        near = any(abs(other.band - one.band) < _APART * one.band for one in seen)
+        if len(seen) > _RIVALS or near or not worth(other) > worth(best) - _RIVAL:
+            continue
+        seen.append(other)
+        found = found.joined(_around(op, regression, other, samples)[0])
+    return found, refined
+
+
+def _around(
+    op: Op, regression: Regression, best: Candidate, samples: float
+) -> tuple[Posterior, Candidate]:
     """Likelihood with the linear part and the dead time at their best, the poles held."""
     best = best.anchored(op)
     tables = regression.tables(best.structure)
     lag = max(0, best.dead_time - _LAG_REACH)
     lags = min(regression.max_lag, best.dead_time + _LAG_REACH) - lag + 1
+    free = best.structure.free * math.log(samples)
 
     def evaluate(nodes: Array) -> tuple[Array, Array]:
         cost, gain = simulated_costs(op, tables, nodes, best.first, lag, lags)
         pick = cost.argmin(axis=0), np.arange(nodes.shape[0])
-        return -0.5 * samples * np.log(cost[pick]), gain[pick]
+        return -0.5 * (samples * np.log(cost[pick]) + free), gain[pick]
 
-    return explore(evaluate, best)
+    posterior = explore(evaluate, best)
+    top = posterior.best
+    cost, _ = simulated_costs(op, tables, top[None].copy(), best.first, lag, lags)
+    band, jump, lead = (float(v) for v in top)
+    refined = replace(
+        best,
+        cost=float(cost.min()),
+        band=band,
+        jump=jump,
+        lead=lead,
+        dead_time=lag + int(cost.argmin()),
+    )
+    return posterior, refined

@@ -1,157 +1,143 @@
-"""Intervals: the likelihood over (S, J, x0), integrated.
+"""Intervals: the likelihood over stick band, slip jump and first slip, integrated.
 
 The likelihood in S and J is no parabola. The valve slips at one sample or at the next, so it has
 plateaus and steps, and its maximum sits anywhere on a plateau: a fixed drop below the maximum (the
 chi-square rule) is then too short an interval, and the maximum itself is a biased estimate of J,
 because whatever mistakes the time of a slip also flattens the stem's jumps against PV. Treated as a
-density (uniform over the triangle ``0 <= J <= S`` and over the possible first positions of the
-stem) the likelihood gives quantiles that are right for plateaus and slopes alike.
+density (uniform over the triangle ``0 <= J <= S`` and over how far OP goes until the first slip,
+the *lead*) the likelihood gives quantiles that are right for plateaus and slopes alike.
 
-The nodes are a box in (S, J, lead) that is zoomed to where the likelihood is. ``lead`` is how far
-OP has to go until the first slip; it takes the place of x0 because the likelihood at a fixed lead
-changes slowly with J, and at a fixed x0 in spikes.
+It has several peaks as well: a longer dead time with a narrower band gives nearly the same PV. A
+climb from the best valve sees one of them. So the density is a mixture of boxes: sets of slips
+that were listed without a gap (`estimator.listed`), or cells of a grid around each optimum of the
+search (`estimator.zoomed`). Within a box it is uniform.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr
 
-from estimator._kernels import Array, Mask
-from estimator.candidate import Candidate
+from estimator._kernels import Array
 from estimator.result import Interval
 
-__all__ = ["Posterior", "explore"]
+__all__ = ["Peak", "Posterior"]
 
-_S, _J, _LEAD = range(3)
-_LINE, _FEW = 41, 7
-_LINE_PASSES = 3
-_NEAR = 0.1
-_FLOOR = 1e-4
-_ZOOM_NODES = (17, 15, 7)
-_FINAL_NODES = (25, 21, 7)
-_PASSES = 9
-_DROP = 7.0
-_SETTLED = 0.75
 _TEMPER = 0.5
-"""Share of the log-likelihood that counts: orders and poles were chosen on the same samples, and
-the box may miss a narrow peak. Chosen so that intervals cover the truth as often as they say on the
-closed-loop examples of the paper."""
+"""Share of the log-likelihood that counts: orders and poles were chosen on the same samples.
+Chosen so that intervals cover the truth as often as they say on the closed-loop examples of the
+paper."""
+_ALIVE = 1e-5
+_APART, _SHARE = 0.02, 0.1
+_HALF = np.array([0.42, 0.85, 1.25, 1.645, 2.1, 2.6, 3.5])
+_EDGES = np.concatenate([-_HALF[::-1], [0.0], _HALF])
+_PARTS = np.diff(ndtr(_EDGES))
+"""A normal law as a staircase, exact at its edges."""
 
 
-_NORMAL = ndtri((np.arange(15) + 0.5) / 15)
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """A valve and the share of the probability around it."""
 
-Evaluate = Callable[[Array], tuple[Array, Array]]
-"""Nodes ``(m, 3)`` of S, J and lead to log-likelihood and gain, each ``(m,)``."""
+    band: float
+    jump: float
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Nodes ``(m, 3)`` of stick band, slip jump and lead, their weights and gains.
+    """Boxes of valves with the likelihood of one of each.
 
-    ``best`` is the node of the highest likelihood.
+    Attributes:
+        nodes: S, J and lead of the valve that stands for its box, shape ``(m, 3)``.
+        low, high: ends of S and J of the box, shape ``(m, 2)``.
+        volume: of the box, the lead's extent included, shape ``(m,)``.
+        log_likelihood, gain: of the valve, shape ``(m,)``.
     """
 
     nodes: Array
+    low: Array
+    high: Array
+    volume: Array
     log_likelihood: Array
     gain: Array
 
+    def joined(self, other: Posterior) -> Posterior:
+        """The boxes of both."""
+        pairs = [(getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__]
+        return Posterior(*(np.concatenate(pair) for pair in pairs))
+
     @property
     def best(self) -> Array:
-        """Stick band, slip jump and lead of the most likely node."""
+        """Stick band, slip jump and lead of the most likely valve."""
         return np.asarray(self.nodes[int(self.log_likelihood.argmax())], dtype=np.float64)
 
     @property
-    def _weight(self) -> Array:
-        log = _TEMPER * (self.log_likelihood - self.log_likelihood.max())
-        return np.asarray(np.exp(log), dtype=np.float64)
+    def weight(self) -> Array:
+        """Probability of each box, shape ``(m,)``."""
+        log = np.where(self.volume > 0.0, self.log_likelihood, -np.inf)
+        weight = self.volume * np.exp(_TEMPER * (log - log.max()))
+        return np.asarray(weight / weight.sum(), dtype=np.float64)
 
-    def interval(self, values: Array, confidence: float, deviation: float = 0.0) -> Interval:
-        """Median and equal-tailed interval of a quantity with these ``values`` at the nodes.
+    def peaks(self, apart: float = _APART, share: float = _SHARE) -> tuple[Peak, ...]:
+        """Valves that explain the window about equally well, most probable first.
 
-        ``deviation`` is the standard deviation that the quantity has at each single node.
+        Peaks are ``apart`` in S, as a share of it, with nothing between, and hold a ``share`` of
+        the probability each.
         """
-        weight = self._weight
-        if deviation > 0.0:
-            kept = weight > 1e-4
-            values = (values[kept, None] + deviation * _NORMAL).ravel()
-            weight = np.repeat(weight[kept], _NORMAL.size)
-        order = np.argsort(values, kind="stable")
-        level, weight = values[order], weight[order]
-        cumulative = np.cumsum(weight) - 0.5 * weight
+        weight = self.weight
+        alive = np.flatnonzero(weight > _ALIVE)
+        order = alive[np.argsort(self.nodes[alive, 0], kind="stable")]
+        band = self.nodes[order, 0]
+        parts = np.split(order, 1 + np.flatnonzero(np.diff(band) > apart * band[1:]))
+        found = []
+        for part in parts:
+            mass = float(weight[part].sum())
+            if mass >= share:
+                top = part[int(self.log_likelihood[part].argmax())]
+                found.append(Peak(float(self.nodes[top, 0]), float(self.nodes[top, 1]), mass))
+        return tuple(sorted(found, key=lambda peak: -peak.share))
+
+    def interval(
+        self, of_band: float, of_jump: float, confidence: float, blur: float = 0.0
+    ) -> Interval:
+        """Median and equal-tailed interval of ``of_band S + of_jump J``.
+
+        ``blur`` is the standard deviation that the quantity has for each single valve.
+        """
+        parts = np.array([of_band, of_jump])
+        ends = np.stack([self.low * parts, self.high * parts])
+        return self._quantiles(
+            ends.min(axis=0).sum(axis=1), ends.max(axis=0).sum(axis=1), confidence, blur
+        )
+
+    def gain_interval(self, confidence: float, deviation: float) -> Interval:
+        """The same of the gain, which has the standard deviation ``deviation`` for each valve."""
+        return self._quantiles(self.gain, self.gain, confidence, deviation)
+
+    def _quantiles(self, low: Array, high: Array, confidence: float, blur: float) -> Interval:
+        weight = self.weight
+        alive = weight > _ALIVE * weight.max()
+        low, high, weight = low[alive], high[alive], weight[alive]
+        if blur > 0.0:
+            low = (low[:, None] + blur * _EDGES[:-1]).ravel()
+            high = (high[:, None] + blur * _EDGES[1:]).ravel()
+            weight = (weight[:, None] * _PARTS).ravel()
         tail = 0.5 * (1.0 - confidence)
-        at = np.array([tail, 0.5, 1.0 - tail]) * weight.sum()
-        low, middle, high = np.interp(at, cumulative, level)
-        return Interval(float(middle), float(low), float(high))
+        found = _mixture_quantiles(low, high, weight, np.array([tail, 0.5, 1.0 - tail]))
+        return Interval(float(found[1]), float(found[0]), float(found[2]))
 
 
-def _at(
-    evaluate: Evaluate, low: Array, high: Array, best: Array, counts: tuple[int, ...]
-) -> Posterior:
-    """Evaluate the nodes of a box, and ``best`` with them."""
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
-    grid = np.stack([g.ravel() for g in np.meshgrid(*axes, indexing="ij")], axis=1)
-    grid = np.vstack([grid, best])
-    band, jump, lead = grid.T
-    inside = (band > 0.0) & (jump <= band) & (lead >= 0.0) & (lead <= band + jump)
-    inside[-1] = True
-    grid = np.ascontiguousarray(grid[inside])
-    log_likelihood, gain = evaluate(grid)
-    return Posterior(grid, log_likelihood, gain)
-
-
-def explore(evaluate: Evaluate, best: Candidate) -> Posterior:
-    """Zoom in on the likelihood; ``best`` is where the search ended.
-
-    The likelihood is narrow in S and in the lead, a fraction of OP's step per sample, and may be
-    wide in J. So J is scanned first at the best S and lead, then those along with J; the box that
-    holds what is alive is zoomed from there.
-    """
-    node = np.array([best.band, best.jump, best.lead])
-    low, high = node.copy(), node.copy()
-    low[_J], high[_J] = 0.0, node[_S]
-    scan = _at(evaluate, low, high, node, (1, _LINE, 1))
-    node = scan.best
-    low[_J], high[_J] = _alive(scan, _J, (high[_J] - low[_J]) / (_LINE - 1))
-    for axis in (_S, _LEAD, _S):
-        reach = _NEAR * node[_S]
-        low[axis], high[axis] = max(0.0, node[axis] - reach), node[axis] + reach
-        for _ in range(_LINE_PASSES):
-            counts = [1, _FEW, 1]
-            counts[axis] = _LINE
-            scan = _at(evaluate, low, high, node, (counts[0], counts[1], counts[2]))
-            node = scan.best
-            low[axis], high[axis] = _alive(scan, axis, (high[axis] - low[axis]) / (_LINE - 1))
-    margin = np.maximum(0.25 * (high - low), _FLOOR * node[_S])
-    low, high = np.maximum(low - margin, 0.0), high + margin
-    _, low, high = _zoomed(evaluate, low, high, node, _ZOOM_NODES)
-    return _at(evaluate, low, high, node, _FINAL_NODES)
-
-
-def _alive(posterior: Posterior, axis: int, step: float) -> tuple[float, float]:
-    """The part of an axis where the likelihood is, one step wider on either side."""
-    top = posterior.log_likelihood.max()
-    nodes = posterior.nodes[posterior.log_likelihood > top - _DROP, axis]
-    return max(0.0, float(nodes.min()) - step), float(nodes.max()) + step
-
-
-def _zoomed(
-    evaluate: Evaluate, low: Array, high: Array, top: Array, counts: tuple[int, int, int]
-) -> tuple[Posterior, Array, Array]:
-    """Narrow the box until the likelihood fills it; return the last nodes and the next box."""
-    posterior = _at(evaluate, low, high, top, counts)
-    for _ in range(_PASSES):
-        alive: Mask = posterior.log_likelihood > posterior.log_likelihood.max() - _DROP
-        step = (high - low) / (np.array(counts) - 1)
-        nodes = posterior.nodes[alive]
-        new_low = np.maximum(nodes.min(axis=0) - step, 0.0)
-        new_high = nodes.max(axis=0) + step
-        settled = bool((new_high - new_low >= _SETTLED * (high - low)).all())
-        low, high = new_low, new_high
-        if settled:
-            break
-        posterior = _at(evaluate, low, high, posterior.best, counts)
-    return posterior, low, high
+def _mixture_quantiles(low: Array, high: Array, weight: Array, shares: Array) -> Array:
+    """Quantiles of a mixture of uniform distributions from ``low`` to ``high``."""
+    width = np.maximum(high - low, 1e-12 * max(1e-12, float(np.abs(high).max())))
+    density = weight / weight.sum() / width
+    at = np.concatenate([low, low + width])
+    order = np.argsort(at, kind="stable")
+    at = at[order]
+    slope = np.cumsum(np.concatenate([density, -density])[order])
+    share = np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(at))])
+    found: Array = np.interp(shares, np.maximum.accumulate(share), at)
+    return found
