@@ -90,6 +90,42 @@ def test_a_slow_drift_gives_an_alarm_and_noise_rarely_does():
         assert kinds == {ChangeKind.INCREASE}
 
 
+def _delays(before, reference, shift, runs=150, after=200):
+    """Windows from a shift to its alarm, false alarms before it left out."""
+    found = []
+    for seed in range(runs):
+        value = np.random.default_rng(seed).normal(size=before + after)
+        value[before:] += shift
+        changes = find_changes(value, np.ones(value.size), reference=reference)
+        if changes and changes[0].alarm >= before:
+            found.append(changes[0].alarm - before + 1)
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("shift", "length"), [(1.0, 10.4), (1.5, 5.75), (2.0, 4.01)])
+def test_delays_are_the_run_lengths_of_the_tables(shift, length):
+    # Montgomery, Introduction to Statistical Quality Control, 6th ed., table 9.3: k = 0.5, h = 5
+    assert np.mean(_delays(100, 100, shift)) == pytest.approx(length, rel=0.2)
+
+
+def test_false_alarms_are_as_rare_as_the_table_says():
+    # in control the average run length is 465
+    alarms = [
+        bool(find_changes(np.random.default_rng(seed).normal(size=100), np.ones(100)))
+        for seed in range(150)
+    ]
+    assert np.mean(alarms) == pytest.approx(1.0 - math.exp(-95.0 / 465.0), abs=0.07)
+
+
+def test_a_change_does_not_become_the_norm_it_is_measured_by():
+    # with ten windows before it, a mean over all windows follows a shift by 1 before it adds up
+    found = _delays(10, 5, 1.0, after=60)
+    assert np.median(found) < 20
+    assert found.size > 0.5 * 150
+    wild = np.concatenate([np.zeros(12), [8.0], np.full(12, 2.0)])
+    assert find_changes(wild, np.ones(wild.size))[0].onset == 13
+
+
 def test_one_wild_window_gives_no_alarm():
     value = np.full(30, 2.0) + 0.05 * np.sin(np.arange(30.0))
     value[15] = 60.0
