@@ -28,7 +28,7 @@ from compensator.belief import FRICTION, GAIN, Belief
 from compensator.moves import MovePlan, MovePlanner, Ramp
 from compensator.prediction import NoiseModel, Prediction
 from compensator.stem import StemTracker, TrackerSettings
-from compensator.tracking import NOISE_KINDS, TrackerBank
+from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]
@@ -108,7 +108,7 @@ class HybridMpc:
         self._prediction = Prediction.of(model.process, "input")
         self.planner = MovePlanner(self.prediction, self.settings.horizon)
         noise = self.settings.noise
-        noises = NOISE_KINDS if noise is None else (noise,)
+        noises = noise_kinds(self.prediction) if noise is None else (noise,)
         s = self.settings
         tracking = TrackerSettings(
             noises[0],

@@ -14,7 +14,7 @@ from compensator.prediction import NoiseModel, Prediction
 from compensator.stem import StemTracker, TrackerSettings
 from loop_model import ValveModel
 
-__all__ = ["NOISE_KINDS", "TrackerBank"]
+__all__ = ["NOISE_KINDS", "TrackerBank", "noise_kinds"]
 
 NOISE_KINDS = (
     NoiseModel(equation=1.0, measurement=0.3, disturbance=1.0),
@@ -30,6 +30,11 @@ _LEARNING = 60
 """Scans in which a tracker still learns how much noise there is: what it expects counts nothing."""
 
 
+def noise_kinds(prediction: Prediction) -> tuple[NoiseModel, ...]:
+    """Return the noise models that a process may have: no tank's level is a random walk."""
+    return NOISE_KINDS[1:] if prediction.process.is_integrating else NOISE_KINDS
+
+
 class TrackerBank:
     """One tracker a noise model; `chosen` is the one to believe.
 
@@ -37,8 +42,7 @@ class TrackerBank:
         prediction: the process with its disturbance at the input.
         valve: the valve model.
         settings: of the trackers; its ``noise`` is replaced.
-        noises: the candidates, at least one. Until the data speak the first one counts, of an
-            integrating process the last: no tank's level is a random walk.
+        noises: the candidates, at least one. Until the data speak the first one counts.
     """
 
     def __init__(
@@ -46,13 +50,13 @@ class TrackerBank:
         prediction: Prediction,
         valve: ValveModel,
         settings: TrackerSettings,
-        noises: tuple[NoiseModel, ...] = NOISE_KINDS,
+        noises: tuple[NoiseModel, ...],
     ) -> None:
         self._trackers = [
             StemTracker(prediction, valve, replace(settings, noise=noise)) for noise in noises
         ]
         self._scores = [0.0] * len(noises)
-        self._chosen = len(noises) - 1 if prediction.process.is_integrating else 0
+        self._chosen = 0
         self._count = 0
 
     @property

@@ -24,6 +24,7 @@ _LONG = 3.0
 _SHORT = 1.5
 _MUCH_WORSE = 1.8
 _SHORTEST_PERIOD = 12
+_UNKNOWN_PERIOD = 100.0
 
 
 class WatchVerdict(Enum):
@@ -77,7 +78,7 @@ class LoopWatch:
 
     def __init__(self, before: LoopFigures | None = None, worse_by: float = 1.05) -> None:
         self.before, self.worse_by = before, worse_by
-        period = before.period if before is not None else float(_SHORTEST_PERIOD)
+        period = before.period if before is not None else _UNKNOWN_PERIOD
         self._long, self._short = math.ceil(_LONG * period), math.ceil(_SHORT * period)
         self._squares: deque[float] = deque(maxlen=self._long)
         self._travels: deque[float] = deque(maxlen=self._long)
@@ -88,9 +89,10 @@ class LoopWatch:
         self._from = 0.0
 
     def restart(self, skip: int) -> None:
-        """Leave out the next ``skip`` samples (a set-point change), and as many again while the
-        error has not changed its sign; what was seen before still counts.
+        """Leave out the next ``skip`` samples (a set-point change), at most one and a half periods,
+        and as many again while the error has not changed its sign; what was seen before counts.
         """
+        skip = min(skip, self._short)
         self._skip = self._patience = skip
         self._from = 0.0
         self._halves.clear()

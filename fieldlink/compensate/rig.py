@@ -1,9 +1,8 @@
 """Closed loops of any controller with any plant: what `fieldlink simulate` and benchmarks run.
 
-A run begins with what a plant has, the stiction-unaware MPC (of an integrating level PI), until the
-loop shows its limit cycle; then the controller under study takes over, with everything it could
-have seen. `hybrid` and `embedding` have the loop under a `Supervisor`, as in the product, so that
-their fall-back counts.
+A run begins with what a plant has, the stiction-unaware MPC, until the loop shows its limit cycle;
+then the controller under study takes over, with everything it could have seen. What compensates has
+the loop under a `Supervisor`, as in the product: method and watch are judged together.
 """
 
 from __future__ import annotations
@@ -211,16 +210,14 @@ def staged(name: str, setup: Setup, at: int) -> StagedRun:
 
 
 def _base(setup: Setup) -> Controller:
-    """What a plant has: the unaware MPC; for a level PI, which does not chase its noise."""
-    if setup.process.is_integrating:
-        return PiController(PiSettings.simc(setup.process, setup.limits))
+    """What a plant has."""
     return UnawareMpc(setup.process, _mpc(setup))
 
 
 def _mpc(setup: Setup) -> MpcSettings:
-    """The plant's MPC; a level's noise is that of its measurement, and its MPC is set for it."""
+    """The plant's MPC; a level's is tuned as levels are, to leave its measurement's noise alone."""
     if setup.process.is_integrating:
-        return MpcSettings(limits=setup.limits, noise=NoiseModel(0.1, 1.0, 1.0))
+        return MpcSettings(limits=setup.limits, op_weight=0.15, noise=NoiseModel(0.1, 1.0, 0.01))
     return MpcSettings(limits=setup.limits)
 
 
