@@ -49,7 +49,9 @@ def listed_posterior(op: Op, likelihood: Likelihood, best: Candidate) -> Posteri
     steps = np.abs(np.diff(op.u))
     step = float(np.median(steps[steps > 0.0]))
     band = best.band
-    box = band * np.array([1.0 - _AROUND, 1.0 + _AROUND, _LEAST_JUMP, 1.0 + _AROUND])
+    # a stick band beyond OP's span never turns
+    widest_band = max(1.005 * band, min(1.0, (1.0 + _AROUND) * band))
+    box = np.array([(1.0 - _AROUND) * band, widest_band, _LEAST_JUMP * band, widest_band])
     regions, at = np.tile(box, (starts.size, 1)), np.arange(starts.size)
     for stage, length in enumerate(_lengths(op, best)):
         part = op if length == op.u.size else op_of(op.u[:length])
