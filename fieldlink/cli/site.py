@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fieldlink.site import CheckReport
-    from fieldlink.site.report import DeviceReport, LoopReport
+    from fieldlink.site.report import DeviceReport, LoopReport, RequestReport
 
 __all__ = ["SiteFile", "check", "schema"]
 
@@ -76,8 +76,14 @@ def _print_device(console: Console, device: DeviceReport) -> None:
     for request in device.requests:
         console.print(
             f"  FC{request.function} {request.table} {request.first}-{request.last}: "
-            f"{', '.join(request.tags)}" + (f"; every {request.every:g} s" if request.every else "")
+            f"{', '.join(request.tags)}{_rate(request)}"
         )
+
+
+def _rate(request: RequestReport) -> str:
+    if request.every:
+        return f"; every {request.every:g} s"
+    return f"; in one scan of {request.polls}" if request.polls > 1 else ""
 
 
 def _print_loop(console: Console, loop: LoopReport) -> None:

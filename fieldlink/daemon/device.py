@@ -7,7 +7,6 @@ when they are called is what differs between the two.
 from __future__ import annotations
 
 import asyncio
-import math
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -33,10 +32,10 @@ from fieldlink.links import (
     Scan,
     SteppedLink,
 )
-from fieldlink.site import Loop, Site
+from fieldlink.site import Site
 from fieldlink.store import WritebackRecord
 
-__all__ = ["DeviceRunner", "poll_period"]
+__all__ = ["DeviceRunner"]
 
 T = TypeVar("T")
 
@@ -106,7 +105,7 @@ class DeviceRunner:
         """
         if isinstance(self.link, SteppedLink):
             return self.link.scan_period
-        return poll_period([pipeline.loop for pipeline in self.pipelines.values()])
+        return self.site.poll_period(self.name)
 
     async def poll(self, now: float, due: float | None = None) -> None:
         """Scan once.
@@ -303,18 +302,3 @@ class DeviceRunner:
 def _carry(loop: str, old: dict[str, T], new: dict[str, T]) -> None:
     if loop in old:
         new[loop] = old[loop]
-
-
-def poll_period(loops: list[Loop]) -> float:
-    """Return the plant seconds between two scans that serve every loop of a device.
-
-    A loop with a cycle counter is polled twice a period, so that no cycle is missed; the others
-    once. The result divides all of these where that costs at most four times the fastest loop's
-    polls.
-    """
-    if not loops:
-        return 1.0
-    wanted = [loop.period / 2.0 if loop.scan is not None else loop.period for loop in loops]
-    common = math.gcd(*(max(1, round(seconds * 1e6)) for seconds in wanted)) / 1e6
-    fastest = min(wanted)
-    return common if common >= 0.25 * fastest else 0.5 * fastest

@@ -22,7 +22,9 @@ __all__ = ["LoopCounts", "LoopPipeline"]
 LATE_SHARE = 0.1
 """Share of a period by which a reply may come later than due and still be in time."""
 
-_NOT_THERE = frozenset({Quality.NOT_READ, Quality.QUARANTINED, Quality.UNKNOWN_TAG})
+_NOT_THERE = frozenset(
+    {Quality.NOT_READ, Quality.NOT_DUE, Quality.QUARANTINED, Quality.UNKNOWN_TAG}
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,7 @@ class Quality(Enum):
     NOT_READ = (4, "the request failed: see the link's errors")
     QUARANTINED = (5, "the register answered with an exception and is left out for a while")
     INVALID = (7, "the register holds the value that the map declares to mean invalid")
+    NOT_DUE = (8, "not asked for in this scan: its loop has a longer period than others")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
     def __init__(self, code: int, advice: str) -> None:
@@ -95,7 +96,11 @@ class Scan:
     @property
     def answered(self) -> bool:
         """Whether any tag was read in this scan, well or badly, or none had to be."""
-        asked = [r for r in self.readings.values() if r.monotonic >= self.monotonic]
+        asked = [
+            reading
+            for reading in self.readings.values()
+            if reading.monotonic >= self.monotonic and reading.quality is not Quality.NOT_DUE
+        ]
         return not asked or any(reading.quality is not Quality.NOT_READ for reading in asked)
 
 

@@ -42,6 +42,7 @@ class ModbusSettings:
         quarantine: seconds until a register that answered with an exception is tried again.
         writable: holding registers (first, last) that may be written; nothing by default.
         writable_coils: coils (first, last) that may be written; nothing by default.
+        beat: seconds between two scans, for requests that are not in every scan; with 0 they are.
     """
 
     name: str
@@ -51,6 +52,7 @@ class ModbusSettings:
     quarantine: float = 60.0
     writable: Ranges = ()
     writable_coils: Ranges = field(default=())
+    beat: float = 0.0
 
 
 class ModbusLink:
@@ -81,7 +83,9 @@ class ModbusLink:
             clock,
             probes=device.quirks.probe_after_timeout,
         )
-        self._reader = PlanReader(plan, self._connection.read, clock, settings.quarantine)
+        self._reader = PlanReader(
+            plan, self._connection.read, clock, settings.quarantine, settings.beat
+        )
 
     @classmethod
     def of_site(cls, site: Site, device: str, clock: Clock) -> ModbusLink:
@@ -107,6 +111,7 @@ class ModbusLink:
                     for part, first, last in layout.spans()
                     if part in WRITTEN_PARTS
                 ),
+                beat=site.poll_period(device) / site.devices[device].speed,
             ),
             site.requests(device),
             clock,

@@ -7,7 +7,9 @@ costs more than one time-out; the next scan begins behind the request that faile
 always times out cannot starve the others.
 
 A request of tags with a rate of their own (``every``) is sent when it is due; between, its tags
-keep the last reading, with the time at which that arrived, until it is two intervals old.
+keep the last reading, with the time at which that arrived, until it is two intervals old. A request
+of loops with a longer period than others (``polls``) is sent once in so many beats, and its tags
+have no reading between: a window is never given an old value for a new one.
 """
 
 from __future__ import annotations
@@ -60,6 +62,7 @@ class PlanReader:
         read: the connection's read.
         clock: stamps the readings.
         retry_after: seconds until a quarantined tag is tried again.
+        beat: seconds between two scans; with 0 every scan sends every request.
     """
 
     def __init__(
@@ -68,6 +71,7 @@ class PlanReader:
         read: ReadBlock,
         clock: Clock,
         retry_after: float = 60.0,
+        beat: float = 0.0,
     ) -> None:
         self._planned = tuple(plan)
         self._tags = sum(len(request.tags) for request in self._planned)
@@ -75,6 +79,15 @@ class PlanReader:
         self._read = read
         self._clock = clock
         self._retry_after = retry_after
+        self._beat = beat
+        self._began_first: float | None = None
+        self._polls = {
+            tag.name: request.polls
+            for request in self._planned
+            for tag in request.tags
+            if beat and request.polls > 1
+        }
+        self._period_of: dict[str, int] = {}
         self._quarantine: dict[str, _Quarantined] = {}
         self._decoders: dict[int, BlockDecoder] = {}
         self._slow: dict[str, Reading] = {}
@@ -93,21 +106,49 @@ class PlanReader:
         before = self._requests
         readings: dict[str, Reading] = {}
         failures: list[LinkError] = []
+        resting: set[str] = set()
+        asked = False
+        beat = self._beat_at(began)
         try:
             await self._retry_quarantined()
             for request in list(self._plan):
-                if self._is_due(request, began):
+                if self._is_due(request, began, beat):
+                    asked = True
                     await self._read_request(request, readings, failures)
+                    if any(tag.name in readings for tag in request.tags):
+                        self._note_period(request, beat)
+                elif request.tags[0].name in self._polls:
+                    resting.update(tag.name for tag in request.tags)
         except LinkError as error:
             failures.append(error)
         if len(readings) < self._tags:
-            self._fill(readings, began, began_utc)
+            self._fill(readings, resting, began, began_utc)
         scan = Scan(readings, began, began_utc, self._requests - before, tuple(failures))
-        self.state = self._judge(scan)
+        if asked or failures:
+            # A scan that had nothing to ask for tells nothing about the device.
+            self.state = self._judge(scan)
         return scan
 
-    def _is_due(self, request: ReadRequest, now: float) -> bool:
-        return not request.every or now >= self._due.get(request.tags[0].name, now)
+    def _beat_at(self, now: float) -> int:
+        """Count the beats since the first scan; half a beat of jitter is no matter."""
+        if not self._polls:
+            return 0
+        if self._began_first is None:
+            self._began_first = now
+        return round((now - self._began_first) / self._beat)
+
+    def _is_due(self, request: ReadRequest, now: float, beat: int) -> bool:
+        name = request.tags[0].name
+        if request.every:
+            return now >= self._due.get(name, now)
+        polls = self._polls.get(name, 1)
+        return polls == 1 or self._period_of.get(name) != beat // polls
+
+    def _note_period(self, request: ReadRequest, beat: int) -> None:
+        """Note that the loops of a request have been served in their present period."""
+        polls = self._polls.get(request.tags[0].name, 1)
+        if polls > 1:
+            self._period_of.update({tag.name: beat // polls for tag in request.tags})
 
     def _note_slow(self, request: ReadRequest, readings: dict[str, Reading]) -> None:
         """Keep the readings of tags with a rate of their own, and say when they are due again."""
@@ -115,7 +156,9 @@ class PlanReader:
             reading = self._slow[tag.name] = readings[tag.name]
             self._due[tag.name] = reading.monotonic + (1.0 - EARLY) * tag.every
 
-    def _fill(self, readings: dict[str, Reading], began: float, began_utc: float) -> None:
+    def _fill(
+        self, readings: dict[str, Reading], resting: set[str], began: float, began_utc: float
+    ) -> None:
         """Give a reading to every tag that this scan brought none for."""
         for request in self._planned:
             for tag in request.tags:
@@ -125,8 +168,11 @@ class PlanReader:
                 if kept is not None and kept.age(began) <= 2.0 * tag.every:
                     readings[tag.name] = kept
                     continue
-                quarantined = tag.name in self._quarantine
-                quality = Quality.QUARANTINED if quarantined else Quality.NOT_READ
+                quality = Quality.NOT_READ
+                if tag.name in self._quarantine:
+                    quality = Quality.QUARANTINED
+                elif tag.name in resting:
+                    quality = Quality.NOT_DUE
                 readings[tag.name] = Reading(math.nan, quality, began, began_utc)
 
     def _judge(self, scan: Scan) -> LinkState:

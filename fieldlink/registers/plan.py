@@ -9,14 +9,14 @@ group is planned as one piece, whatever the gap inside it, so that it shares a r
 request could hold it. `find_apart` names the groups that cannot, with the reason. Two requests may
 overlap in addresses for that; each tag still belongs to exactly one of them.
 
-Tags that are read at different rates (``every``) never share a request, and for a device that can
-answer for one tag at a time (``one_tag``) every tag has a request of its own.
+Tags that are read at different rates (``every``, ``polls``) never share a request, and for a device
+that can answer for one tag at a time (``one_tag``) every tag has a request of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 
 from fieldlink.errors import FieldlinkError
@@ -37,7 +37,8 @@ class PlanError(FieldlinkError, ValueError):
 class ReadRequest:
     """One Modbus read: ``count`` addresses of ``table`` from ``address`` on, for ``tags``.
 
-    ``every`` is the number of seconds between two of them; 0 sends it in every scan.
+    ``every`` is the number of seconds between two of them; 0 sends it in every scan. With ``polls``
+    it is in every so-many-th scan only: its loops have longer periods than others of the device.
     """
 
     table: Table
@@ -45,6 +46,7 @@ class ReadRequest:
     count: int
     tags: tuple[Tag, ...]
     every: float = 0.0
+    polls: int = 1
 
     @property
     def end(self) -> int:
@@ -88,6 +90,11 @@ class _Limits:
     max_registers: int
     ranges: tuple[Range, ...]
     one_tag: bool = False
+    polls: Mapping[str, int] = field(default_factory=dict)
+
+    def rate(self, tag: Tag) -> tuple[float, int]:
+        """How often a tag is read: seconds between two readings, and in every how many scans."""
+        return tag.every, 1 if tag.every else self.polls.get(tag.name, 1)
 
     def most(self, table: Table) -> int:
         return table.read_limit if table.is_bits else min(self.max_registers, table.read_limit)
@@ -104,7 +111,8 @@ class _Limits:
     def allow(self, piece: Sequence[Tag]) -> bool:
         """Whether one request may read all of ``piece``."""
         table = piece[0].table
-        alike = all(tag.table is table and tag.every == piece[0].every for tag in piece)
+        rate = self.rate(piece[0])
+        alike = all(tag.table is table and self.rate(tag) == rate for tag in piece)
         alone = len(piece) == 1 or not self.one_tag
         return alike and alone and self.allow_span(table, _start(piece), _end(piece))
 
@@ -121,11 +129,7 @@ class _Span:
     start: int
     end: int
     tags: list[Tag]
-
-    @property
-    def every(self) -> float:
-        """The rate of its tags, which is the same for all of them."""
-        return self.tags[0].every
+    rate: tuple[float, int]
 
     def take(self, later: _Span, limits: _Limits) -> bool:
         """Take in a span that begins here or further on, if one request may read both."""
@@ -133,7 +137,7 @@ class _Span:
         if (
             limits.one_tag
             or later.table is not self.table
-            or later.every != self.every
+            or later.rate != self.rate
             or later.start - self.end > limits.max_gap
             or not limits.allow_span(self.table, self.start, end)
         ):
@@ -144,7 +148,7 @@ class _Span:
 
     def request(self) -> ReadRequest:
         ordered = tuple(sorted(self.tags, key=lambda tag: (tag.address, tag.name)))
-        return ReadRequest(self.table, self.start, self.end - self.start, ordered, self.every)
+        return ReadRequest(self.table, self.start, self.end - self.start, ordered, *self.rate)
 
 
 def plan_reads(
@@ -155,6 +159,7 @@ def plan_reads(
     *,
     together: Sequence[Sequence[str]] = (),
     one_tag: bool = False,
+    polls: Mapping[str, int] | None = None,
 ) -> tuple[ReadRequest, ...]:
     """Return the requests that read every one of ``tags`` once, ordered by table and address.
 
@@ -166,12 +171,13 @@ def plan_reads(
         ranges: declared readable ranges (first, last), both included; empty means everything.
         together: groups of tag names that are to share a request.
         one_tag: give every tag a request of its own.
+        polls: in every how many scans a tag is read, by name; 1 unless given.
 
     Raises:
         PlanError: a tag is longer than a request, lies outside the ranges or crosses one's border,
             or a group names a tag that is not there.
     """
-    limits = _Limits(max_gap, max_registers, tuple(ranges), one_tag)
+    limits = _Limits(max_gap, max_registers, tuple(ranges), one_tag, polls or {})
     all_tags = list(tags)
     for tag in all_tags:
         if not limits.allow([tag]):
@@ -181,14 +187,14 @@ def plan_reads(
     pieces.sort(
         key=lambda piece: (
             order.index(piece[0].table),
-            piece[0].every,
+            limits.rate(piece[0]),
             _start(piece),
             _end(piece),
         )
     )
     spans: list[_Span] = []
     for piece in pieces:
-        span = _Span(piece[0].table, _start(piece), _end(piece), list(piece))
+        span = _Span(piece[0].table, _start(piece), _end(piece), list(piece), limits.rate(piece[0]))
         if not (spans and spans[-1].take(span, limits)):
             spans.append(span)
     return tuple(span.request() for span in spans)

@@ -29,7 +29,8 @@ BITS_PER_BYTE = 11
 class RequestReport:
     """One read request: Modbus function code, table, first and last address, the tags it brings.
 
-    ``every`` is the number of seconds between two of them; 0 means that every scan sends it.
+    ``every`` is the number of seconds between two of them; 0 means that every scan sends it, or
+    every ``polls``-th one where its loops have longer periods than others of the device.
     """
 
     function: int
@@ -38,6 +39,7 @@ class RequestReport:
     last: int
     tags: tuple[str, ...]
     every: float = 0.0
+    polls: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +150,7 @@ def _device(
                 last=request.end - 1,
                 tags=tuple(tag.name for tag in request.tags),
                 every=request.every,
+                polls=request.polls,
             )
             for request in requests
         ),
@@ -230,7 +233,8 @@ def _line_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) 
     for port, names in lines.items():
         baud = site.devices[names[0]].baud
         share = sum(
-            _seconds_on_line(request, baud) / max(_poll_period(site, name), request.every)
+            _seconds_on_line(request, baud)
+            / max(site.poll_period(name) * request.polls, request.every)
             for name in names
             for request in requests[name]
         )
@@ -240,13 +244,6 @@ def _line_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) 
                 f"{baud} baud: raise baud, drop tags or give them a rate (column every), or "
                 "lengthen the periods"
             )
-
-
-def _poll_period(site: Site, device: str) -> float:
-    """Return about how often a device is read: twice a period where there is a cycle counter."""
-    loops = site.loops_of(device).values()
-    wanted = (loop.period / 2.0 if loop.scan is not None else loop.period for loop in loops)
-    return min(wanted, default=1.0)
 
 
 def _seconds_on_line(request: ReadRequest, baud: int) -> float:

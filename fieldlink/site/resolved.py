@@ -14,6 +14,7 @@ from fieldlink.registers import ReadRequest, Tag, plan_reads
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
+from fieldlink.site.polling import poll_period, polls_by_tag
 from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
 
 __all__ = ["Site"]
@@ -112,7 +113,10 @@ class Site:
         return (*pairs, *counted, *(loop.tags for loop in loops))
 
     def requests(self, device: str) -> tuple[ReadRequest, ...]:
-        """Return the read plan of a device: every mapped tag once, each loop's tags together."""
+        """Return the read plan of a device: every mapped tag once, each loop's tags together.
+
+        Loops with longer periods than others of the device have requests of their own.
+        """
         settings = self.devices[device]
         tags = self.maps.get(device, {})
         if not tags:
@@ -124,7 +128,12 @@ class Site:
             settings.ranges,
             together=self.together(device),
             one_tag=settings.quirks.one_request_per_tag,
+            polls=polls_by_tag(self.loops_of(device).values()),
         )
+
+    def poll_period(self, device: str) -> float:
+        """Return the plant seconds between two polls of a device; see `polling`."""
+        return poll_period(self.loops_of(device).values())
 
     def with_device(self, name: str, **changes: Any) -> Site:
         """Return the site with keys of one device changed, for instance its port.

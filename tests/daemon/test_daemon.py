@@ -19,10 +19,9 @@ import numpy as np
 import pytest
 
 from fieldlink.daemon import Daemon, PoolSettings, WritebackOutcome
-from fieldlink.daemon.device import poll_period
 from fieldlink.links import LinkState
 from fieldlink.registers import decode_block
-from fieldlink.site import Loop, Site, load_site
+from fieldlink.site import Site, load_site
 from fieldlink.store import (
     HistorianSettings,
     StoreError,
@@ -364,19 +363,22 @@ def test_sigterm_ends_the_program_and_loses_nothing(tmp_path: Path) -> None:
     assert "Traceback" not in err
 
 
-def loop_of(period: float, scan: str | None = None) -> Loop:
-    return Loop(device="plc", op="OP", pv="PV", period=period, scan=scan)
-
-
-@pytest.mark.parametrize(
-    ("loops", "seconds"),
-    [
-        ([loop_of(1.0)], 1.0),
-        ([loop_of(1.0, "SCAN")], 0.5),
-        ([loop_of(1.0), loop_of(5.0)], 1.0),
-        ([loop_of(2.0), loop_of(3.0)], 1.0),
-        ([loop_of(1.0), loop_of(1.07)], 0.5),
-    ],
-)
-def test_one_poll_period_serves_all_loops(loops: list[Loop], seconds: float) -> None:
-    assert poll_period(loops) == seconds
+async def test_a_slow_loop_beside_a_fast_one_is_asked_for_at_its_own_period(
+    device: Any, tmp_path: Path
+) -> None:
+    site_for(tmp_path, {"plc": device.port})
+    with (tmp_path / "map.csv").open("a") as rows:
+        rows.write("OP2,holding,200,float32\nPV2,holding,202,float32\n")
+    with (tmp_path / "site.toml").open("a") as text:
+        text.write(
+            '[loops.SLOW]\ndevice = "plc"\nop = "OP2"\npv = "PV2"\nperiod = 5.0\nwindow = 100\n'
+        )
+    site = load_site(tmp_path / "site.toml")
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["SLOW"].counts.read >= 8, "slow samples")
+        counts = daemon.status().loops["SLOW"].counts
+    asked = [address for function, address, _ in device.requests if function == 3]
+    # The fast loop is polled twice a second, the slow one once in five.
+    assert asked.count(0) >= 6 * asked.count(200)
+    assert counts.duplicates <= 1
+    assert asked.count(200) >= counts.read
