@@ -1,45 +1,30 @@
-"""Compiled inner loops: many valve candidates at once, one in each SIMD lane.
-
-Signals of candidates are arrays of shape ``(samples, candidates)``: the outer loop runs over
-samples, the inner one over candidates, so that the compiler turns each line into vector
-instructions and every branch into a select. What least squares needs of these signals is then one
-matrix product (BLAS), which is why nothing else has to be compiled.
-"""
+"""What all compiled loops share: how they are compiled, their array types, and linear filters."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Mask", "fir", "lag", "stems"]
+__all__ = ["Array", "Index", "Mask", "complete", "fir", "kernel", "lag"]
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-_kernel = partial(njit, cache=True, fastmath=True, error_model="numpy")
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-@_kernel("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[:, ::1], f8[::1])")
-def _stems(
-    op: Array, static: Array, dynamic: Array, start: Array, out: Array, moves: Array
-) -> None:
-    x = start.copy()
-    for k in range(op.size):
-        u = op[k]
-        row = out[k]
-        for j in range(x.size):
-            e = u - x[j]
-            moved = u - dynamic[j] if e > static[j] else x[j]
-            moved = u + dynamic[j] if e < -static[j] else moved
-            moves[j] += 1.0 if moved != x[j] else 0.0
-            x[j] = moved
-            row[j] = moved
+def kernel(function: _Function) -> _Function:
+    """Compile a loop; the code is kept beside its source."""
+    compiled = njit(cache=True, fastmath=True, error_model="numpy")(function)
+    return cast("_Function", compiled)
 
 
-@_kernel("void(f8[:, ::1], f8, f8, f8[:, ::1])")
+@kernel
 def _lag(signal: Array, pole: float, gain: float, out: Array) -> None:
     n, m = signal.shape
     for j in range(m):
@@ -53,7 +38,7 @@ def _lag(signal: Array, pole: float, gain: float, out: Array) -> None:
             now[j] = pole * before[j] + gain * x[j]
 
 
-@_kernel("void(f8[:, ::1], f8[::1], f8[:, ::1])")
+@kernel
 def _fir(signal: Array, taps: Array, out: Array) -> None:
     n, m = signal.shape
     for k in range(n):
@@ -64,19 +49,6 @@ def _fir(signal: Array, taps: Array, out: Array) -> None:
             past = signal[max(k - i, 0)]
             for j in range(m):
                 now[j] += taps[i] * past[j]
-
-
-def stems(op: Array, stick_band: Array, slip_jump: Array, start: Array) -> tuple[Array, Array]:
-    """Stem positions of He's valve, equation (4), for many candidates, and how often each moves.
-
-    ``op`` has shape ``(n,)``; ``stick_band``, ``slip_jump`` and ``start`` (the position before the
-    first sample) have shape ``(m,)``. Returns the positions ``(n, m)`` and the moves ``(m,)``.
-    """
-    static = np.ascontiguousarray(0.5 * (stick_band + slip_jump))
-    dynamic = np.ascontiguousarray(0.5 * (stick_band - slip_jump))
-    out, moves = np.empty((op.size, static.size)), np.zeros(static.size)
-    _stems(op, static, dynamic, np.ascontiguousarray(start), out, moves)
-    return out, moves
 
 
 def lag(signal: Array, pole: float) -> Array:
@@ -95,3 +67,11 @@ def fir(signal: Array, taps: Array) -> Array:
     out = np.empty_like(signal)
     _fir(signal, taps, out)
     return out
+
+
+def complete(good: Mask, past: int) -> Mask:
+    """Samples whose own value and the ``past`` ones before are good; shape ``(n,)``."""
+    usable = good.copy()
+    for i in range(1, past + 1):
+        usable[i:] &= good[:-i]
+    return usable

@@ -11,16 +11,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator._slips import Array, Index, Op, kernel, offset_of, slips_into
+from estimator._kernels import Array, Index, kernel
+from estimator._slips import Op, offset_of, slips_into
 
 __all__ = [
     "OneStep",
-    "ScanTables",
     "one_step_costs",
-    "one_step_followed",
-    "one_step_scan",
     "refine_one_step",
     "residual_sums",
 ]
@@ -147,109 +144,6 @@ def refine_one_step(
                         best[0], best[1], best[2], best[3] = cost, band, jump, lead
         for axis in range(3):
             half[axis] *= shrink[axis]
-
-
-class ScanTables(NamedTuple):
-    """Tables of ARX(past, 2) for all dead times at once, in single precision.
-
-    ``table`` has shape ``(n, 2 rows delays + 2 delays)``: sums from a sample on, the rows
-    themselves, summed weights, weights; within each the dead time runs fastest.
-    """
-
-    table: NDArray[np.float32]
-    rows: int
-    delays: int
-    energy: float
-
-
-@kernel
-def one_step_scan(op: Op, tables: ScanTables, valves: Array) -> NDArray[np.float32]:
-    """Costs ``(delays, m)`` of the valves ``(m, 4)``: S, J, lead, first direction."""
-    rows, delays = tables.rows, tables.delays
-    wide = rows * delays
-    at, step = np.empty(op.u.size, np.int64), np.empty(op.u.size)
-    sums = np.empty(2 * wide, np.float32)
-    gram = np.empty((3, delays), np.float32)
-    out = np.full((delays, valves.shape[0]), np.inf, np.float32)
-    for j in range(valves.shape[0]):
-        band, jump, lead, first = valves[j]
-        count = slips_into(op, band, jump, lead, first, at, step)
-        if count < 2:
-            continue
-        sums[:] = 0.0
-        gram[:] = 0.0
-        x = np.float32(0.0)
-        for i in range(count):
-            c = np.float32(step[i])
-            now = x + c
-            row = tables.table[at[i]]
-            for k in range(2 * wide):
-                sums[k] += c * row[k]
-            summed = row[2 * wide : 2 * wide + delays]
-            weight = row[2 * wide + delays :]
-            square, cross, own = now * now - x * x, c * now, c * c
-            for d in range(delays):
-                gram[0, d] += square * summed[d]
-                gram[1, d] += cross * weight[d]
-                gram[2, d] += own * weight[d]
-            x = now
-        for d in range(delays):
-            g11, g12, g22 = gram[0, d], gram[1, d], gram[2, d]
-            plain = g11
-            for r in range(1, rows):
-                p1, p2 = sums[r * delays + d], sums[wide + r * delays + d]
-                g11 -= p1 * p1
-                g12 -= p1 * p2
-                g22 -= p2 * p2
-            if g11 < np.float32(1e-3) * plain or g22 <= np.float32(0.0):
-                continue
-            r1, r2 = sums[d], sums[wide + d]
-            f2 = r2 - g12 / g11 * r1
-            e22 = max(g22 - g12 * g12 / g11, np.float32(1e-4) * g22)
-            out[d, j] = tables.energy - r1 * r1 / g11 - f2 * f2 / e22
-    return out
-
-
-@kernel
-def one_step_followed(op: Op, tables: ScanTables, valves: Array, delays: Index) -> Array:
-    """Costs ``(m,)`` of the valves ``(m, 4)``, each with a dead time of its own."""
-    rows, most = tables.rows, tables.delays
-    wide = rows * most
-    at, step = np.empty(op.u.size, np.int64), np.empty(op.u.size)
-    level, moved = np.empty(rows), np.empty(rows)
-    out = np.full(valves.shape[0], np.inf)
-    for j in range(valves.shape[0]):
-        band, jump, lead, first = valves[j]
-        count = slips_into(op, band, jump, lead, first, at, step)
-        if count < 2:
-            continue
-        d = delays[j] - 1
-        level[:] = 0.0
-        moved[:] = 0.0
-        g11 = g12 = g22 = x = 0.0
-        for i in range(count):
-            c = step[i]
-            now = x + c
-            row = tables.table[at[i]]
-            for r in range(rows):
-                level[r] += c * row[r * most + d]
-                moved[r] += c * row[wide + r * most + d]
-            weight = row[2 * wide + most + d]
-            g11 += (now * now - x * x) * row[2 * wide + d]
-            g12 += c * now * weight
-            g22 += c * c * weight
-            x = now
-        plain = g11
-        for r in range(1, rows):
-            g11 -= level[r] * level[r]
-            g12 -= level[r] * moved[r]
-            g22 -= moved[r] * moved[r]
-        if g11 < 1e-4 * plain or g22 <= 0.0:
-            continue
-        f2 = moved[0] - g12 / g11 * level[0]
-        e22 = max(g22 - g12 * g12 / g11, 1e-4 * g22)
-        out[j] = tables.energy - level[0] * level[0] / g11 - f2 * f2 / e22
-    return out
 
 
 @kernel

@@ -9,40 +9,25 @@ least squares needs of a stem is a sum over them, which is what makes the search
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from estimator._kernels import Array, Index, kernel
 
 __all__ = [
-    "Array",
-    "Index",
+    "BLOCK",
     "Op",
     "first_leads",
-    "kernel",
     "offset_of",
     "op_of",
-    "slip_patterns",
     "slips",
     "slips_into",
     "usual_span",
 ]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-def kernel(function: _Function) -> _Function:
-    """Compile a loop; the code is kept beside its source."""
-    compiled = njit(cache=True, fastmath=True, error_model="numpy")(function)
-    return cast("_Function", compiled)
-
-
-_BLOCK = 8
+BLOCK = 8
+"""Samples that a walk skips at once where they stay inside the stick band."""
 
 
 class Op(NamedTuple):
@@ -55,8 +40,8 @@ class Op(NamedTuple):
 
 def op_of(u: Array) -> Op:
     """OP made ready for walks."""
-    blocks = -(-u.size // _BLOCK)
-    padded = np.concatenate([u, np.full(blocks * _BLOCK - u.size, u[-1])]).reshape(blocks, _BLOCK)
+    blocks = -(-u.size // BLOCK)
+    padded = np.concatenate([u, np.full(blocks * BLOCK - u.size, u[-1])]).reshape(blocks, BLOCK)
     return Op(np.ascontiguousarray(u), padded.max(axis=1), padded.min(axis=1))
 
 
@@ -105,7 +90,7 @@ def slips_into(
     for b in range(op.top.size):
         if op.top[b] <= up and op.bottom[b] >= down:
             continue
-        for k in range(_BLOCK * b, min(_BLOCK * b + _BLOCK, op.u.size)):
+        for k in range(BLOCK * b, min(BLOCK * b + BLOCK, op.u.size)):
             v = op.u[k]
             if v > up:
                 at[count] = k
@@ -118,87 +103,6 @@ def slips_into(
                 count += 1
                 h, s, up, down = v, -1.0, v + band, v - jump
     return count
-
-
-@kernel
-def _spared(op: Op, band: float, jump: float, lead: float, first: float) -> tuple[float, float]:
-    """How far OP came back and how far it went on between slips, without another slip.
-
-    Valves of a stick band and a slip jump down to these slip at the same samples. Negative where
-    the first slip is not in the direction ``first``, or none happens.
-    """
-    s = -first
-    h = op.u[0] - first * (band - lead)
-    up = h + (jump if s > 0.0 else band)
-    down = h - (band if s > 0.0 else jump)
-    back, on, slipped = 0.0, 0.0, False
-    for b in range(op.top.size):
-        if op.top[b] <= up and op.bottom[b] >= down:
-            if slipped:
-                above, below = op.top[b] - h, h - op.bottom[b]
-                back = max(back, below if s > 0.0 else above)
-                on = max(on, above if s > 0.0 else below)
-            continue
-        for k in range(_BLOCK * b, min(_BLOCK * b + _BLOCK, op.u.size)):
-            v = op.u[k]
-            if v > up or v < down:
-                s = 1.0 if v > up else -1.0
-                if not slipped and s != first:
-                    return -1.0, -1.0
-                slipped = True
-                h = v
-                up = h + (jump if s > 0.0 else band)
-                down = h - (band if s > 0.0 else jump)
-            elif slipped:
-                back, on = max(back, s * (h - v)), max(on, s * (v - h))
-    if not slipped:
-        return -1.0, -1.0
-    return back, on
-
-
-@kernel
-def slip_patterns(
-    op: Op, regions: Array, starts: Array, least: Array, widest: float, most: int
-) -> tuple[Array, Index]:
-    """All valves of regions that slip differently, as smaller regions, and where each belongs.
-
-    ``regions`` has shape ``(m, 4)``: ends of the stick band, ends of the slip jump; ``starts``
-    ``(m, 2)``: lead and direction of the first slip. A region that comes back slips like its valve
-    of the widest stick band, except for differences within ``least`` (in S, in J); it is no wider
-    than ``widest`` in J, because the stem still depends on J. At most ``most`` come back.
-    """
-    found, of = np.empty((most, 4)), np.empty(most, np.int64)
-    stack = np.empty((256, 4))
-    count = 0
-    for i in range(starts.shape[0]):
-        stack[0] = regions[i]
-        height = 1
-        while height > 0 and count < most:
-            height -= 1
-            s0, s1, j0, j1 = stack[height]
-            j1 = min(j1, s1)
-            if s1 <= s0 or j1 < j0 - 1e-9:
-                continue
-            back, on = _spared(op, s1, j1, starts[i, 0], starts[i, 1])
-            if back < 0.0:
-                continue
-            s_end = max(s0, min(back, s1 - least[0]))
-            j_end = max(j0, min(on, j1 - least[1]))
-            parts = max(1, int(np.ceil((j1 - j_end) / widest)))
-            for part in range(parts):
-                if count < most:
-                    found[count, 0], found[count, 1] = s_end, s1
-                    found[count, 2] = j_end + (j1 - j_end) * part / parts
-                    found[count, 3] = j_end + (j1 - j_end) * (part + 1) / parts
-                    of[count] = i
-                    count += 1
-            if s_end > s0 and height < 254:
-                stack[height] = (s0, s_end - 1e-12, j0, j1)
-                height += 1
-            if j_end > j0 and height < 254:
-                stack[height] = (s_end, s1, j0, j_end - 1e-12)
-                height += 1
-    return found[:count], of[:count]
 
 
 @kernel

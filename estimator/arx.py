@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator._kernels import Array, Mask
+from estimator._kernels import Array, Mask, complete
 from estimator._one_step import OneStep, residual_sums
 from estimator.window import Window
 from loop_model import ProcessModel
@@ -81,9 +81,7 @@ class ArxRegression:
 
     def __init__(self, y: Array, good: Mask, orders: ArxOrders) -> None:
         self.orders = orders
-        usable = good.copy()
-        for i in range(1, orders.na + 1):
-            usable[i:] &= good[:-i]
+        usable = complete(good, orders.na)
         usable[: orders.lead] = False
         self.weight = usable.astype(np.float64)
         self.count = float(self.weight.sum())
@@ -155,9 +153,7 @@ def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
     delays = range(1, longest + _MAX_NB)
     columns = [np.ones(n), *(_late(y, i) for i in range(1, _MAX_NA + 1))]
     columns += [_late(stem, d) for d in delays] + [y]
-    usable = good.copy()
-    for i in range(1, _MAX_NA + 1):
-        usable[i:] &= good[:-i]
+    usable = complete(good, _MAX_NA)
     usable[:lead] = False
     design = np.stack(columns, axis=1)[usable]
     count = design.shape[0]

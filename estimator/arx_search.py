@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator._kernels import Array, Mask
+from estimator._listing import slip_patterns
 from estimator._one_step import one_step_costs, refine_one_step
-from estimator._slips import Op, first_leads, slip_patterns
+from estimator._slips import Op, first_leads
 from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.candidate import Candidate
 
@@ -20,10 +21,10 @@ _SEED_ORDERS = 3, 2
 _SURVIVORS = 4
 _FINALISTS = 2
 _ROUNDS = 3
-_NEAR = 3
+_NEAR = 2
 """First slips tried around the seed's, each way."""
 _MOST = 4000
-_BEST = 2
+_BEST = 1
 _LINE = 50
 
 
@@ -40,10 +41,10 @@ class _Look:
     least: tuple[float, float]
 
 
-_LOOKS = _Look(0.015, np.inf, (0.03, 1.0)), _Look(0.004, 1.5, (0.01, 0.1))
-_WIDEST = 0.12
+_LOOKS = _Look(0.015, np.inf, (0.06, 1.0)), _Look(0.004, 1.5, (0.01, 0.1))
+_WIDEST = 0.3
 """How wide in J a listed set may be, as a share of S."""
-_COUNTS, _SHRINK = np.array([3, 7, 5]), np.array([0.5, 0.45, 0.5])
+_COUNTS, _SHRINK = np.array([3, 5, 3]), np.array([0.5, 0.45, 0.5])
 _PASSES = 5
 
 

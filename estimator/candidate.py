@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator._slips import Array, Op, slips
+from estimator._kernels import Array
+from estimator._slips import Op, slips
 from estimator.structures import Structure
 
 __all__ = ["Candidate", "stem_of"]

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator._kernels import Array, Mask
-from estimator._one_step import ScanTables, one_step_followed, one_step_scan
-from estimator._slips import Index, Op, first_leads, op_of, slip_patterns, usual_span
+from estimator._kernels import Array, Index, Mask, complete
+from estimator._listing import OneStepRows, Sets, list_sets, list_sets_at, sets_of
+from estimator._slips import Op, first_leads, op_of, usual_span
 from estimator.candidate import Candidate
 from estimator.structures import COARSE
 
@@ -30,16 +30,15 @@ _PAST = 3
 _LONGEST = 20
 _BANDS = (0.02, 0.06, 0.12, 0.25, 0.5, 1.05)
 """Ends of the stick bands that are listed, as shares of the usual span of OP."""
-_RATIOS = (0.12, 0.3, 0.65)
-"""Slip jumps of the first listing, as shares of the middle of these stick bands."""
 _FACTORS = np.array([0.6, 1.0, 1.5])
 _LEAST = 0.04
 """Sets of slips are told apart down to this share of OP's step per sample."""
-_STROKE, _STROKES = 0.3, (6, 12)
-"""A stroke as a share of the usual span, and how many are listed first: once each way, because
-few strokes are ambiguous and many are listed coarsely."""
+_STROKE = 0.3
+"""A stroke as a share of the usual span of OP."""
+_LISTINGS = (6, (0.12, 0.4)), (12, (0.2, 0.65))
+"""How many strokes are listed first, and the slip jumps of the listing as shares of the middle of a
+stick band: once each way, because few strokes are ambiguous and many are listed coarsely."""
 _GROWTH = 1.6
-_TOP = 20_000
 _KEPT = (600, 300, 150, 80, 40)
 _BIN, _PER_BIN = 0.04, 4
 _MOST = 40_000
@@ -47,20 +46,19 @@ _MOST_STARTS = 48
 
 
 class _Beam(NamedTuple):
-    """Valves that are followed: ends of S and J ``(m, 4)``, lead and first direction ``(m, 2)``,
+    """Valves that are followed, best first: ends of S and J, lead and first direction ``(m, 6)``,
     dead times and costs ``(m,)``."""
 
     regions: Array
-    starts: Array
     delays: Index
     costs: Array
 
-    def taken(self, index: Index) -> _Beam:
-        return _Beam(self.regions[index], self.starts[index], self.delays[index], self.costs[index])
-
     @property
     def valves(self) -> Array:
-        return _valves(self.regions, self.starts)
+        """S, J, lead, first direction: the widest stick band slips as the region does."""
+        low, high = self.regions[:, 2], self.regions[:, 3]
+        jump = np.minimum(0.5 * (low + high), self.regions[:, 1])
+        return np.column_stack([self.regions[:, 1], jump, self.regions[:, 4:]])
 
 
 def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate, ...]:
@@ -72,11 +70,14 @@ def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate,
     steps = np.abs(np.diff(op.u))
     step = float(np.median(steps[steps > 0.0]))
     span = usual_span(op.u)
-    lengths = dict.fromkeys(_first_length(op.u, span, strokes) for strokes in _STROKES)
+    listings: dict[int, tuple[float, ...]] = {}
+    for strokes, some in _LISTINGS:
+        length = _first_length(op.u, span, strokes)
+        listings[length] = (*listings.get(length, ()), *some)
     found: list[Candidate] = []
     apart = 0.4 * step
-    for length in lengths:
-        beam = _grown(op, y, good, length, step, span)
+    for length, ratios in listings.items():
+        beam = _grown(op, y, good, length, ratios, step, span)
         enough = len(found) + count
         ranked = zip(beam.valves, beam.delays, beam.costs, strict=True)
         for (band, jump, lead, first), delay, cost in ranked:
@@ -89,18 +90,26 @@ def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate,
     return tuple(found)
 
 
-def _grown(op: Op, y: Array, good: Mask, length: int, step: float, span: float) -> _Beam:
+def _grown(
+    op: Op,
+    y: Array,
+    good: Mask,
+    length: int,
+    ratios: tuple[float, ...],
+    step: float,
+    span: float,
+) -> _Beam:
     """The valves that are left at the end of the window, first listed in its first samples."""
     n = op.u.size
     delays = min(_LONGEST, n // 12)
     part = op_of(op.u[:length])
-    beam = _listed(part, _tables(y[:length], good[:length], delays), step, span)
+    beam = _listed(part, _rows(y[:length], good[:length], delays), ratios, step, span)
     stage = 0
     while length < n:
         length, stage = min(n, int(length * _GROWTH) + 1), min(stage + 1, len(_KEPT) - 1)
         part = op_of(op.u[:length])
-        tables = _tables(y[:length], good[:length], delays)
-        beam = _followed(part, tables, beam, step, span, stage)
+        rows = _rows(y[:length], good[:length], delays)
+        beam = _followed(part, rows, beam, step, span, stage)
     return beam
 
 
@@ -125,81 +134,60 @@ def _leads(u: Array, first: float) -> Array:
     return leads
 
 
-def _listed(op: Op, tables: ScanTables, step: float, span: float) -> _Beam:
+def _listed(
+    op: Op, rows: OneStepRows, ratios: tuple[float, ...], step: float, span: float
+) -> _Beam:
     pairs = [(lead, first) for first in (1.0, -1.0) for lead in _leads(op.u, first)]
     ends = [
         (narrow, wide, 0.5 * ratio * (narrow + wide), 0.5 * ratio * (narrow + wide))
         for narrow, wide in pairwise(_BANDS)
-        for ratio in _RATIOS
+        for ratio in ratios
     ]
     starts = np.array(pairs * len(ends))
     regions = span * np.repeat(ends, len(pairs), axis=0)
-    least = np.array(
-        [max(4.0 * _LEAST * step, 1.2 * span * len(pairs) * len(_RATIOS) / _MOST), 1.0]
-    )
-    regions, of = slip_patterns(op, regions, starts, least, 1.0, _MOST)
-    starts = starts[of]
-    costs = one_step_scan(op, tables, _valves(regions, starts))
-    top = np.argpartition(costs, min(_TOP, costs.size - 1), axis=None)[:_TOP]
-    delay, j = np.unravel_index(top, costs.shape)
-    found = _Beam(regions[j], starts[j], delay + 1, costs[delay, j].astype(np.float64))
-    return _best(found, _BIN * span, _KEPT[0])
+    coarsest = 1.2 * span * len(pairs) * len(ratios) / _MOST
+    least = np.array([max(4.0 * _LEAST * step, coarsest), 1.0])
+    sets = sets_of(_BIN * span, _BANDS[-1] * span, rows.delays, _PER_BIN)
+    list_sets(op, rows, regions, starts, least, _MOST, sets)
+    return _best(sets, _KEPT[0])
 
 
 def _followed(
-    op: Op, tables: ScanTables, beam: _Beam, step: float, span: float, stage: int
+    op: Op, rows: OneStepRows, beam: _Beam, step: float, span: float, stage: int
 ) -> _Beam:
     factors = _FACTORS if stage > 1 else np.ones(1)
-    beam = beam.taken(np.repeat(np.arange(beam.delays.size), factors.size))
-    regions = beam.regions.copy()
-    regions[:, 2:] *= np.resize(factors, beam.delays.size)[:, None]
+    again = np.repeat(np.arange(beam.delays.size), factors.size)
+    regions = beam.regions[again]
+    regions[:, 2:4] *= np.resize(factors, again.size)[:, None]
+    starts = np.ascontiguousarray(regions[:, 4:])
+    regions = np.ascontiguousarray(regions[:, :4])
     least = np.array([_LEAST * step, 1.0])
-    regions, of = slip_patterns(op, regions, beam.starts, least, 1.0, _MOST)
-    starts, delays = beam.starts[of], beam.delays[of]
-    costs = one_step_followed(op, tables, _valves(regions, starts), delays)
-    return _best(_Beam(regions, starts, delays, costs), _BIN * span, _KEPT[stage])
+    sets = sets_of(_BIN * span, _BANDS[-1] * span, rows.delays, _PER_BIN)
+    list_sets_at(op, rows, beam.delays[again], regions, starts, least, _MOST, sets)
+    return _best(sets, _KEPT[stage])
 
 
-def _valves(regions: Array, starts: Array) -> Array:
-    """S, J, lead, first direction, ``(m, 4)``: the widest stick band slips as the region does."""
-    jump = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
-    return np.column_stack([regions[:, 1], jump, starts])
+def _best(sets: Sets, kept: int) -> _Beam:
+    """The best of all bins, best first."""
+    order = np.argsort(sets.cost, axis=None, kind="stable")[:kept]
+    bin_, delay, place = np.unravel_index(order, sets.cost.shape)
+    costs = sets.cost[bin_, delay, place]
+    found = np.isfinite(costs)
+    return _Beam(sets.region[bin_, delay, place][found], delay[found] + 1, costs[found])
 
 
-def _best(found: _Beam, bin_: float, kept: int) -> _Beam:
-    """The best ones, few to a stick band and dead time; best first."""
-    ranked = found.taken(np.argsort(found.costs, kind="stable"))
-    ranked = ranked.taken(np.flatnonzero(np.isfinite(ranked.costs)))
-    number = np.floor(ranked.regions[:, 1] / bin_).astype(np.int64) * (_LONGEST + 1) + ranked.delays
-    return ranked.taken(_first_of(number, _PER_BIN)[:kept])
-
-
-def _first_of(number: Index, count: int) -> Index:
-    """Indices of the first ``count`` of each number, in order."""
-    order = np.argsort(number, kind="stable")
-    ranked = number[order]
-    start = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1]]))
-    place = np.arange(number.size) - np.repeat(start, np.diff(np.append(start, number.size)))
-    return np.sort(order[place < count])
-
-
-def _tables(y: Array, good: Mask, delays: int) -> ScanTables:
-    """PV's past projected out of it, and everything laid out by dead time."""
+def _rows(y: Array, good: Mask, delays: int) -> OneStepRows:
+    """PV's past projected out of it, and everything summed from each sample on."""
     n = y.size
-    usable = good.copy()
-    for i in range(1, _PAST + 1):
-        usable[i:] &= good[:-i]
+    usable = complete(good, _PAST)
     usable[: delays + 2] = False
     weight = usable.astype(np.float64)
     past = [np.ones(n), *(np.roll(y, i) for i in range(1, _PAST + 1))]
     basis, _ = np.linalg.qr(np.stack(past, axis=1) * weight[:, None])
     target = y * weight
     rest = target - basis @ (basis.T @ target)
-    plain = np.vstack([rest, basis.T, weight])
-    padded = np.zeros((plain.shape[0], n + delays))
-    padded[:, :n] = plain
-    summed = np.cumsum(padded[:, ::-1], axis=1)[:, ::-1]
-    late = np.minimum(np.arange(n)[:, None] + np.arange(1, delays + 1), n + delays - 1)
-    parts = [*(one[late] for one in summed[:-1]), *(one[late] for one in padded[:-1])]
-    table = np.hstack([*parts, summed[-1][late], padded[-1][late]]).astype(np.float32)
-    return ScanTables(table, plain.shape[0] - 1, delays, float(rest @ rest))
+    plain = np.zeros((n + delays, basis.shape[1] + 2))
+    plain[:n] = np.column_stack([rest, basis, weight])
+    summed = np.cumsum(plain[::-1], axis=0)[::-1]
+    columns = summed[:, :-1], plain[:, :-1], summed[:, -1:], plain[:, -1:]
+    return OneStepRows(np.hstack(columns), basis.shape[1] + 1, delays, float(rest @ rest))

@@ -41,6 +41,11 @@ CRITERIA = ("auto", "oe", "arx")
 _SURFACE_NODES = 25
 _SEEDS = 5
 _MARGIN = 0.15
+_SETTLED = 0.25
+"""BIC per sample by which one-step errors must be better than whitened simulation errors: for the
+one-step criterion to be the estimate's, and for the search under the other one to be left out."""
+_CLEAR = 12.0
+"""Log Bayes factor of a sticky valve from which that search is left out."""
 _WORSE = 1.5
 _SLACK = 0.08
 _VAGUE = 0.5
@@ -115,21 +120,29 @@ def _assess(
     regression = Regression(window.y, window.good)
     healthy = healthy_search(op, regression)
     seeds = one_step_seeds(op, window.y, window.good, _SEEDS)
-    found = valve_search(op, regression, healthy, seeds)
-    if not found:
+    seeds = seeds or valve_search(op, regression, healthy, ())[:1]
+    if not seeds:
         share = 1.0 - healthy.cost / regression.total
         reason = Reason(
             ReasonCode.TOO_FEW_MOVES,
             f"OP's moves are too few to move a sticky valve twice (healthy fit {share:.3f})",
         )
         return _not_assessable(window, (reason,), criterion, confidence)
-    arx = arx_search(op, window.y, window.good, (*seeds, found[0]))
-    # the other criterion's valve may be a better one for this criterion as well
-    also = adopted(op, regression, arx.best)
-    found = tuple(sorted((*found, also), key=lambda candidate: candidate.cost))
+    arx = arx_search(op, window.y, window.good, seeds)
+    healthy_bic = _healthy_bic(window, op, regression, healthy)
+    # the other criterion's valve may be a good one for this criterion as well
+    found: tuple[Candidate, ...] = (adopted(op, regression, arx.best),)
     simulated, samples = _simulated(op, regression, found[0], healthy)
+    settled = criterion != "oe" and not surface and simulated > _CLEAR
+    if settled:
+        test = _one_step_test(op, regression, found[0], arx, healthy_bic, simulated)
+        settled = test.settles(arx)
+    if not settled:
+        searched = valve_search(op, regression, healthy, (*seeds, arx.best))
+        found = tuple(sorted((*found, *searched), key=lambda candidate: candidate.cost))
+        simulated, samples = _simulated(op, regression, found[0], healthy)
+        test = _one_step_test(op, regression, found[0], arx, healthy_bic, simulated)
     best = found[0]
-    test = _one_step_test(window, op, regression, best, healthy, simulated, arx)
     stem = (best if simulated > 0.0 else arx.best).stem(op)
     evidence = evidence_of(stem, simulated, test.evidence, samples, best.band)
     if score_of(evidence) > 0.0:
@@ -225,6 +238,15 @@ class _OneStepTest:
         """Log Bayes factor of a sticky over a healthy valve."""
         return 0.5 * self.count * (self.healthy - self.sticky)
 
+    def settles(self, arx: ArxFound) -> bool:
+        """Whether the one-step criterion's valve settles verdict and criterion by itself.
+
+        Whatever a search under the simulation criterion would find besides makes a sticky valve
+        more likely still, and would have to be far better to be the estimate.
+        """
+        sure = self.evidence > 2.0 * _CLEAR
+        return sure and arx.bic < self.oe_bic - _SETTLED * arx.regression.count
+
     def against(self, outside: Outside, op: Op) -> float:
         """Log Bayes factor of a sticky valve over a healthy one and a sinusoid."""
         bic = whitened_bic(op, outside.regression, outside.process, healthy=True)
@@ -232,24 +254,25 @@ class _OneStepTest:
 
 
 def _one_step_test(
-    window: Window,
     op: Op,
     regression: Regression,
     best: Candidate,
-    healthy: Candidate,
-    simulated: float,
     arx: ArxFound,
+    healthy_bic: float,
+    simulated: float,
 ) -> _OneStepTest:
-    count = regression.count
     sticky_bic, oe_bic = arx.bic / arx.regression.count, math.inf
     if simulated > 0.0:
         oe_bic = whitened_bic(op, regression, best, healthy=False)
-        sticky_bic = min(sticky_bic, oe_bic / count)
+        sticky_bic = min(sticky_bic, oe_bic / regression.count)
+    return _OneStepTest(sticky_bic, healthy_bic, regression.count, oe_bic)
+
+
+def _healthy_bic(window: Window, op: Op, regression: Regression, healthy: Candidate) -> float:
+    """BIC per sample of the one-step errors with a healthy valve: the better noise model's."""
     orders = select_orders(window.y, window.good, window.u)[0]
-    healthy_bic = min(
-        orders.bic / orders.rows, whitened_bic(op, regression, healthy, healthy=True) / count
-    )
-    return _OneStepTest(sticky_bic, healthy_bic, count, oe_bic)
+    whitened = whitened_bic(op, regression, healthy, healthy=True)
+    return min(orders.bic / orders.rows, whitened / regression.count)
 
 
 def _prefers(window: Window, arx: Estimate, simulated: Candidate, bic: float) -> bool:

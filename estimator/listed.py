@@ -13,8 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimator._kernels import Array
-from estimator._slips import Index, Op, first_leads, op_of, slip_patterns, slips
+from estimator._kernels import Array, Index
+from estimator._listing import slip_patterns
+from estimator._slips import Op, first_leads, op_of, slips
 from estimator.candidate import Candidate
 from estimator.posterior import Posterior
 

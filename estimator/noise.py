@@ -45,14 +45,14 @@ def autoregression(residual: Array, weight: Array, max_order: int = 10) -> tuple
         usable &= weight[max_order - i - 1 : n - i - 1] > 0.0
     past, now = past[usable], residual[max_order:][usable]
     count = max(1, now.size)
-    best = (np.inf, np.ones(1), 1.0)
-    for order in range(max_order + 1):
-        taps, *_ = np.linalg.lstsq(past[:, :order], now, rcond=None)
-        variance = max(float(np.mean((now - past[:, :order] @ taps) ** 2)), 1e-300)
-        bic = count * np.log(variance) + order * np.log(count)
-        if bic < best[0]:
-            best = (bic, np.concatenate([[1.0], -taps]), variance)
-    return best[1], best[2]
+    # orders are nested: one orthonormal basis tells what each of them leaves
+    basis, root = np.linalg.qr(past)
+    straight = basis.T @ now
+    left = max(float(now @ now), 1e-300) - np.concatenate([[0.0], np.cumsum(np.square(straight))])
+    variance = np.maximum(left / count, 1e-12 * left[0] / count)
+    order = int(np.argmin(count * np.log(variance) + np.arange(max_order + 1) * np.log(count)))
+    taps, *_ = np.linalg.lstsq(root[:order, :order], straight[:order], rcond=None)
+    return np.concatenate([[1.0], -taps]), float(variance[order])
 
 
 _AFTER = 3

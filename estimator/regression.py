@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator._kernels import Array, Mask, fir
-from estimator._simulated import Basis, Simulated, simulated_tables
+from estimator._kernels import Array, Mask, complete, fir
+from estimator._response import Basis, Simulated, simulated_tables
 from estimator.structures import Structure, shared_columns
 
 __all__ = ["MAX_LAG", "LinearFit", "Regression", "delayed"]
@@ -54,9 +54,7 @@ class Regression:
     ) -> None:
         self.taps = np.ones(1) if taps is None else np.ascontiguousarray(taps)
         self.size = y.size
-        usable = good.copy()
-        for i in range(1, self.taps.size):
-            usable[i:] &= good[:-i]
+        usable = complete(good, self.taps.size - 1)
         self.min_lag = min_lag
         self.max_lag = min(MAX_LAG, y.size // 8)
         usable[: max(self.max_lag, self.taps.size - 1)] = False
@@ -88,7 +86,10 @@ class Regression:
 
     def tables(self, structure: Structure) -> Simulated:
         """What the compiled sums need of one process."""
-        return simulated_tables(self.basis, structure.slow, structure.fast, self.max_lag + 1)
+        made: Simulated = simulated_tables(
+            self.basis, structure.slow, structure.fast, self.max_lag + 1
+        )
+        return made
 
     def solve(self, stem: Array, structure: Structure, dead_time: int) -> LinearFit:
         """The linear part for one stem, shape ``(n,)``, not whitened."""

@@ -8,15 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator._kernels import Array
-from estimator._simulated import Search, refine_process, refine_simulated, simulated_coarse
-from estimator._slips import Index, Op
+from estimator._kernels import Array, Index
+from estimator._refine import Search, refine_process, refine_simulated
+from estimator._simulated import simulated_coarse
+from estimator._slips import Op
 from estimator.candidate import Candidate
 from estimator.regression import Regression
 from estimator.structures import COARSE
 
 __all__ = [
     "MIN_MOVES",
+    "adopted",
+    "followed",
     "healthy_refined",
     "healthy_search",
     "polished",
@@ -33,7 +36,7 @@ _FOLLOWS = 6
 """A valve that slips at every sixth sample follows OP: a healthy one is near enough."""
 _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
-_SURVIVORS, _FINALISTS = 10, 4
+_BEGUN, _SURVIVORS, _FINALISTS = 20, 6, 3
 _APART = 0.03
 _WIDE = (0.03, 0.2, 0.1, 0.4)
 _CLOSE = (0.006, 0.15, 0.04, 0.2)
@@ -68,8 +71,9 @@ def valve_search(
     is the process behind a healthy valve: one that hardly sticks is near.
     """
     seeds = _seeds(op, regression, others)
+    seeds.sort(key=lambda pair: pair[0].cost)
     hardly = replace(healthy, band=_HARDLY, jump=0.5 * _HARDLY, lead=0.5 * _HARDLY)
-    seeds.append((hardly, _CLOSE))
+    seeds = [*seeds[:_BEGUN], (hardly, _CLOSE)]
     alive = [_refined(op, regression, seed, half, _FEW, 1) for seed, half in seeds]
     alive.sort(key=lambda candidate: candidate.cost)
     kept = _diverse(alive, _SURVIVORS)
@@ -83,9 +87,14 @@ def valve_search(
     return (polished(op, regression, ended[0]), *ended[1:])
 
 
-def polished(op: Op, regression: Regression, candidate: Candidate, passes: int = 4) -> Candidate:
+def polished(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
     """The candidate refined on a fine lattice, under this regression's cost."""
-    return _refined(op, regression, candidate, _CLOSE, _MANY, passes)
+    return _refined(op, regression, candidate, _CLOSE, _MANY, 4)
+
+
+def followed(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
+    """The candidate where it moves to under this regression's cost: little, but exactly."""
+    return _refined(op, regression, candidate, _CLOSE, _FEW, 2)
 
 
 def adopted(op: Op, regression: Regression, other: Candidate) -> Candidate:
@@ -133,23 +142,21 @@ def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
 
 def healthy_search(op: Op, regression: Regression) -> Candidate:
     """The best process with a healthy valve (the stem is OP), searched with the same freedom."""
-    at, step = np.arange(1, op.u.size), np.diff(op.u)
     best = np.empty(0)
     search = Search(1, regression.min_lag, regression.max_lag, regression.max_lag, _SHRINK)
     for structure in COARSE:
         state = Candidate(np.inf, 0.0, 0.0, 0.0, 1.0, structure, regression.min_lag).state()
-        refine_process(regression.basis, at, step, state, 0.0, search)
+        refine_process(regression.basis, op.u, state, 0.0, search)
         if best.size == 0 or state[0] < best[0]:
             best = state
     return healthy_refined(op, regression, Candidate.of_state(best))
 
 
-def healthy_refined(op: Op, regression: Regression, near: Candidate) -> Candidate:
+def healthy_refined(op: Op, regression: Regression, near: Candidate, passes: int = 5) -> Candidate:
     """The best process with a healthy valve near another."""
     state = near.state()
-    search = Search(5, regression.min_lag, regression.max_lag, 2, _SHRINK)
-    at, step = np.arange(1, op.u.size), np.diff(op.u)
-    refine_process(regression.basis, at, step, state, 0.4, search)
+    search = Search(passes, regression.min_lag, regression.max_lag, 2, _SHRINK)
+    refine_process(regression.basis, op.u, state, 0.4, search)
     return Candidate.of_state(state)
 
 

@@ -17,7 +17,7 @@ from estimator._slips import Op
 from estimator.candidate import Candidate
 from estimator.noise import autoregression
 from estimator.regression import Regression
-from estimator.search import healthy_refined, polished
+from estimator.search import followed, healthy_refined
 
 __all__ = ["whitened_bic"]
 
@@ -50,6 +50,6 @@ def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: b
             break
         used = Regression(regression.y, regression.good, taps, 1, regression.extra)
         candidate = (
-            healthy_refined(op, used, candidate) if healthy else polished(op, used, candidate, 2)
+            healthy_refined(op, used, candidate) if healthy else followed(op, used, candidate)
         )
     return lowest

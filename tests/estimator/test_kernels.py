@@ -5,21 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from estimator._kernels import fir, lag, stems
-from loop_model import ValveModel
-
-
-def test_stems_are_those_of_equation_4() -> None:
-    rng = np.random.default_rng(1)
-    op = np.cumsum(rng.normal(size=400))
-    band, jump = np.array([1.0, 3.0, 5.0, 2.0]), np.array([0.0, 1.0, 5.0, 0.5])
-    start = np.array([0.0, 0.5, -1.0, 0.3])
-    found, moves = stems(op, band, jump, start)
-    for i in range(band.size):
-        expected = ValveModel(band[i], jump[i]).simulate(op, start[i])
-        np.testing.assert_allclose(found[:, i], expected, atol=1e-12)
-        changes = np.count_nonzero(np.diff(np.concatenate([[start[i]], expected])))
-        assert moves[i] == changes
+from estimator._kernels import complete, fir, lag
 
 
 def test_lag_is_a_first_order_filter_started_at_rest() -> None:
@@ -39,3 +25,9 @@ def test_fir_is_a_convolution() -> None:
     taps = np.array([1.0, -0.7, 0.2])
     expected = lfilter(taps, [1.0], signal, axis=0)
     np.testing.assert_allclose(fir(signal, taps)[2:], expected[2:], atol=1e-12)
+
+
+def test_a_sample_is_complete_when_all_its_past_is_good() -> None:
+    good = np.array([True, True, False, True, True, True, True])
+    expected = [all(good[max(0, k - 2) : k + 1]) for k in range(good.size)]
+    assert complete(good, 2).tolist() == expected

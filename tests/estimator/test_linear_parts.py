@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator._one_step import one_step_costs, one_step_followed, one_step_scan
+from estimator._kernels import complete
+from estimator._listing import list_sets, list_sets_at, sets_of
+from estimator._one_step import one_step_costs
 from estimator._simulated import simulated_costs, simulated_steps
 from estimator._slips import Op, op_of
 from estimator.arx import ArxOrders, ArxRegression, select_orders
-from estimator.candidate import stem_of
-from estimator.exhaustive import _tables
+from estimator.candidate import Candidate, stem_of
+from estimator.exhaustive import _rows
 from estimator.regression import Regression, delayed
 from estimator.structures import Structure
 from loop_model import ProcessModel
@@ -96,24 +98,39 @@ def test_arx_cost_and_gain_equal_least_squares(orders: ArxOrders) -> None:
 
 def test_the_listing_ranks_by_the_same_costs() -> None:
     op, y, good = _window()
-    tables = _tables(y, good, 6)
-    nodes = NODES[[0, 2, 3]]  # the other one does not move in these rows
-    valves = np.column_stack([nodes, np.ones(len(nodes))])
-    scanned = one_step_scan(op, tables, valves)
+    table = _rows(y, good, 6)
     # its rows begin at sample 8, so that every dead time has the same ones
-    usable = good.copy()
-    for i in (1, 2, 3):
-        usable[i:] &= good[:-i]
-    usable[:8] = False
-    rows = np.flatnonzero(usable)
-    for j, node in enumerate(nodes):
+    rows = np.flatnonzero(complete(good, 3))
+    rows = rows[rows >= 8]
+    for band, jump, lead in NODES[[0, 2, 3]]:  # the other one does not move in these rows
+        # a region of one valve has one set of slips: its own
+        region = np.array([[np.nextafter(band, 0.0), band, jump, jump]])
+        valve = Candidate(0.0, band, jump, lead, 1.0, Structure(0.0, 0.0), 1).anchored(op)
+        starts, least = np.array([[valve.lead, valve.first]]), np.zeros(2)
+        listed = sets_of(0.1, 1.0, 6, 1)
+        list_sets(op, table, region, starts, least, 1, listed)
         for d in range(1, 7):
             orders = ArxOrders(3, 2, d)
-            design = _one_step_design(stem_of(op, *node, 1.0), y, orders, rows)
+            design = _one_step_design(valve.stem(op), y, orders, rows)
             _, rss, *_ = np.linalg.lstsq(design, y[rows])
-            np.testing.assert_allclose(scanned[d - 1, j], rss[0], rtol=1e-4)
-            followed = one_step_followed(op, tables, valves[[j]], np.array([d]))
-            np.testing.assert_allclose(followed[0], rss[0], rtol=1e-4)
+            np.testing.assert_allclose(listed.cost[:, d - 1].min(), rss[0], rtol=1e-4)
+            followed = sets_of(0.1, 1.0, 6, 1)
+            list_sets_at(op, table, np.array([d]), region, starts, least, 1, followed)
+            np.testing.assert_allclose(followed.cost.min(), rss[0], rtol=1e-6)
+
+
+def test_the_best_sets_of_each_stick_band_are_kept_in_order() -> None:
+    op, y, good = _window()
+    table = _rows(y, good, 3)
+    region, starts = np.array([[0.1, 0.57, 0.05, 0.05]]), np.array([[0.05, 1.0]])
+    many, few = sets_of(0.1, 0.6, 3, 500), sets_of(0.1, 0.6, 3, 4)
+    for sets in (many, few):
+        list_sets(op, table, region, starts, np.zeros(2), 10_000, sets)
+    assert np.isfinite(many.cost).sum() > 3 * np.isfinite(few.cost).sum()
+    np.testing.assert_array_equal(few.cost, np.sort(many.cost, axis=2)[:, :, :4])
+    held = np.isfinite(few.cost)
+    bins = np.broadcast_to(np.arange(few.cost.shape[0])[:, None, None], few.cost.shape)
+    np.testing.assert_array_equal((few.region[held][:, 1] / 0.1).astype(int), bins[held])
 
 
 def test_orders_of_the_paper_s_process_are_found() -> None:

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator._slips import Op, op_of, slip_patterns, slips
+from estimator._listing import slip_patterns
+from estimator._slips import Op, op_of, slips
 from estimator.candidate import Candidate, stem_of
 from estimator.structures import COARSE
 from loop_model import ValveModel
