@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import estimator_speed, industrial, linear_part, paper, robustness
+from benchmarks.paper_summary import LIMITS
 from benchmarks.report import heading, keep, table
 
 __all__ = ["Criterion", "criteria_of", "main"]
@@ -52,7 +53,8 @@ def _jobs(quick: bool, images: Path | None) -> list[tuple[Callable[..., int], li
     """Every benchmark with its command line."""
     pictures = [] if images is None else ["--images", str(images)]
     compared = "1" if quick else "2"
-    repeated = "2" if quick else "20"
+    repeated = "2" if quick else "60"
+    linear = "2" if quick else "20"
     loops = "10" if quick else "200"
     search = ["--methods", "search", "oracle", "--name", "paper_repeated"]
     return [
@@ -61,7 +63,7 @@ def _jobs(quick: bool, images: Path | None) -> list[tuple[Callable[..., int], li
         (paper.main, ["--runs", compared, "--criteria", "auto"]),
         (paper.main, ["--runs", repeated, *search]),
         (robustness.main, ["--runs", loops]),
-        (linear_part.main, ["--runs", repeated]),
+        (linear_part.main, ["--runs", linear]),
     ]
 
 
@@ -91,17 +93,13 @@ def _paper(figures: dict[str, Any], example: str) -> list[Criterion]:
     ]
     row = rows[0] if rows else {}
 
-    def one(name: str, key: str, low: float, high: float, factor: float = 1.0) -> Criterion:
-        value = factor * _figure(row, key)
-        return Criterion(f"{example}: {name}", value, low, high, "paper_repeated")
-
     return [
-        one("median error of S, %", "stick_band", -math.inf, 1.0),
-        one("median error of J, %", "slip_jump", -math.inf, 15.0),
-        one("median error of the gain, %", "gain", -math.inf, 5.0),
-        one("S in its 90 % interval, % of windows", "cover_stick_band", 80.0, 97.0, 100.0),
-        one("J in its 90 % interval, % of windows", "cover_slip_jump", 80.0, 97.0, 100.0),
-    ]
+        Criterion(
+            f"{example}: {limit.name}",
+            limit.factor * _figure(row, limit.field), limit.low, limit.high, "paper_repeated",
+        )
+        for limit in LIMITS
+    ]  # fmt: skip
 
 
 def criteria_of(folder: Path) -> list[Criterion]:

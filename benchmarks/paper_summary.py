@@ -13,10 +13,13 @@ from benchmarks.examples import Example
 from benchmarks.paper_methods import Band, Estimate, poles_of
 from loop_model import LoopModel, ProcessModel
 
-__all__ = ["HEADER", "Summary", "published", "summarise"]
+__all__ = ["HEADER", "LIMITS", "Limit", "Summary", "held", "published", "summarise"]
 
 _NO_WORSE = 1e-3
 """A cost is no worse within this share: a tenth of a percent, to which the search refines S."""
+
+_FEWEST = 20
+"""Windows that a coverage needs to be held against its limits."""
 
 HEADER = (
     "example", "method", "windows", "stiction", "fS %", "fD %", "S %", "S %, p90", "J %", "gain %",
@@ -54,6 +57,55 @@ class Summary:
     worst_cost: float
     seconds: float
     time_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What a figure of the search's row is held to; ``low`` to ``high`` after ``factor``."""
+
+    name: str
+    field: str
+    low: float
+    high: float
+    factor: float = 1.0
+
+    @property
+    def words(self) -> str:
+        """The limits in words."""
+        if math.isinf(self.low):
+            return f"at most {self.high:g}"
+        return f"{self.low:g} to {self.high:g}"
+
+    def met(self, value: float) -> bool | None:
+        """Whether ``value`` (times ``factor`` already) is within; None when it is not known."""
+        return None if math.isnan(value) else self.low <= value <= self.high
+
+
+LIMITS = (
+    Limit("median error of S, %", "stick_band", -math.inf, 1.0),
+    Limit("median error of J, %", "slip_jump", -math.inf, 15.0),
+    Limit("median error of the gain, %", "gain", -math.inf, 5.0),
+    Limit("S in its 90 % interval, % of windows", "cover_stick_band", 80.0, 97.0, 100.0),
+    Limit("J in its 90 % interval, % of windows", "cover_slip_jump", 80.0, 97.0, 100.0),
+    Limit("gain in its 90 % interval, % of windows", "cover_gain", 80.0, 97.0, 100.0),
+)
+
+
+def held(rows: Sequence[Summary]) -> list[tuple[str, str, float, str, str]]:
+    """Example, figure, value, limit and whether it is met, for every row of the search."""
+    word = {True: "yes", False: "**no**", None: "not measured"}
+    found = []
+    for row in rows:
+        if not row.method.startswith("search"):
+            continue
+        for limit in LIMITS:
+            value = limit.factor * float(getattr(row, limit.field))
+            name = f"{limit.name} ({row.method.removeprefix('search, ')})"
+            met = word[limit.met(value)]
+            if limit.field.startswith("cover_") and row.windows < _FEWEST:
+                met = "too few windows"
+            found.append((row.example, name, value, limit.words, met))
+    return found
 
 
 def _error(values: Sequence[float], truth: float, share: float = 0.5) -> float:

@@ -8,26 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.loops import FMU_PLANTS, SIMULATED, Loop, draw_loop, named_loop
+from benchmarks.loops import FMU_PLANTS, SIMULATED, draw_loop, named_loop
 from benchmarks.plants import REST, open_loop_plant, process_of, valve_law
 from benchmarks.recording import record
 from estimator.valves import HeValve
-
-BASE = Loop(
-    seed=1,
-    plant="first order",
-    controller="PI",
-    physics="He",
-    noise_kind="white",
-    stick_band=4.0,
-    slip_jump=1.0,
-    noise=0.05,
-    disturbance=0.0,
-    sampling=0.2,
-    dead_time=0,
-    aggressive=1.0,
-    trouble="none",
-)
+from tests.benchmarks.made_up import BASE
 
 
 def test_a_name_gives_one_loop_and_one_window():

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.paper import main
 from benchmarks.paper_methods import Estimate, free_start_cost
-from benchmarks.paper_summary import published, summarise
+from benchmarks.paper_summary import held, published, summarise
 from estimator.paper_fit import ArxStructure, ArxWindow
 from loop_model import LoopModel, ProcessModel, ValveModel
 
@@ -49,6 +49,21 @@ def test_summary_of_two_windows():
     assert grid.no_worse == 0.5
     assert grid.worst_cost == pytest.approx(1.25)
     assert grid.time_ratio == pytest.approx(50.0)
+
+
+def test_the_search_is_held_to_its_limits():
+    one = [_estimate("search, auto", 10.2, 2.0, 1.0, 0.1, (9.0, 11)), _estimate("g", 11, 3, 2, 5)]
+    windows = [one] * 20
+    rows = {
+        name: (value, limit, met)
+        for _, name, value, limit, met in held(summarise("made up", TRUTH, windows))
+    }
+    assert rows["median error of S, % (auto)"] == (pytest.approx(2.0), "at most 1", "**no**")
+    assert rows["median error of J, % (auto)"][2] == "yes"
+    assert rows["S in its 90 % interval, % of windows (auto)"] == (100.0, "80 to 97", "**no**")
+    assert rows["J in its 90 % interval, % of windows (auto)"][2] == "not measured"
+    few = held(summarise("made up", TRUTH, windows[:19]))
+    assert {met for _, name, _, _, met in few if "interval" in name} == {"too few windows"}
 
 
 def test_a_window_without_a_verdict_counts_against_the_search():

@@ -8,26 +8,11 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.judgement import Judgement, Share, coverage
-from benchmarks.loops import Loop
 from benchmarks.robustness import main
 from benchmarks.robustness_table import STICKY_HEADER, sticky_row, tables
+from tests.benchmarks.made_up import BASE
 
-LOOP = Loop(
-    seed=1,
-    plant="first order",
-    controller="PI",
-    physics="He",
-    noise_kind="white",
-    stick_band=4.0,
-    slip_jump=1.0,
-    noise=0.05,
-    disturbance=0.0,
-    sampling=0.2,
-    dead_time=0,
-    aggressive=1.0,
-    trouble="none",
-)
-HEALTHY = replace(LOOP, stick_band=0.0, slip_jump=0.0, physics="healthy")
+HEALTHY = replace(BASE, stick_band=0.0, slip_jump=0.0, physics="healthy")
 
 
 def _judged(loop, verdict, value=float("nan"), low=0.0, high=0.0, turns=9):
@@ -45,10 +30,10 @@ def _judged(loop, verdict, value=float("nan"), low=0.0, high=0.0, turns=9):
 
 
 JUDGED = [
-    _judged(LOOP, "stiction", 4.4, 4.1, 5.0),
-    _judged(LOOP, "stiction", 3.8, 3.7, 4.1),
-    _judged(LOOP, "no_stiction", 0.1, 0.0, 0.2),
-    _judged(LOOP, "not_assessable"),
+    _judged(BASE, "stiction", 4.4, 4.1, 5.0),
+    _judged(BASE, "stiction", 3.8, 3.7, 4.1),
+    _judged(BASE, "no_stiction", 0.1, 0.0, 0.2),
+    _judged(BASE, "not_assessable"),
 ]
 
 
@@ -65,7 +50,7 @@ def test_a_row_counts_verdicts_and_measures_what_was_found():
 
 
 def test_choudhurys_band_counts_for_verdicts_and_in_its_own_row_only():
-    found = _judged(replace(LOOP, physics="Choudhury"), "stiction", 12.0, 11.0, 13.0)
+    found = _judged(replace(BASE, physics="Choudhury"), "stiction", 12.0, 11.0, 13.0)
     mixed = dict(zip(STICKY_HEADER, sticky_row("mixed", [*JUDGED, found]), strict=True))
     assert mixed["n"] == 5
     assert mixed["bias S %"] == pytest.approx(2.5)
@@ -74,7 +59,7 @@ def test_choudhurys_band_counts_for_verdicts_and_in_its_own_row_only():
 
 
 def test_summary_counts_false_alarms_misses_and_names_them():
-    unseen = _judged(LOOP, "no_stiction", turns=1)
+    unseen = _judged(BASE, "no_stiction", turns=1)
     alarm = _judged(replace(HEALTHY, seed=8), "stiction", 1.0, 0.9, 1.1)
     text, figures = tables([*JUDGED, unseen, alarm, _judged(HEALTHY, "no_stiction")], samples=1000)
     summary = figures["summary"]
