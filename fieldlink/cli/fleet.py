@@ -138,8 +138,11 @@ def _print(status: DaemonStatus) -> None:
     for name, device in status.devices.items():
         typer.echo(
             f"device {name}: {device.state.name.lower()}, {device.polls} polls, "
-            f"{device.late} late, {device.requests} requests, {device.failures} failures"
+            f"{device.late} late, {device.requests} requests, {device.failures} failures, "
+            f"{device.connects} connections, {device.late_replies} late replies passed over"
         )
+        if device.quarantined:
+            typer.echo(f"  refused by the device: {', '.join(device.quarantined)}")
     for name, loop in status.loops.items():
         counts = loop.counts
         typer.echo(

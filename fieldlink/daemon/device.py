@@ -24,6 +24,7 @@ from fieldlink.daemon.status import DeviceStatus, LoopStatus
 from fieldlink.daemon.writeback import WriteBack
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import (
+    CountingLink,
     Link,
     LinkError,
     LinkState,
@@ -161,6 +162,7 @@ class DeviceRunner:
     def status(self) -> DeviceStatus:
         """Return a snapshot of the device."""
         written = sum(writeback.requests for writeback in self._writebacks.values())
+        counting = self.link if isinstance(self.link, CountingLink) else None
         return DeviceStatus(
             state=self._state,
             polls=self._polls,
@@ -170,6 +172,9 @@ class DeviceRunner:
             last_failure=self._last_failure,
             plant_time=self._now,
             lateness=self.lateness.report(),
+            connects=0 if counting is None else counting.connects,
+            late_replies=0 if counting is None else counting.late_replies,
+            quarantined=() if counting is None else counting.quarantined,
         )
 
     def loop_status(self, loop: str) -> LoopStatus:

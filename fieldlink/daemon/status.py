@@ -58,6 +58,9 @@ class DeviceStatus:
         failures: errors met while scanning; last_failure: the newest, empty when there was none.
         plant_time: plant seconds since the start.
         lateness: of the replies that carried samples.
+        connects: times the connection was opened; late_replies: replies that came after their
+            time-out and were passed over.
+        quarantined: tags that are left out for now because the device refuses their registers.
     """
 
     state: LinkState
@@ -68,6 +71,9 @@ class DeviceStatus:
     last_failure: str
     plant_time: float
     lateness: LatenessReport = field(default_factory=LatenessReport)
+    connects: int = 0
+    late_replies: int = 0
+    quarantined: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

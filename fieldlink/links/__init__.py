@@ -1,6 +1,7 @@
 """Links: one module per kind of source behind one small protocol."""
 
 from fieldlink.links.base import (
+    CountingLink,
     Link,
     LinkState,
     Quality,
@@ -26,6 +27,7 @@ from fieldlink.links.registry import LinkFactory, link_kinds, open_link, registe
 __all__ = [
     "AccessRefusedError",
     "Clock",
+    "CountingLink",
     "ExceptionCode",
     "ExceptionReplyError",
     "Link",

@@ -20,7 +20,16 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from fieldlink.links.errors import LinkError
 
-__all__ = ["Link", "LinkState", "Quality", "Reading", "RegisterAccess", "Scan", "SteppedLink"]
+__all__ = [
+    "CountingLink",
+    "Link",
+    "LinkState",
+    "Quality",
+    "Reading",
+    "RegisterAccess",
+    "Scan",
+    "SteppedLink",
+]
 
 
 class Quality(Enum):
@@ -167,4 +176,24 @@ class SteppedLink(Link, Protocol):
     @property
     def scan_period(self) -> float:
         """Plant seconds by which one scan advances the plant."""
+        ...
+
+
+@runtime_checkable
+class CountingLink(Link, Protocol):
+    """A link over a medium that can be lost, and that counts what it had to do about that."""
+
+    @property
+    def connects(self) -> int:
+        """How often the connection was opened."""
+        ...
+
+    @property
+    def late_replies(self) -> int:
+        """Replies that came after their time-out and were recognised and passed over."""
+        ...
+
+    @property
+    def quarantined(self) -> tuple[str, ...]:
+        """The tags that are left out for now because the device refuses their registers."""
         ...

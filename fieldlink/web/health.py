@@ -11,6 +11,9 @@ from fieldlink.links import LinkState
 
 __all__ = ["Readiness"]
 
+MOST_TAGS = 10
+"""Tags that are named of those that a device refuses."""
+
 _ANSWERING = (LinkState.GOOD, LinkState.DEGRADED)
 
 
@@ -43,6 +46,12 @@ class Readiness:
             if device.state is not LinkState.GOOD:
                 said = device.last_failure or device.state.advice
                 reasons.append(f"device {name} is {device.state.name.lower()}: {said}")
+            if device.quarantined:
+                tags = ", ".join(device.quarantined[:MOST_TAGS])
+                more = len(device.quarantined) - MOST_TAGS
+                reasons.append(
+                    f"device {name} refuses {tags}" + (f" and {more} more" if more > 0 else "")
+                )
         states = Counter(device.state.name.lower() for device in status.devices.values())
         ready = started and answering > 0 and not status.store.failing
         return cls(ready, tuple(reasons), dict(states))

@@ -123,6 +123,19 @@ def _of_devices(status: DaemonStatus) -> Iterator[Metric]:
     failures = CounterMetricFamily(
         "fieldlink_device_failures", "Errors met while scanning.", labels=["device"]
     )
+    connects = CounterMetricFamily(
+        "fieldlink_device_connects", "Times the connection was opened.", labels=["device"]
+    )
+    late_replies = CounterMetricFamily(
+        "fieldlink_device_late_replies",
+        "Replies that came after their time-out and were passed over.",
+        labels=["device"],
+    )
+    quarantined = GaugeMetricFamily(
+        "fieldlink_device_quarantined_tags",
+        "Tags left out for now because the device refuses their registers.",
+        labels=["device"],
+    )
     lateness = HistogramMetricFamily(
         "fieldlink_reply_lateness_seconds",
         "From the moment a poll was due to the reply with a loop's sample.",
@@ -135,10 +148,14 @@ def _of_devices(status: DaemonStatus) -> Iterator[Metric]:
         skipped.add_metric([name], device.late)
         requests.add_metric([name], device.requests)
         failures.add_metric([name], device.failures)
+        connects.add_metric([name], device.connects)
+        late_replies.add_metric([name], device.late_replies)
+        quarantined.add_metric([name], len(device.quarantined))
         edges = [*map(str, LATENESS_BOUNDS), "+Inf"]
         counted = list(zip(edges, accumulate(device.lateness.counts), strict=True))
         lateness.add_metric([name], counted, device.lateness.total)
-    yield from (state, polls, skipped, requests, failures, lateness)
+    yield from (state, polls, skipped, requests, failures)
+    yield from (connects, late_replies, quarantined, lateness)
 
 
 def _of_the_store(status: DaemonStatus) -> Iterator[Metric]:

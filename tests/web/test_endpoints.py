@@ -86,6 +86,25 @@ async def test_health_and_metrics_of_a_running_daemon(
     assert found["process_resident_memory_bytes", ""] > 1e6
 
 
+async def test_what_a_device_refuses_and_how_often_it_was_opened_is_told(
+    device: Any, tmp_path: Path, live: Any
+) -> None:
+    site = with_web(live.site_for(tmp_path, {"plc": device.port}), "")
+    with (tmp_path / "map.csv").open("a") as rows:
+        rows.write("NONE,holding,300,uint16\n")
+    device.illegal = {300}
+    site = load_site(site.path)
+    async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
+        await live.until(lambda: daemon.status().devices["plc"].quarantined != (), "quarantined")
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}") as client:
+            found = figures((await client.get("/metrics")).text)
+            ready = (await client.get("/readyz")).json()
+    assert found["fieldlink_device_quarantined_tags", "plc"] == 1
+    assert found["fieldlink_device_connects_total", "plc"] == 1
+    assert found["fieldlink_device_late_replies_total", "plc"] == 0
+    assert "device plc refuses NONE" in ready["reasons"]
+
+
 async def test_a_part_that_hangs_is_a_503(tmp_path: Path, live: Any) -> None:
     site = with_web(live.site_for(tmp_path, {"plc": 9}), "")
     daemon = Daemon(site)
