@@ -16,15 +16,17 @@ from estimator.conversion import process_description, process_model
 from estimator.estimate import MISFIT, Estimate, step_of
 from estimator.noise import effective_samples, errs_at_slips
 from estimator.posterior import Posterior
-from estimator.regression import Regression
+from estimator.regression import Regression, delayed
 from estimator.result import RunnerUp
 from estimator.search import shortened
+from estimator.structures import Structure
 from estimator.window import Window
 from estimator.zoomed import explore
 
 __all__ = ["oe_estimate"]
 
 _LAG_REACH = 4
+_NUDGE = 0.01
 _BLUR = 0.1
 """A real valve slips between two samples: share of OP's step per sample."""
 _LOW_ORDER = 0.025
@@ -54,7 +56,8 @@ def oe_estimate(
     band, jump, static, dynamic = Estimate.intervals(
         posterior, confidence, blur, best.band, best.jump
     )
-    deviation = math.sqrt(best.cost / samples / max(fit.information, 1e-300))
+    information = _information(regression, stem, best.structure, best.dead_time)
+    deviation = math.sqrt(best.cost / samples / max(information, 1e-300))
     gain = posterior.gain_interval(confidence, deviation).around(fit.gain)
     model = process_model(window, best.structure, best.dead_time, fit)
     return Estimate(
@@ -79,6 +82,29 @@ def oe_estimate(
             for other in found[1:]
         ),
     )
+
+
+def _information(regression: Regression, stem: Array, structure: Structure, lag: int) -> float:
+    """Energy of the response that neither a shared column nor a change of a pole explains.
+
+    The variance of the gain is the noise's divided by it (delta method, the poles free as well).
+    """
+
+    def response(one: Structure) -> Array:
+        return delayed(one.response(np.ascontiguousarray(stem[:, None])), lag)
+
+    own = response(structure)
+    columns = [structure.columns(regression.size), regression.extra]
+    for name in ("slow", "fast"):
+        pole = getattr(structure, name)
+        if 0.0 < pole < 1.0:
+            columns.append(response(replace(structure, **{name: pole ** (1.0 + _NUDGE)})) - own)
+    others = regression.whiten(np.hstack(columns)) * regression.weight[:, None]
+    own = regression.whiten(own) * regression.weight[:, None]
+    size = np.sqrt(np.square(others).sum(axis=0))
+    basis, _ = np.linalg.qr(others[:, size > 0.0] / size[size > 0.0])
+    own = own - basis @ (basis.T @ own)
+    return float(np.square(own).sum())
 
 
 def _samples(op: Op, regression: Regression, best: Candidate) -> float:
