@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator import OpLimits
 from compensator.prediction import Prediction, settling_samples
@@ -35,7 +36,7 @@ __all__ = [
 ]
 
 WARM = 1080
-SEGMENT = 300
+SEGMENT = 600
 _FIRST = 40
 
 
@@ -102,7 +103,9 @@ class Figures:
     Attributes:
         pv_std: PV's standard deviation (its own mean in each segment taken away).
         pv_rms: root mean square of PV minus SP.
-        offset: mean of PV minus SP in the direction of the step.
+        offset: mean over the steps of the size of PV's mean distance from SP, less the mean that
+            the same noise has with the stem held (NaN where that is not known).
+        raw_offset: the same with the noise's mean in it.
         iae: sum of ``|SP - PV|`` over both steps, per sample.
         travel, reversals: of the stem in the steady state, per 100 samples.
         op_travel: of OP in the steady state, per 100 samples.
@@ -113,6 +116,7 @@ class Figures:
     pv_std: float
     pv_rms: float
     offset: float
+    raw_offset: float
     iae: float
     travel: float
     reversals: float
@@ -146,37 +150,41 @@ def opened(case: Case, seed: int, *, healthy: bool = False) -> FmuPlant:
 
 
 def play(
-    case: Case, controller: str, setup: Setup, seed: int, *, healthy: bool = False
+    case: Case,
+    controller: str,
+    setup: Setup,
+    seed: int,
+    *,
+    healthy: bool = False,
+    watched: bool = True,
 ) -> tuple[Trace, StagedRun]:
-    """Run a case; deterministic for its seed."""
-    made = staged(controller, setup, WARM)
+    """Run a case; deterministic for its seed. Unless ``watched`` the loop is not given back for
+    being worse: what a method does by itself.
+    """
+    made = staged(controller, setup, WARM, watched=watched)
     with opened(case, seed, healthy=healthy) as plant:
         return drive(plant, made.controller, study_of(case)), made
 
 
-def segments(case: Case) -> list[tuple[int, int, float]]:
-    """Begin and end of each set-point's steady state, and the direction of its step."""
+def segments(case: Case) -> list[tuple[int, int]]:
+    """Begin and end of each set-point's steady state."""
     first = WARM + 60
     return [
-        (first + case.settling, first + SEGMENT, 1.0),
-        (first + SEGMENT + case.settling, first + 2 * SEGMENT, -1.0),
+        (first + case.settling, first + SEGMENT),
+        (first + SEGMENT + case.settling, first + 2 * SEGMENT),
     ]
 
 
-def figures_of(case: Case, trace: Trace, noise: float) -> Figures:
-    """Take the figures of a run.
-
-    Args:
-        case: of the run.
-        trace: of the run.
-        noise: PV's deviation with the stem held, NaN where there is none.
-    """
+def figures_of(case: Case, trace: Trace, seed: int) -> Figures:
+    """Take the figures of a run with the noise of ``seed``."""
     parts: list[Performance] = []
-    offsets, settled = [], []
-    for begin, end, side in segments(case):
+    offsets, raw, settled = [], [], []
+    noise, alone = held(case, seed), _noise_alone(case.name, seed)
+    for begin, end in segments(case):
         part = assess(trace, begin, end)
         parts.append(part)
-        offsets.append(side * part.offset)
+        raw.append(abs(part.offset))
+        offsets.append(abs(part.offset - float(np.mean(alone[begin:end]))))
         stepped = begin - case.settling
         band = max(0.1 * case.step, 4.0 * noise if math.isfinite(noise) else 0.0)
         outside = np.flatnonzero(np.abs(trace.pv - trace.sp)[stepped:end] > band)
@@ -190,6 +198,7 @@ def figures_of(case: Case, trace: Trace, noise: float) -> Figures:
         pv_std=float(np.sqrt(np.mean([p.pv_std**2 for p in parts]))),
         pv_rms=float(np.sqrt(np.mean([p.rms**2 for p in parts]))),
         offset=float(np.mean(offsets)),
+        raw_offset=float(np.mean(raw)),
         iae=assess(trace, WARM + 60).iae / (2 * SEGMENT),
         travel=per_100("travel"),
         reversals=per_100("reversals"),
@@ -199,20 +208,22 @@ def figures_of(case: Case, trace: Trace, noise: float) -> Figures:
 
 
 @lru_cache(maxsize=64)
-def _held(name: str, seed: int) -> float:
+def _noise_alone(name: str, seed: int) -> NDArray[np.float64]:
+    """PV less its rest with the stem held; NaN where an integrating process drifts away."""
     case = next(c for c in CASES if c.name == name)
+    samples = WARM + 60 + 2 * SEGMENT
     if case.model.process.is_integrating:
-        return math.nan
+        return np.full(samples, np.nan)
     with opened(case, seed) as plant:
-        pv = np.array([plant.step(50.0) for _ in range(WARM + 60 + 2 * SEGMENT)])
-    return float(np.sqrt(np.mean([np.var(pv[begin:end]) for begin, end, _ in segments(case)])))
+        return np.array([plant.step(50.0) for _ in range(samples)]) - rest_of(case)
 
 
 def held(case: Case, seed: int) -> float:
     """PV's deviation in the steady-state samples with the stem held: noise alone; NaN where an
     integrating process drifts away.
     """
-    return _held(case.name, seed)
+    alone = _noise_alone(case.name, seed)
+    return float(np.sqrt(np.mean([np.var(alone[begin:end]) for begin, end in segments(case)])))
 
 
 def model_of(case: Case, trace: Trace, mismatch: str) -> tuple[LoopModel | None, str]:

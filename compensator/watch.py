@@ -3,8 +3,9 @@
 The mean square error over the last three periods must stay below what the base controller left, and
 over the last one and a half far below double that; so a loop that is worse is noticed well within
 five periods, the time after a set-point change not counted. Cycles, from one change of the error's
-sign to the next but one, show a growing oscillation, whatever was there before. Nothing that noise
-with the stem held explains is held against the compensator.
+sign to the next but one, show a growing oscillation, whatever was there before; so does an
+overshoot as large as the step. Nothing that noise with the stem held explains is held against the
+compensator.
 """
 
 from __future__ import annotations
@@ -102,13 +103,21 @@ class LoopWatch:
         """Take in one sample: PV minus SP, the change of OP, and the variance of PV that noise
         alone makes with the stem held.
         """
+        self._quietest = min(self._quietest, noise_variance)
+        if self._overshoots(error):
+            return WatchVerdict.GROWING
         if self._still_settling(error):
             return WatchVerdict.FINE
-        self._quietest = min(self._quietest, noise_variance)
         self._squares.append(error**2)
         self._travels.append(abs(op_change))
         verdict = self._push_cycle(error, noise_variance)
         return verdict if verdict is not WatchVerdict.FINE else self._judge()
+
+    def _overshoots(self, error: float) -> bool:
+        """Whether PV went as far beyond SP as it was away from it, and far beyond all before."""
+        known = 0.0 if self.before is None else self.before.mean_square
+        usual = max(4.0 * math.sqrt(known), 8.0 * math.sqrt(self._quietest), abs(self._from))
+        return error * self._from < 0.0 and abs(error) > usual
 
     def _still_settling(self, error: float) -> bool:
         if self._from == 0.0:

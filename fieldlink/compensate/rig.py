@@ -185,8 +185,10 @@ class StagedRun:
         return self.controller.lost_at if isinstance(self.controller, _Supervised) else None
 
 
-def staged(name: str, setup: Setup, at: int) -> StagedRun:
+def staged(name: str, setup: Setup, at: int, *, watched: bool = True) -> StagedRun:
     """Return a controller by name that has the loop from sample ``at`` on.
+
+    Unless ``watched`` there is no supervisor: what a method does when nobody takes the loop back.
 
     Raises:
         CompensatorError: there is no such controller, or it cannot be built for this model.
@@ -197,6 +199,9 @@ def staged(name: str, setup: Setup, at: int) -> StagedRun:
         if setup.model is None:  # no valve model, no compensation: the plant's own goes on
             return StagedRun(_timed(base, timing, at), timing)
         build = _COMPENSATORS[name]
+        if not watched:
+            alone = _timed(build(setup, setup.model), timing, at)
+            return StagedRun(Staged(base, alone, at), timing)
         supervisor = Supervisor(
             base,
             SupervisorSettings(_hybrid(setup)),

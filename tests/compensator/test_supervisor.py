@@ -302,3 +302,14 @@ def test_what_was_seen_before_a_set_point_change_still_counts() -> None:
         if watch.push(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01) is WatchVerdict.WORSE:
             break
     assert seen < 8 * 40
+
+
+def test_an_overshoot_as_large_as_the_step_ends_it_at_once() -> None:
+    watch = LoopWatch(LoopFigures(0.02, 1.0, 40.0))
+    watch.restart(60)
+    for k in range(60):
+        verdict = watch.push(-5.0 + 0.25 * k, 0.0, 0.0025)
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.GROWING
+    assert k == 41
