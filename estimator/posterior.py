@@ -4,8 +4,9 @@ The likelihood in S and J is no parabola. The valve slips at one sample or at th
 plateaus and steps, and its maximum sits anywhere on a plateau: a fixed drop below the maximum (the
 chi-square rule) is then too short an interval, and the maximum itself is a biased estimate of J,
 because whatever mistakes the time of a slip also flattens the stem's jumps against PV. Treated as a
-density (uniform over the triangle ``0 <= J <= S`` and over how far OP goes until the first slip,
-the *lead*) the likelihood gives quantiles that are right for plateaus and slopes alike.
+density (uniform in ln S, in J over S, and in how far OP goes until the first slip, the *lead*, over
+S: valves have no scale of their own) the likelihood gives quantiles that are right for plateaus and
+slopes alike.
 
 It has several peaks as well: a longer dead time with a narrower band gives nearly the same PV. A
 climb from the best valve sees one of them. So the density is a mixture of boxes: sets of slips
@@ -78,7 +79,8 @@ class Posterior:
     def weight(self) -> Array:
         """Probability of each box, shape ``(m,)``."""
         log = np.where(self.volume > 0.0, self.log_likelihood, -np.inf)
-        weight = self.volume * np.exp(_TEMPER * (log - log.max()))
+        relative = self.volume / np.maximum(self.nodes[:, 0], 1e-12) ** 3
+        weight = relative * np.exp(_TEMPER * (log - log.max()))
         return np.asarray(weight / weight.sum(), dtype=np.float64)
 
     def peaks(self, apart: float = _APART, share: float = _SHARE) -> tuple[Peak, ...]:

@@ -41,7 +41,8 @@ def test_blur_is_a_normal_law() -> None:
 
 
 def test_an_interval_holds_both_of_two_likely_valves_and_names_them() -> None:
-    two = _boxes([1.0, 3.0], [1.1, 3.1], [0.0, 0.0])
+    # uniform in ln S, J / S and lead / S: a box at three times S counts a 27th
+    two = _boxes([1.0, 3.0], [1.1, 3.1], [0.0, 2.0 * np.log((3.05 / 1.05) ** 3)])
     s = two.interval(1.0, 0.0, 0.9)
     assert (s.low, s.high) == pytest.approx((1.01, 3.09))
     assert [peak.share for peak in two.peaks()] == pytest.approx([0.5, 0.5])
@@ -96,7 +97,7 @@ def test_listing_agrees_with_plain_integration() -> None:
         ]
     )
     log, _ = likelihood(op, np.ascontiguousarray(nodes), best.first)
-    weight = np.exp(0.5 * (log - log[np.isfinite(log)].max()))
+    weight = np.exp(0.5 * (log - log[np.isfinite(log)].max())) / nodes[:, 0] ** 3
     for axis, found in enumerate(
         (listed.interval(1.0, 0.0, 0.9), listed.interval(0.0, 1.0, 0.9)),
     ):
