@@ -23,7 +23,7 @@ from compensator.watch import oscillation_period
 __all__ = ["PERIODS", "Judgement", "best_at", "dominated", "judge"]
 
 PERIODS = 5.0
-_ALIKE = 1.15
+_ALIKE = 1.2
 """PV's deviation after a fall-back, over that of the unaware MPC under all seeds, that counts as
 the same: it is the same controller, with other luck in where its valve sticks."""
 

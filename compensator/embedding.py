@@ -35,6 +35,7 @@ from compensator.action import (
     require_not_negative,
     require_positive,
 )
+from compensator.belief import GAIN
 from compensator.condensed import CondensedCost
 from compensator.hybrid import HybridMpc, HybridSettings
 from compensator.prediction import Prediction
@@ -92,12 +93,15 @@ class EmbeddingSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What changes from scan to scan: start, target and the linear term of PV's cost."""
+    """What changes from scan to scan: start, target, and of PV's cost the linear term and the
+    factor of the quadratic one.
+    """
 
     stem: float
     op: float
     target: float
     linear: Array
+    factor: float
 
 
 def _casadi() -> Any:
@@ -226,16 +230,18 @@ class EmbeddingMpc:
     def _problem(self, sp: float) -> tuple[_Problem, bool]:
         tracker = self.compensator.tracker
         belief, p = tracker.best, self.prediction
-        load = tracker.drive(belief) - belief.stem
-        target_state, drive = p.equilibrium(sp, 0.0)
-        wanted = drive - load
+        # The stem moves the process's drive by a gain known a little better than the model's.
+        gain, drive = 1.0 + float(belief.errors[GAIN]), tracker.drive(belief)
+        target_state, wanted_drive = p.equilibrium(sp, 0.0)
+        wanted = belief.stem + (wanted_drive - drive) / gain
         low, high = self.compensator.reach
         target = min(max(wanted, low), high)
+        reached = drive + gain * (target - belief.stem)
         if target != wanted and not p.process.is_integrating:
-            target_state, _ = p.equilibrium(p.process.gain * (target + load), 0.0)
-        distance = tracker.free(belief) + p.B * (target + load) - target_state
-        linear = self._cost.linear @ distance
-        return _Problem(belief.stem, self._op, target, linear), target != wanted
+            target_state, _ = p.equilibrium(p.process.gain * reached, 0.0)
+        distance = tracker.free(belief) + p.B * reached - target_state
+        linear = gain * (self._cost.linear @ distance)
+        return _Problem(belief.stem, self._op, target, linear, gain**2), target != wanted
 
     def warm_starts(self, sp: float) -> dict[str, Array]:
         """Return OP over the horizon by name: the compensator's plan, the last solution moved on,
@@ -265,7 +271,7 @@ class EmbeddingMpc:
         z = stem - problem.target
         moves = np.diff(op, prepend=problem.op)
         return float(
-            z @ self._cost.hessian @ z
+            problem.factor * (z @ self._cost.hessian @ z)
             + 2.0 * z @ problem.linear
             + self._cost.op_weight * np.sum((op - problem.target) ** 2)
             + self._move_weight * np.sum(moves**2)
@@ -276,10 +282,10 @@ class EmbeddingMpc:
         ca, s, n = self._casadi, self.settings, self.horizon
         u, x = ca.SX.sym("u", n), ca.SX.sym("x", n)
         stem0, op0, target = ca.SX.sym("stem0"), ca.SX.sym("op0"), ca.SX.sym("target")
-        linear = ca.SX.sym("linear", n)
+        linear, factor = ca.SX.sym("linear", n), ca.SX.sym("factor")
         z = x - target
         before, previous = ca.vertcat(stem0, x[:-1]), ca.vertcat(op0, u[:-1])
-        cost = ca.bilin(ca.SX(ca.DM(self._cost.hessian)), z, z) + 2.0 * ca.dot(linear, z)
+        cost = factor * ca.bilin(ca.SX(ca.DM(self._cost.hessian)), z, z) + 2.0 * ca.dot(linear, z)
         cost += self._cost.op_weight * ca.sumsqr(u - target)
         cost += self._move_weight * ca.sumsqr(u - previous)
         frictions = ca.SX.sym("frictions", 2)
@@ -304,7 +310,7 @@ class EmbeddingMpc:
         }
         problem = {
             "x": ca.vertcat(u, x),
-            "p": ca.vertcat(stem0, op0, target, frictions, linear),
+            "p": ca.vertcat(stem0, op0, target, factor, frictions, linear),
             "f": cost,
             "g": ca.vertcat(*rows),
         }
@@ -315,7 +321,7 @@ class EmbeddingMpc:
         limits, n = self.settings.limits, self.horizon
         valve = self.model.valve
         stem = valve.simulate(start, problem.stem)
-        known = [problem.stem, problem.op, problem.target]
+        known = [problem.stem, problem.op, problem.target, problem.factor]
         frictions = [valve.static_friction, valve.dynamic_friction]
         low = np.concatenate([np.full(n, limits.low), np.full(n, -np.inf)])
         high = np.concatenate([np.full(n, limits.high), np.full(n, np.inf)])
