@@ -24,6 +24,7 @@ _HALF_CYCLES = 6
 _LONG = 3.0
 _SHORT = 1.5
 _MUCH_WORSE = 1.8
+_AT_REST = 2.0
 _SHORTEST_PERIOD = 12
 _UNKNOWN_PERIOD = 100.0
 
@@ -134,21 +135,27 @@ class LoopWatch:
     def _judge(self) -> WatchVerdict:
         if self.before is None or len(self._squares) < self._short:
             return WatchVerdict.FINE
-        known, squares = self.before.mean_square, list(self._squares)
+        known, squares, travels = self.before.mean_square, list(self._squares), list(self._travels)
         recent = sum(squares[-self._short :]) / self._short
-        if recent > max(_MUCH_WORSE * known, 2.0 * self._quietest):
+        room = self._room(sum(travels[-self._short :]) / self._short)
+        if recent > max(_MUCH_WORSE * room * known, 2.0 * self._quietest):
             return WatchVerdict.WORSE
         if len(squares) < self._long:
             return WatchVerdict.FINE
-        mean_square = sum(squares) / self._long
-        if mean_square > max(self.worse_by * known, 1.1 * self._quietest):
+        mean_square, travel = sum(squares) / self._long, sum(travels) / self._long
+        if mean_square > max(self.worse_by * self._room(travel) * known, 1.1 * self._quietest):
             return WatchVerdict.WORSE
-        travel = sum(self._travels) / self._long
-        if travel > 1.5 * self.before.travel and mean_square > max(
-            0.5 * known, 2.0 * self._quietest
-        ):
+        much = 1.5 * self.before.travel
+        if travel > much and mean_square > max(0.5 * known, 2.0 * self._quietest):
             return WatchVerdict.HUNTING
         return WatchVerdict.FINE
+
+    def _room(self, travel: float) -> float:
+        """Return a factor for the mean square allowed: a valve at rest makes no oscillation, what
+        PV does then is noise, or a load about to be compensated.
+        """
+        assert self.before is not None
+        return _AT_REST if travel < 0.1 * self.before.travel else 1.0
 
     def _push_cycle(self, error: float, noise_variance: float) -> WatchVerdict:
         peak, self._peak = self._peak, max(self._peak, abs(error))

@@ -269,7 +269,7 @@ def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
 def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> None:
     watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
     for k in range(400):
-        verdict = watch.push(1.05 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01)
+        verdict = watch.push(1.05 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01)
         if verdict is not WatchVerdict.FINE:
             break
     assert verdict is WatchVerdict.WORSE
@@ -299,7 +299,7 @@ def test_what_was_seen_before_a_set_point_change_still_counts() -> None:
         if k % 70 == 0:
             watch.restart(20)
         seen += 1
-        if watch.push(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.01) is WatchVerdict.WORSE:
+        if watch.push(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01) is WatchVerdict.WORSE:
             break
     assert seen < 8 * 40
 
@@ -313,3 +313,15 @@ def test_an_overshoot_as_large_as_the_step_ends_it_at_once() -> None:
             break
     assert verdict is WatchVerdict.GROWING
     assert k == 41
+
+
+def test_a_valve_at_rest_is_given_more_room() -> None:
+    """What PV does then is noise: 1.5 times the mean square of before is no reason to give up."""
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
+    for k in range(2000):
+        error = math.sqrt(1.5) * math.sin(2.0 * math.pi * k / 40.0)
+        assert watch.push(error, 0.0, 0.2) is WatchVerdict.FINE
+    assert any(
+        watch.push(1.5 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.2) is WatchVerdict.WORSE
+        for k in range(160)
+    )
