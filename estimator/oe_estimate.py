@@ -27,6 +27,7 @@ __all__ = ["oe_estimate"]
 
 _LAG_REACH = 4
 _NUDGE = 0.01
+_SENT, _BETTER = 4, 0.9
 _BLUR = 0.1
 """A real valve slips between two samples: share of OP's step per sample."""
 _LOW_ORDER = 0.025
@@ -47,7 +48,7 @@ def oe_estimate(
 
     ``bic`` is that of the whitened errors, to compare with another criterion.
     """
-    start = shortened(op, regression, found[0])
+    start = _start(op, regression, found)
     samples = _samples(op, regression, start)
     posterior, best = _posterior(op, regression, start, found[1:], samples)
     stem = best.stem(op)
@@ -82,6 +83,19 @@ def oe_estimate(
             for other in found[1:]
         ),
     )
+
+
+def _start(op: Op, regression: Regression, found: tuple[Candidate, ...]) -> Candidate:
+    """The best candidate with a dead time no longer than PV demands.
+
+    On the way to it a candidate may leave a poor optimum; so the runners-up are sent as well.
+    """
+    start = shortened(op, regression, found[0])
+    for other in found[1:_SENT]:
+        nearer = shortened(op, regression, other)
+        if nearer.cost < _BETTER * start.cost:
+            start = nearer
+    return start
 
 
 def _information(regression: Regression, stem: Array, structure: Structure, lag: int) -> float:
