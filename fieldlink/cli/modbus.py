@@ -11,9 +11,13 @@ import typer
 
 from fieldlink.cli.target import (
     Baud,
+    Ca,
+    Cert,
     DeviceName,
     Framing,
+    Key,
     Parity,
+    ServerName,
     StopBits,
     Target,
     TargetArgument,
@@ -54,6 +58,10 @@ def scan(
     parity: Parity = "even",
     stop_bits: StopBits = 1,
     timeout: Timeout = None,
+    ca: Ca = None,
+    cert: Cert = None,
+    key: Key = None,
+    server_name: ServerName = None,
     as_json: AsJson = False,
 ) -> None:
     """Find out which unit ids answer and which addresses can be read; nothing is written."""
@@ -71,6 +79,10 @@ def scan(
         parity=parity,
         stop_bits=stop_bits,
         timeout=timeout,
+        ca=ca,
+        cert=cert,
+        key=key,
+        server_name=server_name,
     )
     settings = SurveySettings(
         units=_unit_ids(units) or ((found.device.unit,) if found.site else _usual_units(found)),
@@ -111,12 +123,22 @@ def read(
     parity: Parity = "even",
     stop_bits: StopBits = 1,
     timeout: Timeout = None,
+    ca: Ca = None,
+    cert: Cert = None,
+    key: Key = None,
+    server_name: ServerName = None,
     as_json: AsJson = False,
 ) -> None:
     """Read single values by tag (of a site) or by address."""
     from fieldlink.links.by_hand import read_points
 
-    options = {"unit": unit, "transport": transport, "baud": baud, "parity": parity}
+    options: dict[str, object] = {
+        "unit": unit,
+        "transport": transport,
+        "baud": baud,
+        "parity": parity,
+    }
+    options |= {"ca": ca, "cert": cert, "key": key, "server_name": server_name}
     points = [
         _point(target, text, device=device, stop_bits=stop_bits, timeout=timeout, **options)
         for text in what or _all_tags(target, device)
@@ -146,6 +168,10 @@ def write(
     parity: Parity = "even",
     stop_bits: StopBits = 1,
     timeout: Timeout = None,
+    ca: Ca = None,
+    cert: Cert = None,
+    key: Key = None,
+    server_name: ServerName = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
     """Write one value, after a question; refuses what the site file does not allow.
@@ -155,7 +181,13 @@ def write(
     """
     from fieldlink.links.by_hand import read_points, words_for, write_point
 
-    options = {"unit": unit, "transport": transport, "baud": baud, "parity": parity}
+    options: dict[str, object] = {
+        "unit": unit,
+        "transport": transport,
+        "baud": baud,
+        "parity": parity,
+    }
+    options |= {"ca": ca, "cert": cert, "key": key, "server_name": server_name}
     point = _point(target, what, device=device, stop_bits=stop_bits, timeout=timeout, **options)
     if point.site is not None and what not in point.site.maps[point.name]:
         raise typer.BadParameter(

@@ -14,9 +14,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Baud",
+    "Ca",
+    "Cert",
     "DeviceName",
     "Framing",
+    "Key",
     "Parity",
+    "ServerName",
     "StopBits",
     "Target",
     "TargetArgument",
@@ -37,13 +41,23 @@ DeviceName = Annotated[
 ]
 Unit = Annotated[int | None, typer.Option("--unit", min=0, max=255, help="Modbus unit id (1).")]
 Framing = Annotated[
-    Literal["tcp", "rtu-tcp", "udp"],
+    Literal["tcp", "tls", "rtu-tcp", "udp"],
     typer.Option("--transport", help="How a host is spoken to."),
 ]
 Baud = Annotated[int, typer.Option(min=50, help="Bits per second of a serial port.")]
 Parity = Annotated[Literal["none", "even", "odd"], typer.Option(help="Parity of a serial port.")]
 StopBits = Annotated[int, typer.Option(min=1, max=2, help="Stop bits of a serial port.")]
 Timeout = Annotated[float | None, typer.Option(min=0.01, help="Seconds to wait for a reply (0.5).")]
+Ca = Annotated[
+    Path | None,
+    typer.Option(help="With --transport tls: certificates that may have signed the device's own."),
+]
+Cert = Annotated[Path | None, typer.Option(help="With --transport tls: our certificate.")]
+Key = Annotated[Path | None, typer.Option(help="With --transport tls: private key of --cert.")]
+ServerName = Annotated[
+    str | None,
+    typer.Option(help="With --transport tls: name in the device's certificate, if not its host."),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,16 +84,28 @@ def find_target(
     parity: str = "even",
     stop_bits: int = 1,
     timeout: float | None = None,
+    ca: Path | None = None,
+    cert: Path | None = None,
+    key: Path | None = None,
+    server_name: str | None = None,
 ) -> Target:
     """Return what ``target`` means; options about transports count for hosts and ports alone.
 
     Raises:
-        typer.BadParameter: it means nothing, or the site has several devices or none of that name.
+        typer.BadParameter: it means nothing, or the site has several devices or none of that name,
+            or the certificates are not for it.
         SiteError: the site file cannot be used.
     """
     from fieldlink.site import load_site
 
     changes: dict[str, Any] = {} if timeout is None else {"timeout": timeout}
+    files = {"ca": ca, "cert": cert, "key": key, "server_name": server_name}
+    tls = {name: given for name, given in files.items() if given is not None}
+    if tls and (target.endswith(".toml") or transport != "tls"):
+        raise typer.BadParameter(
+            "certificates are for a host with --transport tls; a site file has its own",
+            param_hint="--" + next(iter(tls)).replace("_", "-"),
+        )
     if target.endswith(".toml"):
         site = load_site(target)
         name = _device_of(site, device)
@@ -99,6 +125,7 @@ def find_target(
             baud=baud,
             parity=parity,
             stop_bits=stop_bits,
+            **({"tls": tls} if tls else {}),
             **changes,
         ),
         None,

@@ -88,6 +88,14 @@ class Wire(ModbusProtocol):
             # ValueError: a host name or a serial setting that the system does not take.
             raise WireLostError(_reason(error)) from error
 
+    def close(self, reconnect: bool = False) -> None:
+        """Close the transport at once; it is not opened again by itself."""
+        transport = self.transport
+        super().close(reconnect)
+        if self.comm_params.sslctx is not None and transport is not None:
+            # Our farewell is sent; waiting for the other side's would outlive a short event loop.
+            transport.abort()  # type: ignore[attr-defined]
+
     async def exchange(
         self, unit: int, request: Request, within: float, late: Late | None = None
     ) -> bytes:

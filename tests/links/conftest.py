@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import trustme
 
 if TYPE_CHECKING:
     from tests.links.fake_device import FakeDevice
@@ -46,3 +47,20 @@ async def device(new_device: Callable[..., FakeDevice]) -> FakeDevice:
     running = new_device()
     await running.start()
     return running
+
+
+@pytest.fixture
+def certificates(tmp_path: Path) -> Callable[[str], Path]:
+    """Write a CA, a PLC's and a client's certificate, and a stranger's; return paths by name."""
+    authority, other = trustme.CA(), trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    other.cert_pem.write_to_path(tmp_path / "other_ca.pem")
+    for name, certificate in {
+        "plc": authority.issue_cert("127.0.0.1", "plc.plant.test"),
+        "named": authority.issue_cert("plc.plant.test"),
+        "client": authority.issue_cert("fieldlink.plant.test"),
+        "stranger": other.issue_cert("fieldlink.plant.test"),
+    }.items():
+        certificate.private_key_pem.write_to_path(tmp_path / f"{name}.key")
+        certificate.cert_chain_pems[0].write_to_path(tmp_path / f"{name}.pem")
+    return lambda name: tmp_path / name

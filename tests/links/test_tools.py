@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,9 +13,9 @@ from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
 from fieldlink.plc import Listening
 from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.listening import listen
 from fieldlink.plc.modbus import modbus_device, other_units
 from fieldlink.registers import Table
+from tests.links.serving import served_in_a_thread
 
 SITE = """\
 [site]
@@ -58,26 +56,8 @@ def image() -> RegisterImage:
 
 @pytest.fixture
 def port(image: RegisterImage) -> Iterator[int]:
-    """The port of a server that runs in another thread: a command has an event loop of its own."""
-    ready, ports = threading.Event(), []
-    loop = asyncio.new_event_loop()
-    stop = asyncio.Event()
-
-    async def serve() -> None:
-        server, number = await listen([modbus_device(image, 1), other_units()], Listening())
-        ports.append(number)
-        ready.set()
-        await stop.wait()
-        await server.shutdown()  # type: ignore[no-untyped-call]
-        await asyncio.sleep(0)
-
-    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
-    thread.start()
-    assert ready.wait(20.0)
-    yield ports[0]
-    loop.call_soon_threadsafe(stop.set)
-    thread.join()
-    loop.close()
+    with served_in_a_thread([modbus_device(image, 1), other_units()], Listening()) as number:
+        yield number
 
 
 @pytest.fixture

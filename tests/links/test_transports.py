@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import trustme
 
 from fieldlink.links import LinkState, LinkUnreachableError, SystemClock, open_link
 from fieldlink.links.backoff import BackoffSettings
@@ -85,23 +84,6 @@ async def test_network_transports_read_and_write(kind: str) -> None:
     async with served(Listening(link=kind)) as port:
         device = Device(link=kind, host=HOST, port=port, register_map=MAP)  # type: ignore[arg-type]
         await assert_it_works(device)
-
-
-@pytest.fixture
-def certificates(tmp_path: Path) -> Callable[[str], Path]:
-    """Write a CA, a PLC's and a client's certificate, and a stranger's; return paths by name."""
-    authority, other = trustme.CA(), trustme.CA()
-    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
-    other.cert_pem.write_to_path(tmp_path / "other_ca.pem")
-    for name, certificate in {
-        "plc": authority.issue_cert(HOST, "plc.plant.test"),
-        "named": authority.issue_cert("plc.plant.test"),
-        "client": authority.issue_cert("fieldlink.plant.test"),
-        "stranger": other.issue_cert("fieldlink.plant.test"),
-    }.items():
-        certificate.private_key_pem.write_to_path(tmp_path / f"{name}.key")
-        certificate.cert_chain_pems[0].write_to_path(tmp_path / f"{name}.pem")
-    return lambda name: tmp_path / name
 
 
 def secured(files: Callable[[str], Path], name: str = "plc") -> Listening:
