@@ -111,13 +111,16 @@ def frame(framing: str, transaction: int, unit: int, pdu: bytes) -> bytes:
     return struct.pack(">HHHB", transaction, 0, len(pdu) + 1, unit) + pdu
 
 
-def site_text(ports: dict[str, tuple[int, str]], timeout: float) -> str:
-    """A site with the three loops of each device; name to (port, framing)."""
+def site_text(ports: dict[str, tuple[int | str, str]], timeout: float) -> str:
+    """A site with the three loops of each device; name to (TCP or serial port, framing)."""
     parts = ['[site]\nname = "faults"\n[web]\nenabled = false\n']
     for name, (port, framing) in ports.items():
         link = "modbus-rtu-tcp" if framing == "rtu" else "modbus-tcp"
+        where = f'link = "{link}"\nhost = "127.0.0.1"\nport = {port}'
+        if isinstance(port, str):
+            where = f'link = "modbus-rtu"\nserial_port = "{port}"\nbaud = 115200\nparity = "none"'
         parts.append(
-            f'[devices.{name}]\nlink = "{link}"\nhost = "127.0.0.1"\nport = {port}\n'
+            f"[devices.{name}]\n{where}\n"
             f'register_map = "map.csv"\ntimeout = {timeout}\nspeed = {1.0 / CYCLE}\n'
             f"retry_after_max = 0.2\n"
         )

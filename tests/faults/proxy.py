@@ -30,6 +30,7 @@ class Fault(Enum):
     TRUNCATED = "only its first half comes"
     SPLIT = "it comes in pieces"
     DOUBLED = "it comes twice in one segment"
+    HELD = "it is kept back and comes in one segment with the next one that passes"
     EXCEPTION = "the device answers with an exception"
     # Only where there is a transaction id:
     WRONG_TRANSACTION = "it has the id of another request"
@@ -44,9 +45,12 @@ class Fault(Enum):
 TCP_FAULTS = tuple(fault for fault in Fault if fault is not Fault.BAD_CHECKSUM)
 RTU_FAULTS = (
     Fault.LATE, Fault.DROPPED, Fault.HALF_OPEN, Fault.RESET, Fault.CLOSED, Fault.REFUSED,
-    Fault.GARBAGE, Fault.TRUNCATED, Fault.SPLIT, Fault.DOUBLED, Fault.EXCEPTION,
+    Fault.GARBAGE, Fault.TRUNCATED, Fault.SPLIT, Fault.DOUBLED, Fault.HELD, Fault.EXCEPTION,
     Fault.BAD_CHECKSUM,
 )  # fmt: skip
+OF_CONNECTIONS = frozenset({Fault.HALF_OPEN, Fault.RESET, Fault.CLOSED, Fault.REFUSED})
+SERIAL_FAULTS = tuple(fault for fault in RTU_FAULTS if fault not in OF_CONNECTIONS)
+"""Faults of a line that has no connections."""
 HARMLESS = frozenset({Fault.SPLIT, Fault.DOUBLED})
 """Faults after which the reply has arrived all the same."""
 
@@ -77,6 +81,7 @@ class FaultProxy:
     done: Counter[Fault] = field(default_factory=Counter)
     _faults: deque[Fault | None] = field(default_factory=deque)
     _refuse: int = 0
+    _held: bytes = b""
     _old: deque[bytes] = field(default_factory=lambda: deque(maxlen=7))
     _server: asyncio.Server | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
@@ -123,7 +128,8 @@ class FaultProxy:
                     fault = self._faults.popleft() if self._faults else None
                     if fault is None:
                         self.passed += 1
-                        writer.write(reply)
+                        writer.write(self._held + reply)
+                        self._held = b""
                     else:
                         self.done[fault] += 1
                         if not await self._harm(fault, writer, reply, pdu, unit, transaction):
@@ -167,6 +173,8 @@ class FaultProxy:
                 writer.write(reply)
             case Fault.DROPPED:
                 pass
+            case Fault.HELD:
+                self._held += reply
             case Fault.HALF_OPEN:
                 await asyncio.sleep(20.0 * self.timeout)
                 return False
