@@ -33,7 +33,10 @@ def read_register_map(
 def collect_tags(
     file: str, rows: Sequence[tuple[int, RowReader]], word_order: Order, byte_order: Order
 ) -> tuple[dict[str, Tag], list[Problem]]:
-    """Return the tags of all rows (line, reader) by name, and everything wrong with the rows."""
+    """Return the tags of all good rows (line, reader) by name, and what is wrong with the others.
+
+    Of two rows that cannot both be right, the one further down is the bad one.
+    """
     tags: dict[str, Tag] = {}
     lines: dict[str, int] = {}
     problems: list[Problem] = []
@@ -45,10 +48,15 @@ def collect_tags(
             tags[tag.name] = tag
             lines[tag.name] = line
         problems.extend(reader.problems)
-    problems.extend(_overlaps(file, tags, lines))
+    good = dict(tags)
+    while overlaps := _overlaps(file, good, lines):
+        # Without these rows the others are a map; one of them may have hidden another overlap.
+        problems.extend(overlaps)
+        bad = {problem.line for problem in overlaps}
+        good = {name: tag for name, tag in good.items() if lines[name] not in bad}
     if not tags and not problems:
         problems.append(Problem(file, "", "has no tags", "add a row for every tag"))
-    return tags, problems
+    return good, problems
 
 
 def _reader(file: CsvFile, row: CsvRow, columns: Mapping[str, int]) -> tuple[int, RowReader]:
@@ -91,14 +99,16 @@ def _overlaps(file: str, tags: Mapping[str, Tag], lines: Mapping[str, int]) -> l
         same = (before.address, before.data_type) == (tag.address, tag.data_type)
         if same or before.bit is not None or tag.bit is not None:
             continue
+        first, second = sorted((before, tag), key=lambda one: lines[one.name])
         if before.address == tag.address:
-            what = f"has the registers of {before.name} (line {lines[before.name]}) as another type"
+            what = f"has the registers of {first.name} (line {lines[first.name]}) as another type"
             remedy = "give both the same type or move one"
         else:
-            what = f"begins inside {before.name} (line {lines[before.name]})"
+            how = "begins inside" if second is tag else "reaches into"
+            what = f"{how} {first.name} (line {lines[first.name]})"
             remedy = f"{before.name} ends at {before.end - 1}: move one of them"
-        message = f"{tag.name} ({_span(tag)}) {what} ({_span(before)})"
-        problems.append(Problem(file, "address", message, remedy, lines[tag.name]))
+        message = f"{second.name} ({_span(second)}) {what} ({_span(first)})"
+        problems.append(Problem(file, "address", message, remedy, lines[second.name]))
     return problems
 
 

@@ -170,3 +170,16 @@ def test_what_is_written_reads_back(tmp_path: Path, name: str) -> None:
     assert dict(again.tags) == dict(tags)
     if name.endswith(".csv"):
         assert dict(read_register_map(tmp_path / name)) == dict(tags)
+
+
+def test_of_two_rows_that_cannot_both_be_right_the_later_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "vendor.csv"
+    file.write_text(
+        "tag,address,type\nFLOW,10,float32\nTEMP,20,int32\nSTATE,10,uint16\nHALF,19,float32\n"
+    )
+    found = import_map(file)
+    assert list(found.tags) == ["FLOW", "TEMP"]
+    assert [problem.line for problem in found.problems] == [4, 5]
+    assert "has the registers of FLOW (line 2)" in str(found.problems[0])
+    assert "reaches into TEMP (line 3)" in str(found.problems[1])
+    assert len(found.tags) + found.bad_rows == found.rows
