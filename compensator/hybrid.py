@@ -35,6 +35,8 @@ __all__ = ["HybridMpc", "HybridSettings"]
 
 _EDGE = 0.85
 """Share of the static friction up to which OP may approach a slip without causing it."""
+_UNKNOWN = 3.0
+"""Weight of what is not yet known of the lasting offset, beside noise, in the price of a move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +275,7 @@ class HybridMpc:
         tracker, s, valve = self.tracker, self.settings, self.model.valve
         smallest = self._smallest_move(tracker.best)
         # An offset not yet known well is no reason to move: waiting will tell.
-        variance = tracker.held_variance + tracker.offset_variance + s.noise_band**2
+        variance = tracker.held_variance + _UNKNOWN * tracker.offset_variance + s.noise_band**2
         # A floor for loops without noise: a thousandth of what one slip makes of PV.
         floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
         move_cost = s.move_penalty * max(variance, floor) * self.planner.duration

@@ -32,6 +32,9 @@ __all__ = ["MovePlan", "MovePlanner", "Ramp", "warm_up"]
 
 Array = NDArray[np.float64]
 
+_LASTING = 1.0
+"""Horizons that the error at a horizon's end counts for beyond it."""
+
 
 @dataclass(frozen=True, slots=True)
 class MovePlan:
@@ -97,8 +100,10 @@ class MovePlanner:
         response = np.concatenate([[0.0], prediction.step_response(self.horizon)])
         shifted = points[None, :] - self.times[:, None]
         self._effects = np.where(shifted > 0, response[np.maximum(shifted, 0)], 0.0)
-        self._weighted = np.ascontiguousarray(self._effects * self.weights)
         self.duration = float(self.weights.sum())
+        # What is left at the end stays: it counts for longer than noise that passes.
+        self.weights[-1] += _LASTING * self.duration * (not prediction.process.is_integrating)
+        self._weighted = np.ascontiguousarray(self._effects * self.weights)
         self.gram = np.ascontiguousarray(self._weighted @ self._effects.T)
         self._held = np.ascontiguousarray(response[points])
         rows = np.empty((points.size, prediction.order))

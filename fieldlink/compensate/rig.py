@@ -227,7 +227,8 @@ def _mpc(setup: Setup) -> MpcSettings:
 
 
 def _hybrid(setup: Setup) -> HybridSettings:
-    return HybridSettings(limits=setup.limits, move_penalty=setup.weight)
+    defaults = HybridSettings(limits=setup.limits)
+    return replace(defaults, move_penalty=defaults.move_penalty * setup.weight)
 
 
 def _embedding(setup: Setup) -> EmbeddingSettings:
