@@ -17,7 +17,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks import estimator_speed, industrial, linear_part, paper, robustness
+from benchmarks import (
+    estimator_speed,
+    industrial,
+    linear_part,
+    method_pictures,
+    paper,
+    robustness,
+)
 from benchmarks.paper_summary import LIMITS
 from benchmarks.report import heading, keep, table
 
@@ -167,6 +174,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.read:
         for run, line in _jobs(options.quick, options.images):
             run([*line, "--out", str(options.out)])
+        if options.images is not None:
+            method_pictures.main(["--images", str(options.images)])
     criteria = criteria_of(options.out)
     word = {True: "yes", False: "**no**", None: "not measured"}
     rows = [

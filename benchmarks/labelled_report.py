@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.companions import companions
 from benchmarks.recorded import Judged
 from benchmarks.report import table
 from benchmarks.roc import LeftOut, Roc, auc, best_threshold, leave_one_loop_out, roc
@@ -169,6 +170,7 @@ def labelled_report(plant: Sequence[Judged], isdb: Sequence[Judged]) -> Labelled
     summary = _summary(plant, isdb)
     able_isdb = [one for one in isdb if one.is_assessable]
     thresholds, chosen = _thresholds(able, able_isdb)
+    beside, indices = companions(able, able_isdb)
     text = "\n\n".join(
         (
             table(("figure", "value"), list(summary.items())),
@@ -176,6 +178,7 @@ def labelled_report(plant: Sequence[Judged], isdb: Sequence[Judged]) -> Labelled
             _verdicts("International Stiction Data Base", isdb),
             _unassessable([*plant, *isdb]),
             thresholds,
+            beside,
         )
     )
     return LabelledReport(
@@ -185,6 +188,7 @@ def labelled_report(plant: Sequence[Judged], isdb: Sequence[Judged]) -> Labelled
             "plant": [one.to_dict() for one in plant],
             "isdb": [one.to_dict() for one in isdb],
             "thresholds": chosen,
+            **indices,
         },
         curves={
             "score": roc(list(map(_score, able)), sticky),

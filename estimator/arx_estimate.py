@@ -17,12 +17,13 @@ from estimator.candidate import stem_of
 from estimator.estimate import MISFIT, Estimate, step_of
 from estimator.listed import Likelihood, listed_posterior
 from estimator.noise import errs_at_slips
+from estimator.posterior import Posterior
 from estimator.result import Interval, Process, RunnerUp
 from estimator.window import Window
 from estimator.zoomed import explore
 from loop_model import ProcessModel
 
-__all__ = ["arx_estimate"]
+__all__ = ["arx_estimate", "arx_posterior"]
 
 _RUNNERS_UP = 4
 _MOST_B = 3
@@ -33,10 +34,7 @@ _BLUR = 0.01
 def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> Estimate:
     """Valve and ARX process of what the search found, with intervals."""
     best, regression = found.best.anchored(op), found.regression
-    likelihood = _likelihood(window, op, found)
-    posterior = listed_posterior(op, likelihood, best)
-    if posterior is None:
-        posterior = explore(lambda nodes: likelihood(op, nodes, best.first), best)
+    posterior = arx_posterior(window, op, found)
     band, jump, lead = (float(v) for v in posterior.best)
     stem = stem_of(op, band, jump, lead, best.first)
     ranked = found.ranked
@@ -67,6 +65,15 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
             for orders in ranked[1 : 1 + _RUNNERS_UP]
         ),
     )
+
+
+def arx_posterior(window: Window, op: Op, found: ArxFound) -> Posterior:
+    """How probable valves are around the one that the search found, in shares of OP's span."""
+    best, likelihood = found.best.anchored(op), _likelihood(window, op, found)
+    listed = listed_posterior(op, likelihood, best)
+    if listed is not None:
+        return listed
+    return explore(lambda nodes: likelihood(op, nodes, best.first), best)
 
 
 def _likelihood(window: Window, op: Op, found: ArxFound) -> Likelihood:

@@ -51,8 +51,8 @@ def test_both_tests_together_call_a_valve_sticky() -> None:
 @pytest.mark.parametrize(
     ("whitened", "strokes", "verdict"),
     [
-        (20.5, 12, Verdict.STICTION),
-        (19.5, 12, Verdict.NO_STICTION),
+        (24.5, 12, Verdict.STICTION),
+        (23.5, 12, Verdict.NO_STICTION),
         (60.0, 5, Verdict.NO_STICTION),
     ],
 )

@@ -1,0 +1,11 @@
+"""The pictures of docs/method.md can be drawn."""
+
+from __future__ import annotations
+
+from benchmarks.method_pictures import main
+
+
+def test_pictures_are_drawn(tmp_path) -> None:
+    assert main(["--images", str(tmp_path / "new")]) == 0
+    for name in ("valve.png", "likelihood.png"):
+        assert (tmp_path / "new" / name).read_bytes().startswith(b"\x89PNG")
