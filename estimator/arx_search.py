@@ -18,13 +18,11 @@ __all__ = ["VALVE_PARAMETERS", "ArxFound", "arx_search"]
 
 VALVE_PARAMETERS = 3
 _SEED_ORDERS = 3, 2
-_SURVIVORS = 4
 _FINALISTS = 2
 _ROUNDS = 3
 _NEAR = 2
 """First slips tried around the seed's, each way."""
 _MOST = 4000
-_BEST = 1
 _LINE = 50
 
 
@@ -41,7 +39,7 @@ class _Look:
     least: tuple[float, float]
 
 
-_LOOKS = _Look(0.015, np.inf, (0.06, 1.0)), _Look(0.004, 1.5, (0.01, 0.1))
+_LOOKS = _Look(0.015, np.inf, (0.1, 1.0)), _Look(0.004, 1.5, (0.01, 0.1))
 _WIDEST = 0.3
 """How wide in J a listed set may be, as a share of S."""
 _COUNTS, _SHRINK = np.array([3, 5, 3]), np.array([0.5, 0.45, 0.5])
@@ -137,20 +135,17 @@ def _looked(op: Op, regression: ArxRegression, seed: Candidate, look: _Look) -> 
     regions = np.tile(np.array([s0, s1, j0, min(j1, 1.1)]), (leads.size, 1))
     least = step * np.array(look.least)
     regions, of = slip_patterns(op, regions, starts, least, _WIDEST * seed.band, _MOST)
-    jump = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
-    nodes = np.column_stack([regions[:, 1], jump, starts[of, 0]])
+    middle = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
+    nodes = np.column_stack([regions[:, 1], middle, starts[of, 0]])
     nodes = np.ascontiguousarray(np.vstack([nodes, seed.valve[:3]]))
     cost, _ = one_step_costs(op, regression.tables, nodes, seed.first)
-    best = seed.state()
-    for j in np.argsort(cost, kind="stable")[:_BEST]:
-        state = seed.state(cost[j])
-        state[1:4] = nodes[j]
-        half = np.array([least[0], 0.5 * _WIDEST * seed.band, 0.5 * step])
-        refine_one_step(op, regression.tables, state, half, _COUNTS, _PASSES, _SHRINK)
-        if state[0] < best[0]:
-            best = state
-    cost_, band, jump_, lead = (float(v) for v in best[:4])
-    return replace(seed, cost=cost_, band=band, jump=jump_, lead=lead)
+    best = int(cost.argmin())
+    state = seed.state(cost[best])
+    state[1:4] = nodes[best]
+    half = np.array([least[0], 0.5 * _WIDEST * seed.band, 0.5 * step])
+    refine_one_step(op, regression.tables, state, half, _COUNTS, _PASSES, _SHRINK)
+    refined, band, jump, lead = (float(v) for v in state[:4])
+    return replace(seed, cost=refined, band=band, jump=jump, lead=lead)
 
 
 def _leads_near(u: Array, seed: Candidate) -> Array:

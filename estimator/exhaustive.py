@@ -146,7 +146,7 @@ def _listed(
     starts = np.array(pairs * len(ends))
     regions = span * np.repeat(ends, len(pairs), axis=0)
     coarsest = 1.2 * span * len(pairs) * len(ratios) / _MOST
-    least = np.array([max(4.0 * _LEAST * step, coarsest), 1.0])
+    least = np.array([max(8.0 * _LEAST * step, coarsest), 1.0])
     sets = sets_of(_BIN * span, _BANDS[-1] * span, rows.delays, _PER_BIN)
     list_sets(op, rows, regions, starts, least, _MOST, sets)
     return _best(sets, _KEPT[0])

@@ -163,7 +163,10 @@ def _assess(
         if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, best, test.oe_bic):
             estimate = rival
     if estimate is None:
-        estimate = oe_estimate(window, op, regression, found, confidence, test.oe_bic)
+        sticky = verdict is Verdict.STICTION or criterion == "oe"
+        estimate = oe_estimate(
+            window, op, regression, found, confidence, test.oe_bic, sticky=sticky
+        )
     span = window.op_span
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     return Identification(

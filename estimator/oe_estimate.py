@@ -43,14 +43,18 @@ def oe_estimate(
     found: tuple[Candidate, ...],
     confidence: float,
     bic: float,
+    *,
+    sticky: bool,
 ) -> Estimate:
     """Estimate valve and process from the candidates of the search, best first, at least one.
 
-    ``bic`` is that of the whitened errors, to compare with another criterion.
+    ``bic`` is that of the whitened errors, to compare with another criterion. Where the window was
+    not found ``sticky``, a rough look at the valve that hardly sticks is enough.
     """
-    start = _start(op, regression, found)
+    rivals = found[1:] if sticky else ()
+    start = _start(op, regression, found[0], rivals)
     samples = _samples(op, regression, start)
-    posterior, best = _posterior(op, regression, start, found[1:], samples)
+    posterior, best = _posterior(op, regression, start, rivals, samples, fine=sticky)
     stem = best.stem(op)
     fit = regression.solve(stem, best.structure, best.dead_time)
     blur = math.hypot(_BLUR * step_of(op.u), best.band * _model_error(window, stem))
@@ -85,13 +89,15 @@ def oe_estimate(
     )
 
 
-def _start(op: Op, regression: Regression, found: tuple[Candidate, ...]) -> Candidate:
+def _start(
+    op: Op, regression: Regression, best: Candidate, rivals: tuple[Candidate, ...]
+) -> Candidate:
     """The best candidate with a dead time no longer than PV demands.
 
     On the way to it a candidate may leave a poor optimum; so the runners-up are sent as well.
     """
-    start = shortened(op, regression, found[0])
-    for other in found[1:_SENT]:
+    start = shortened(op, regression, best)
+    for other in rivals[: _SENT - 1]:
         nearer = shortened(op, regression, other)
         if nearer.cost < _BETTER * start.cost:
             start = nearer
@@ -136,7 +142,13 @@ def _model_error(window: Window, stem: Array) -> float:
 
 
 def _posterior(
-    op: Op, regression: Regression, best: Candidate, others: tuple[Candidate, ...], samples: float
+    op: Op,
+    regression: Regression,
+    best: Candidate,
+    others: tuple[Candidate, ...],
+    samples: float,
+    *,
+    fine: bool,
 ) -> tuple[Posterior, Candidate]:
     """Likelihood around the best valve and around those that the search found nearly as likely.
 
@@ -147,19 +159,19 @@ def _posterior(
         free = candidate.structure.free * math.log(samples)
         return -0.5 * (samples * math.log(candidate.cost) + free)
 
-    found, refined = _around(op, regression, best, samples)
+    found, refined = _around(op, regression, best, samples, fine=fine)
     seen = [best]
     for other in others:
         near = any(abs(other.band - one.band) < _APART * one.band for one in seen)
         if len(seen) > _RIVALS or near or not worth(other) > worth(best) - _RIVAL:
             continue
         seen.append(other)
-        found = found.joined(_around(op, regression, other, samples)[0])
+        found = found.joined(_around(op, regression, other, samples, fine=fine)[0])
     return found, refined
 
 
 def _around(
-    op: Op, regression: Regression, best: Candidate, samples: float
+    op: Op, regression: Regression, best: Candidate, samples: float, *, fine: bool
 ) -> tuple[Posterior, Candidate]:
     """Likelihood with the linear part and the dead time at their best, the poles held."""
     best = best.anchored(op)
@@ -173,7 +185,7 @@ def _around(
         pick = cost.argmin(axis=0), np.arange(nodes.shape[0])
         return -0.5 * (samples * np.log(cost[pick]) + free), gain[pick]
 
-    posterior = explore(evaluate, best)
+    posterior = explore(evaluate, best, fine=fine)
     top = posterior.best
     cost, _ = simulated_costs(op, tables, top[None].copy(), best.first, lag, lags)
     band, jump, lead = (float(v) for v in top)

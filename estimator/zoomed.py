@@ -8,6 +8,7 @@ because the likelihood at a fixed lead changes slowly with J, and at a fixed pos
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,15 +19,27 @@ from estimator.posterior import Posterior
 __all__ = ["explore"]
 
 _S, _J, _LEAD = range(3)
-_LINE, _FEW = 41, 7
 _LINE_PASSES = 3
 _NEAR = 0.1
 _FLOOR = 1e-4
-_ZOOM_NODES = (17, 15, 7)
-_FINAL_NODES = (25, 21, 7)
 _PASSES = 9
 _DROP = 7.0
 _SETTLED = 0.75
+
+
+@dataclass(frozen=True, slots=True)
+class _Nodes:
+    """How many: along a line and across it, in a box on the way and in the last one."""
+
+    line: int
+    across: int
+    zoom: tuple[int, int, int]
+    final: tuple[int, int, int]
+
+
+_FINE = _Nodes(41, 7, (17, 15, 7), (25, 21, 7))
+_ROUGH = _Nodes(15, 3, (7, 5, 3), (13, 9, 3))
+
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Nodes ``(m, 3)`` of S, J and lead to log-likelihood and gain, each ``(m,)``."""
 
@@ -51,32 +64,33 @@ def _at(
     return Posterior(grid, *ends, volume, log_likelihood, gain)
 
 
-def explore(evaluate: Evaluate, best: Candidate) -> Posterior:
+def explore(evaluate: Evaluate, best: Candidate, *, fine: bool = True) -> Posterior:
     """Zoom in on the likelihood; ``best`` is where the search ended.
 
     The likelihood is narrow in S and in the lead, a fraction of OP's step per sample, and may be
     wide in J. So J is scanned first at the best S and lead, then those along with J; the box that
     holds what is alive is zoomed from there.
     """
+    nodes = _FINE if fine else _ROUGH
     node = np.array([best.band, best.jump, best.lead])
     low, high = node.copy(), node.copy()
     low[_J], high[_J] = 0.0, node[_S]
-    scan = _at(evaluate, low, high, node, (1, _LINE, 1))
+    scan = _at(evaluate, low, high, node, (1, nodes.line, 1))
     node = scan.best
-    low[_J], high[_J] = _alive(scan, _J, (high[_J] - low[_J]) / (_LINE - 1))
+    low[_J], high[_J] = _alive(scan, _J, (high[_J] - low[_J]) / (nodes.line - 1))
     for axis in (_S, _LEAD, _S):
         reach = _NEAR * node[_S]
         low[axis], high[axis] = max(0.0, node[axis] - reach), node[axis] + reach
         for _ in range(_LINE_PASSES):
-            counts = [1, _FEW, 1]
-            counts[axis] = _LINE
+            counts = [1, nodes.across, 1]
+            counts[axis] = nodes.line
             scan = _at(evaluate, low, high, node, (counts[0], counts[1], counts[2]))
             node = scan.best
-            low[axis], high[axis] = _alive(scan, axis, (high[axis] - low[axis]) / (_LINE - 1))
+            low[axis], high[axis] = _alive(scan, axis, (high[axis] - low[axis]) / (nodes.line - 1))
     margin = np.maximum(0.25 * (high - low), _FLOOR * node[_S])
     low, high = np.maximum(low - margin, 0.0), high + margin
-    _, low, high = _zoomed(evaluate, low, high, node, _ZOOM_NODES)
-    return _at(evaluate, low, high, node, _FINAL_NODES)
+    _, low, high = _zoomed(evaluate, low, high, node, nodes.zoom)
+    return _at(evaluate, low, high, node, nodes.final)
 
 
 def _alive(posterior: Posterior, axis: int, step: float) -> tuple[float, float]:
