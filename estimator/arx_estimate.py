@@ -27,8 +27,8 @@ __all__ = ["arx_estimate", "arx_posterior"]
 
 _RUNNERS_UP = 4
 _MOST_B = 3
-_BLUR = 0.01
-"""A slip is told to this share of OP's step per sample where every slip can be listed."""
+_BLUR = 0.01, 0.05
+"""S and J are told to these shares of OP's step per sample where every slip can be listed."""
 
 
 def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> Estimate:
@@ -40,7 +40,8 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
     ranked = found.ranked
     fit = regression.solve(stem)
     errs = errs_at_slips(fit.residual, regression.weight, stem, regression.orders.dead_time)
-    blur = math.hypot(_BLUR * step_of(op.u), MISFIT * band if errs else 0.0)
+    step, model = step_of(op.u), MISFIT * band if errs else 0.0
+    blur = math.hypot(_BLUR[0] * step, model), math.hypot(_BLUR[1] * step, model)
     intervals = Estimate.intervals(posterior, confidence, blur, band, jump)
     deviation = regression.gain_deviation(fit, stem)
     gain = posterior.gain_interval(confidence, deviation).around(

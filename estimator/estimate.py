@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,19 +49,20 @@ class Estimate:
 
     @staticmethod
     def intervals(
-        posterior: Posterior, confidence: float, blur: float, band: float, jump: float
+        posterior: Posterior, confidence: float, blur: tuple[float, float], band: float, jump: float
     ) -> tuple[Interval, ...]:
         """S, J, fS and fD of a posterior for the valve (``band``, ``jump``) of the estimate.
 
-        ``blur`` is the standard deviation of a threshold, for the model's valve slips at a sample
-        and a real one between two. The values are those of one valve: valve and process must be of
-        one piece.
+        ``blur`` are standard deviations of S and J beside the likelihood, for the model's valve
+        slips at a sample and a real one between two. The values are those of one valve: valve and
+        process must be of one piece.
         """
-        s = posterior.interval(1.0, 0.0, confidence, blur).within(0.0).around(band)
-        j = posterior.interval(0.0, 1.0, confidence, blur).within(0.0, s.high)
+        s = posterior.interval(1.0, 0.0, confidence, blur[0]).within(0.0).around(band)
+        j = posterior.interval(0.0, 1.0, confidence, blur[1]).within(0.0, s.high)
         j = j.around(min(jump, s.value))
-        static = posterior.interval(0.5, 0.5, confidence, blur).within(0.0)
-        dynamic = posterior.interval(0.5, -0.5, confidence, blur).within(0.0)
+        both = 0.5 * math.hypot(*blur)
+        static = posterior.interval(0.5, 0.5, confidence, both).within(0.0)
+        dynamic = posterior.interval(0.5, -0.5, confidence, both).within(0.0)
         return (
             s,
             j,

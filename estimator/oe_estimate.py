@@ -59,7 +59,7 @@ def oe_estimate(
     fit = regression.solve(stem, best.structure, best.dead_time)
     blur = math.hypot(_BLUR * step_of(op.u), best.band * _model_error(window, stem))
     band, jump, static, dynamic = Estimate.intervals(
-        posterior, confidence, blur, best.band, best.jump
+        posterior, confidence, (blur, blur), best.band, best.jump
     )
     information = _information(regression, stem, best.structure, best.dead_time)
     deviation = math.sqrt(best.cost / samples / max(information, 1e-300))
