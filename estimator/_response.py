@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator._kernels import Array, kernel
 
-__all__ = ["Basis", "Simulated", "ordered_poles", "shared_rows", "simulated_tables"]
+__all__ = ["Basis", "Simulated", "ordered_poles", "orthonormal", "shared_rows", "simulated_tables"]
 
 _APART = 1e-3
 _LEAST = 0.02
@@ -112,6 +112,29 @@ def _less(a: Array, share: float, b: Array) -> None:
 
 
 @kernel
+def _straighten(rows: Array, number: int, first: int) -> None:
+    """Make a row orthonormal to those from ``first`` on before it; zero where they span it."""
+    row = rows[number]
+    before = _dot(row, row)
+    for _ in range(2):
+        for r in range(first, number):
+            _less(row, _dot(row, rows[r]), rows[r])
+    size = _dot(row, row)
+    if size > 1e-12 * before and size > 0.0:
+        row /= np.sqrt(size)
+    else:
+        row[:] = 0.0
+
+
+@kernel
+def orthonormal(rows: Array) -> Array:
+    """The rows ``(k, n)`` made orthonormal, in place (Gram and Schmidt, twice)."""
+    for number in range(rows.shape[0]):
+        _straighten(rows, number, 0)
+    return rows
+
+
+@kernel
 def shared_rows(basis: Basis, pole: float, integrating: bool) -> Array:
     """PV's unexplained part above the orthonormal shared columns.
 
@@ -139,15 +162,7 @@ def shared_rows(basis: Basis, pole: float, integrating: bool) -> Array:
                 for i in range(basis.taps.size):
                     total += basis.taps[i] * raw[max(k - i, 0)]
                 start[k] = total * basis.weight[k]
-        before = _dot(start, start)
-        for _ in range(2):
-            for r in range(1, count + 1):
-                _less(start, _dot(start, rows[r]), rows[r])
-        size = _dot(start, start)
-        if size > 1e-12 * before and size > 0.0:
-            start /= np.sqrt(size)
-        else:
-            start[:] = 0.0
+        _straighten(rows, count + 1, 1)
     for r in range(1, rows.shape[0]):
         _less(rows[0], _dot(rows[0], rows[r]), rows[r])
     return rows

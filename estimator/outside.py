@@ -24,6 +24,8 @@ __all__ = ["Outside", "outside_search"]
 _AROUND = (-0.6, -0.3, 0.3, 0.6)
 _FINER = (-0.15, 0.15)
 """Frequencies tried around the peak of OP's spectrum, in its bins."""
+_NEAR = 0.3
+"""How far the process moves from one frequency to the next, in the logarithm of time constants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ def outside_search(op: Op, regression: Regression) -> Outside:
         nearest = centre
         for offset in offsets:
             other = _with_sinusoid(regression, centre + offset)
-            process = healthy_refined(op, other, found.process)
+            process = healthy_refined(op, other, found.process, _NEAR, 4)
             if process.cost < found.process.cost:
                 found, nearest = Outside(process, other), centre + offset
         centre = nearest

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator._kernels import Array, Mask, complete, fir
-from estimator._response import Basis, Simulated, simulated_tables
+from estimator._response import Basis, Simulated, orthonormal, simulated_tables
 from estimator.structures import Structure, shared_columns
 
 __all__ = ["MAX_LAG", "LinearFit", "Regression", "delayed"]
@@ -23,14 +23,9 @@ MAX_LAG = 20
 
 @dataclass(frozen=True, slots=True)
 class LinearFit:
-    """The linear part at its best: ``gain`` of the response, ``columns`` of the structure.
-
-    ``information`` is the response's energy that no column shares (the gain's variance is the
-    noise's divided by it).
-    """
+    """The linear part at its best: ``gain`` of the response, ``columns`` of the structure."""
 
     gain: float
-    information: float
     columns: Array
     prediction: Array
     residual: Array
@@ -102,16 +97,14 @@ class Regression:
         solution = solution / size
         prediction = raw @ solution
         residual = np.where(self.weight > 0.0, self._target - design @ solution, 0.0)
-        others, _ = np.linalg.qr(design[:, 1:])
-        own = design[:, 0] - others @ (others.T @ design[:, 0])
-        return LinearFit(float(solution[0]), float(own @ own), solution[1:], prediction, residual)
+        return LinearFit(float(solution[0]), solution[1:], prediction, residual)
 
     def _shared(self, *, integrating: bool) -> Array:
         """Orthonormal columns that all candidates share, whitened and weighted, one a row."""
         shared = shared_columns(self.size, integrating=integrating)
         columns = self.whiten(np.hstack([shared, self.extra]))
-        basis, _ = np.linalg.qr(columns * self.weight[:, None])
-        return np.ascontiguousarray(basis.T)
+        rows: Array = orthonormal(np.ascontiguousarray((columns * self.weight[:, None]).T))
+        return rows
 
 
 def delayed(signal: Array, samples: int) -> Array:

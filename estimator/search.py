@@ -152,11 +152,13 @@ def healthy_search(op: Op, regression: Regression) -> Candidate:
     return healthy_refined(op, regression, Candidate.of_state(best))
 
 
-def healthy_refined(op: Op, regression: Regression, near: Candidate, passes: int = 5) -> Candidate:
-    """The best process with a healthy valve near another."""
+def healthy_refined(
+    op: Op, regression: Regression, near: Candidate, width: float = 0.4, passes: int = 5
+) -> Candidate:
+    """The best process with a healthy valve near another, by ``width`` in log time constants."""
     state = near.state()
     search = Search(passes, regression.min_lag, regression.max_lag, 2, _SHRINK)
-    refine_process(regression.basis, op.u, state, 0.4, search)
+    refine_process(regression.basis, op.u, state, width, search)
     return Candidate.of_state(state)
 
 
