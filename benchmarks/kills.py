@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.kill_plc import CYCLE, LOOP_ID, WatchedPlc
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 
 __all__ = ["Tally", "main", "run_kills"]
 
@@ -248,7 +248,8 @@ def main() -> None:
     print(text)
     for fault in tally.faults[:10]:
         print(fault)
-    keep(options.out, "kills", text, figures | {"machine": machine()})
+    page = heading("kills", __doc__, None) + "\n\n" + text
+    keep(options.out, "kills", page, figures | {"machine": machine()})
     if tally.lost or tally.damaged or tally.faults or tally.unrecorded or tally.incomplete:
         raise SystemExit(1)
 

@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.load_plc import REGISTERS_A_LOOP
-from benchmarks.report import keep, machine, table
+from benchmarks.report import heading, keep, machine, table
 from fieldlink.store import read_estimates, read_samples, read_slots
 
 __all__ = ["Load", "main", "measure"]
@@ -207,13 +207,19 @@ def main() -> None:
     for layout in LAYOUTS if options.layout is None else [options.layout]:
         with tempfile.TemporaryDirectory() as folder:
             loads.append(measure(layout, 60.0 * options.minutes, Path(folder)))
+    text = as_table(loads)
+    print(text)
+    page = heading("load", __doc__, None) + "\n\n" + text
+    keep(options.out, "load", page, {"loads": [vars(load) for load in loads], "machine": machine()})
+
+
+def as_table(loads: Sequence[Load]) -> str:
+    """Return a column a layout."""
     names = list(vars(loads[0]))
-    text = table(
+    return table(
         ("", *(load.layout for load in loads)),
         [(name.replace("_", " "), *(getattr(load, name) for load in loads)) for name in names[1:]],
     )
-    print(text)
-    keep(options.out, "load", text, {"loads": [vars(load) for load in loads], "machine": machine()})
 
 
 if __name__ == "__main__":
