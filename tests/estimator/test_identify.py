@@ -80,6 +80,19 @@ def test_examples_of_the_paper(example: LoopModel, noise: float) -> None:
     assert median[2] <= 0.05
 
 
+def test_a_window_that_one_step_errors_settle_is_judged_alike_by_the_whole_search() -> None:
+    op, pv = _example(EXAMPLE_1, 1e-2, 0)
+    short = identify(op, pv)
+    whole = identify(op, pv, surface=True)  # the cost surface needs the simulation search
+    assert short.verdict is whole.verdict is Verdict.STICTION
+    assert short.criterion == whole.criterion == "arx"
+    assert short.stick_band == whole.stick_band
+    assert short.slip_jump == whole.slip_jump
+    # what the whole search finds besides is in favour of the verdict
+    assert whole.evidence.simulated >= short.evidence.simulated
+    assert whole.evidence.whitened >= short.evidence.whitened
+
+
 def test_open_loop_step_gives_the_process() -> None:
     # an analytic case: first-order process of gain 2 and time constant 5, healthy valve
     pole = float(np.exp(-1.0 / 5.0))
