@@ -33,13 +33,11 @@ from fieldlink.registers import (
     BLOCK_REGISTERS,
     Bank,
     BlockReader,
-    DataType,
     ExchangeLayout,
     ExchangeWords,
     Fallback,
     ReaderState,
     RegisterValueError,
-    Table,
     Tag,
 )
 from fieldlink.site import Loop, Site
@@ -123,7 +121,7 @@ class CompensateService:
         self._name = name
         self.settings: CompensateSettings = self.loop.compensate
         self._write = write
-        self._op_out = _op_out(site, name, self.loop)
+        self._op_out = _op_out(site, self.loop)
         self._layout = _exchange(name, self.loop)
         self._link = _link(site, self.loop, self._op_out, write=self.writes, clock=clock)
         if not isinstance(self._link, RegisterAccess):
@@ -251,23 +249,10 @@ def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:
     return Step(verdict, step.pv, step.sp, step.op_before, step.op, words)
 
 
-def _op_out(site: Site, name: str, loop: Loop) -> Tag | None:
+def _op_out(site: Site, loop: Loop) -> Tag | None:
     """The tag that takes OP; None where the site file names none (dry runs only)."""
     wanted = loop.compensate.op_out
-    if wanted is None:
-        return None
-    tag = site.maps.get(loop.device, {}).get(wanted)
-    if tag is None:
-        raise CompensateError(
-            f"loop {name}: the register map of {loop.device!r} has no tag {wanted!r}; correct "
-            "op_out in the table compensate"
-        )
-    if not tag.writable or tag.table is not Table.HOLDING or tag.data_type is DataType.BOOL:
-        raise CompensateError(
-            f"loop {name}: op_out {wanted} is not a number in a holding register that the map "
-            "calls writable; set writable = yes there if the PLC expects OP in it"
-        )
-    return tag
+    return None if wanted is None else site.maps[loop.device][wanted]
 
 
 def _exchange(name: str, loop: Loop) -> ExchangeLayout:

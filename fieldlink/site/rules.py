@@ -15,6 +15,7 @@ from fieldlink.registers import (
     Tag,
     plan_reads,
 )
+from fieldlink.site.compensate_rules import compensate_fits
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
@@ -30,7 +31,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems = [
         problem
         for name, loop in site.loops.items()
-        for rule in (_known_device, _tags_exist, _beats, plant_fits, _write_back_fits)
+        for rule in _LOOP_RULES
         for problem in rule(site, source, name, loop)
     ]
     problems.extend(_readable(site, source))
@@ -154,6 +155,16 @@ def _lines(site: Site, source: TomlSource) -> Iterator[Problem]:
                     f"{mine} here, {theirs} for {first!r} on the same {device.serial_port}",
                     "give all devices of a serial line the same settings",
                 )
+
+
+_LOOP_RULES = (
+    _known_device,
+    _tags_exist,
+    _beats,
+    plant_fits,
+    compensate_fits,
+    _write_back_fits,
+)
 
 
 @dataclass(frozen=True, slots=True)
