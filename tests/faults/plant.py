@@ -11,6 +11,9 @@ import struct
 import time
 from dataclasses import dataclass, field
 
+from tests.loopback import LoopbackServer
+from tests.wire_bytes import crc
+
 LOOPS = ("L0", "L1", "L2")
 STRIDE = 100
 CYCLE = 0.05
@@ -25,57 +28,24 @@ def pv_of(loop: int, cycle: int) -> float:
     return -1000.0 * loop - 500.0 - cycle % 991
 
 
-def crc(data: bytes) -> bytes:
-    """CRC-16/MODBUS, low byte first."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = (value >> 1) ^ 0xA001 if value & 1 else value >> 1
-    return struct.pack("<H", value)
-
-
 @dataclass
-class SelfCheckingPlc:
+class SelfCheckingPlc(LoopbackServer):
     """Serves FC3 (and the echo of FC8) over TCP with the framing ``tcp`` or ``rtu``."""
 
     framing: str
-    port: int = 0
     requests: int = 0
     _begin: float = field(default_factory=time.monotonic)
-    _server: asyncio.Server | None = None
-    _clients: set[asyncio.Task[None]] = field(default_factory=set)
 
     @property
     def cycle(self) -> int:
         return 1 + int((time.monotonic() - self._begin) / CYCLE)
 
-    async def start(self) -> None:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-
-    async def stop(self) -> None:
-        assert self._server is not None
-        self._server.close()
-        for client in self._clients:
-            client.cancel()
-        await asyncio.gather(*self._clients, return_exceptions=True)
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._clients.add(task)
-        try:
-            while True:
-                head, unit, body = await read_request(reader, self.framing)
-                self.requests += 1
-                writer.write(frame(self.framing, head, unit, self._answer(body)))
-                await writer.drain()
-        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
-            return
-        finally:
-            self._clients.discard(task)
-            writer.close()
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while True:
+            head, unit, body = await read_request(reader, self.framing)
+            self.requests += 1
+            writer.write(frame(self.framing, head, unit, self._answer(body)))
+            await writer.drain()
 
     def _answer(self, body: bytes) -> bytes:
         function, address, count = struct.unpack(">BHH", body[:5])

@@ -14,7 +14,9 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+
+from tests.faults.plant import frame, read_request
+from tests.loopback import LoopbackServer
 
 
 class Fault(Enum):
@@ -59,23 +61,20 @@ EXCEPTIONS = (5, 6, 10, 11)
 
 
 @dataclass
-class FaultProxy:
+class FaultProxy(LoopbackServer):
     """Listens on ``port`` once started.
 
     Args:
         upstream: the PLC's port.
-        plant: the module `plant`, for framing.
         framing: ``tcp`` or ``rtu``.
         timeout: the daemon's time-out in seconds.
         seed: of the bytes and bits that are not prescribed.
     """
 
     upstream: int
-    plant: Any
     framing: str
     timeout: float
     seed: int = 1
-    port: int = 0
     connections: int = 0
     passed: int = 0
     done: Counter[Fault] = field(default_factory=Counter)
@@ -83,8 +82,6 @@ class FaultProxy:
     _refuse: int = 0
     _held: bytes = b""
     _old: deque[bytes] = field(default_factory=lambda: deque(maxlen=7))
-    _server: asyncio.Server | None = None
-    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._random = random.Random(self.seed)
@@ -98,54 +95,34 @@ class FaultProxy:
         """Whether the schedule is used up."""
         return not self._faults and not self._refuse
 
-    async def start(self) -> None:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-
-    async def stop(self) -> None:
-        assert self._server is not None
-        self._server.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.connections += 1
-        try:
-            if self._refuse:
-                self._refuse -= 1
-                _reset(writer)
-                return
-            up, down = await asyncio.open_connection("127.0.0.1", self.upstream)
-            try:
-                while True:
-                    transaction, unit, pdu = await self.plant.read_request(reader, self.framing)
-                    down.write(self._request(transaction, unit, pdu))
-                    reply = await self._reply(up)
-                    fault = self._faults.popleft() if self._faults else None
-                    if fault is None:
-                        self.passed += 1
-                        writer.write(self._held + reply)
-                        self._held = b""
-                    else:
-                        self.done[fault] += 1
-                        if not await self._harm(fault, writer, reply, pdu, unit, transaction):
-                            return
-                    self._old.append(reply)
-                    await writer.drain()
-            finally:
-                down.close()
-        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
+        if self._refuse:
+            self._refuse -= 1
+            _reset(writer)
             return
+        up, down = await asyncio.open_connection("127.0.0.1", self.upstream)
+        try:
+            while True:
+                transaction, unit, pdu = await read_request(reader, self.framing)
+                down.write(self._request(transaction, unit, pdu))
+                reply = await self._reply(up)
+                fault = self._faults.popleft() if self._faults else None
+                if fault is None:
+                    self.passed += 1
+                    writer.write(self._held + reply)
+                    self._held = b""
+                else:
+                    self.done[fault] += 1
+                    if not await self._harm(fault, writer, reply, pdu, unit, transaction):
+                        return
+                self._old.append(reply)
+                await writer.drain()
         finally:
-            self._tasks.discard(task)
-            writer.close()
+            down.close()
 
     def _request(self, transaction: int, unit: int, pdu: bytes) -> bytes:
-        return bytes(self.plant.frame(self.framing, transaction, unit, pdu))
+        return frame(self.framing, transaction, unit, pdu)
 
     async def _reply(self, up: asyncio.StreamReader) -> bytes:
         if self.framing == "tcp":

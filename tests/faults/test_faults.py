@@ -7,10 +7,9 @@ its slot (the controller's own cycle) go exactly one OP and one PV of that loop.
 from __future__ import annotations
 
 import asyncio
-import shutil
 import tempfile
-from collections.abc import AsyncIterator, Callable, Iterable
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Callable, Iterable
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,8 @@ from fieldlink.daemon import Daemon, DaemonStatus
 from fieldlink.links import LinkState
 from fieldlink.site import load_site
 from fieldlink.store import HistorianSettings, read_samples
+from tests.faults import plant, proxy
+from tests.serial_lines import line_to_port
 
 TIMEOUT = 0.1
 STORE = HistorianSettings(linger=0.02)
@@ -54,41 +55,21 @@ async def until(condition: Callable[[], bool], what: str) -> None:
     pytest.fail(f"never happened: {what}")
 
 
-@asynccontextmanager
-async def serial_line_to(port: int, folder: Path) -> AsyncIterator[str]:
-    """A serial port whose other end is a TCP port: two ends of a pseudo-terminal and socat."""
-    program = shutil.which("socat")
-    if program is None:
-        pytest.skip("socat is not installed (Debian package socat)")
-    here = folder / "tty"
-    process = await asyncio.create_subprocess_exec(
-        program, f"pty,raw,echo=0,link={here}", f"tcp:127.0.0.1:{port}"
-    )
-    try:
-        await until(here.exists, "a serial line")
-        yield str(here)
-    finally:
-        process.terminate()
-        await process.wait()
-
-
-async def suffer(
-    plant: Any, proxy: Any, framing: str, faults: Iterable[Any], folder: Path
-) -> Outcome:
+async def suffer(framing: str, faults: Iterable[Any], folder: Path) -> Outcome:
     """Run a daemon on two PLCs, one of them behind a proxy with these faults."""
     on_wire = "tcp" if framing == "tcp" else "rtu"
     faulty, fine = plant.SelfCheckingPlc(on_wire), plant.SelfCheckingPlc("tcp")
     await faulty.start()
     await fine.start()
-    between = proxy.FaultProxy(faulty.port, plant, on_wire, TIMEOUT)
+    between = proxy.FaultProxy(faulty.port, on_wire, TIMEOUT)
     await between.start()
     async with AsyncExitStack() as lines:
         port = between.port
         if framing == "serial":
-            port = await lines.enter_async_context(serial_line_to(between.port, folder))
+            port = await lines.enter_async_context(line_to_port(between.port, folder))
         try:
             ports = {"faulty": (port, on_wire), "fine": (fine.port, "tcp")}
-            return await endure(plant, between, ports, faults, folder)
+            return await endure(between, ports, faults, folder)
         finally:
             await between.stop()
             await faulty.stop()
@@ -96,8 +77,7 @@ async def suffer(
 
 
 async def endure(
-    plant: Any,
-    between: Any,
+    between: proxy.FaultProxy,
     ports: dict[str, tuple[int | str, str]],
     faults: Iterable[Any],
     folder: Path,
@@ -133,7 +113,7 @@ async def endure(
     return Outcome(read_samples(site.historian_url), status, attempts, dict(between.done))
 
 
-def judge(plant: Any, outcome: Outcome) -> None:
+def judge(outcome: Outcome) -> None:
     """Assert what must hold after any faults."""
     good = outcome.samples[outcome.samples["quality"] == 0]
     for number, loop in enumerate(plant.LOOPS):
@@ -154,19 +134,19 @@ def judge(plant: Any, outcome: Outcome) -> None:
     assert outcome.attempts <= 2
 
 
-def run(plant: Any, proxy: Any, framing: str, faults: Iterable[Any]) -> Outcome:
+def run(framing: str, faults: Iterable[Any]) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
-        return asyncio.run(suffer(plant, proxy, framing, faults, Path(folder)))
+        return asyncio.run(suffer(framing, faults, Path(folder)))
 
 
 @pytest.mark.parametrize("framing", ["tcp", "rtu", "serial"])
-def test_every_fault_alone(plant: Any, proxy: Any, framing: str) -> None:
+def test_every_fault_alone(framing: str) -> None:
     kinds = {
         "tcp": proxy.TCP_FAULTS, "rtu": proxy.RTU_FAULTS, "serial": proxy.SERIAL_FAULTS,
     }[framing]  # fmt: skip
     faults = [step for kind in kinds for step in (kind, None, None, None, None)]
-    outcome = run(plant, proxy, framing, faults)
-    judge(plant, outcome)
+    outcome = run(framing, faults)
+    judge(outcome)
     assert set(outcome.done) == set(kinds)
     harmful = sum(count for kind, count in outcome.done.items() if kind not in proxy.HARMLESS)
     assert outcome.status.devices["faulty"].failures >= harmful // 2
@@ -201,32 +181,30 @@ RANDOM = settings(
 @pytest.mark.slow
 @RANDOM
 @given(bursts=schedules(17))
-def test_random_faults_over_tcp(plant: Any, proxy: Any, bursts: list[tuple[int, int, int]]) -> None:
-    judge(plant, run(plant, proxy, "tcp", expand(proxy.TCP_FAULTS, bursts)))
+def test_random_faults_over_tcp(bursts: list[tuple[int, int, int]]) -> None:
+    judge(run("tcp", expand(proxy.TCP_FAULTS, bursts)))
 
 
 @pytest.mark.slow
 @RANDOM
 @given(bursts=schedules(13))
-def test_random_faults_over_rtu(plant: Any, proxy: Any, bursts: list[tuple[int, int, int]]) -> None:
-    judge(plant, run(plant, proxy, "rtu", expand(proxy.RTU_FAULTS, bursts)))
+def test_random_faults_over_rtu(bursts: list[tuple[int, int, int]]) -> None:
+    judge(run("rtu", expand(proxy.RTU_FAULTS, bursts)))
 
 
 @pytest.mark.slow
 @RANDOM
 @given(bursts=schedules(9))
-def test_random_faults_on_a_serial_line(
-    plant: Any, proxy: Any, bursts: list[tuple[int, int, int]]
-) -> None:
-    judge(plant, run(plant, proxy, "serial", expand(proxy.SERIAL_FAULTS, bursts)))
+def test_random_faults_on_a_serial_line(bursts: list[tuple[int, int, int]]) -> None:
+    judge(run("serial", expand(proxy.SERIAL_FAULTS, bursts)))
 
 
-def test_a_wrong_value_would_be_found(plant: Any, proxy: Any) -> None:
+def test_a_wrong_value_would_be_found() -> None:
     """The judgement above can fail: a value of another cycle or of another loop does not fit."""
-    outcome = run(plant, proxy, "tcp", [])
-    judge(plant, outcome)
+    outcome = run("tcp", [])
+    judge(outcome)
     for column, at in (("op", 5), ("pv", 7)):
         wrong = outcome.samples.copy()
         wrong.loc[at, column] = wrong.loc[at, column] + 1.0
         with pytest.raises(AssertionError):
-            judge(plant, Outcome(wrong, outcome.status, 0, {}))
+            judge(Outcome(wrong, outcome.status, 0, {}))

@@ -35,6 +35,7 @@ from fieldlink.plc.listening import listen
 from fieldlink.plc.modbus import modbus_device, other_units
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
+from tests.wire_bytes import crc
 
 HOST = "127.0.0.1"
 UNIT, TRANSACTION = 1, 1
@@ -59,16 +60,6 @@ def replies(draw: st.DrawFn) -> tuple[Request, bytes]:
     request = draw(REQUESTS)
     size = request.size - len(request.head)
     return request, request.head + draw(st.binary(min_size=size, max_size=size))
-
-
-def crc(data: bytes) -> bytes:
-    """The CRC of Modbus over serial line (V1.02, appendix B), bit by bit."""
-    register = 0xFFFF
-    for byte in data:
-        register ^= byte
-        for _ in range(8):
-            register = (register >> 1) ^ 0xA001 if register & 1 else register >> 1
-    return struct.pack("<H", register)
 
 
 def mbap(pdu: bytes, unit: int = UNIT, transaction: int = TRANSACTION, protocol: int = 0) -> bytes:

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from tests.serial_lines import serial_line as joined_ends
+
 NODE = Path(__file__).resolve().parent / "node"
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,23 +61,8 @@ def node() -> tuple[str, ...]:
 
 @pytest.fixture
 async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
-    """The two ends of a serial line that is two pseudo-terminals joined by socat."""
-    program = shutil.which("socat")
-    if program is None:
-        pytest.skip("socat is not installed (Debian package socat)")
-    ends = tmp_path / "a", tmp_path / "b"
-    process = await asyncio.create_subprocess_exec(
-        program, *(f"pty,raw,echo=0,link={end}" for end in ends)
-    )
-    try:
-        for _ in range(500):
-            if all(end.exists() for end in ends):
-                break
-            await asyncio.sleep(0.01)
-        yield str(ends[0]), str(ends[1])
-    finally:
-        process.terminate()
-        await process.wait()
+    async with joined_ends(tmp_path) as ends:
+        yield ends
 
 
 @pytest.fixture

@@ -1,31 +1,14 @@
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import trustme
 
-if TYPE_CHECKING:
-    from tests.links.fake_device import FakeDevice
-
-HELPER = Path(__file__).resolve().parent / "fake_device.py"
-
-
-def load_helper(path: Path) -> Any:
-    """Import a helper that lies beside the tests; they are no package."""
-    name = f"fieldlink_tests_{path.stem}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
+from tests.links.fake_device import FakeDevice
+from tests.serial_lines import serial_line as joined_ends
 
 
 @pytest.fixture
@@ -33,7 +16,7 @@ async def new_device() -> AsyncIterator[Callable[..., FakeDevice]]:
     made = []
 
     def make(**settings: Any) -> FakeDevice:
-        device: FakeDevice = load_helper(HELPER).FakeDevice(**settings)
+        device = FakeDevice(**settings)
         made.append(device)
         return device
 
@@ -64,3 +47,9 @@ def certificates(tmp_path: Path) -> Callable[[str], Path]:
         certificate.private_key_pem.write_to_path(tmp_path / f"{name}.key")
         certificate.cert_chain_pems[0].write_to_path(tmp_path / f"{name}.pem")
     return lambda name: tmp_path / name
+
+
+@pytest.fixture
+async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
+    async with joined_ends(tmp_path) as ends:
+        yield ends

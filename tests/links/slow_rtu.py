@@ -7,19 +7,12 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-
-def crc(data: bytes) -> bytes:
-    """The CRC of Modbus over serial line (V1.02, appendix B), bit by bit."""
-    register = 0xFFFF
-    for byte in data:
-        register ^= byte
-        for _ in range(8):
-            register = (register >> 1) ^ 0xA001 if register & 1 else register >> 1
-    return struct.pack("<H", register)
+from tests.loopback import LoopbackServer
+from tests.wire_bytes import crc
 
 
 @dataclass
-class SlowRtu:
+class SlowRtu(LoopbackServer):
     """Holding register n holds n. One server of RTU frames over TCP.
 
     ``delay`` gives the seconds that the next request takes; requests queue behind one another, as
@@ -31,43 +24,22 @@ class SlowRtu:
     echoes: str = "answered"
     """What becomes of FC8: ``answered``, ``refused`` (exception 1) or ``ignored``."""
     illegal: set[int] = field(default_factory=set)
-    port: int = 0
     requests: list[bytes] = field(default_factory=list)
     _queue: asyncio.Queue[bytes] = field(default_factory=asyncio.Queue)
     _writer: asyncio.StreamWriter | None = None
-    _server: asyncio.Server | None = None
-    _tasks: list[asyncio.Task[None]] = field(default_factory=list)
 
     async def start(self) -> None:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-        self._tasks.append(asyncio.create_task(self._work()))
+        await super().start()
+        self._tasks.add(asyncio.create_task(self._work()))
 
-    async def stop(self) -> None:
-        assert self._server is not None
-        self._server.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        if self._writer is not None:
-            self._writer.close()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.append(task)
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         # The newest client hears everything, as on a gateway in transparent mode.
         self._writer = writer
-        try:
-            while True:
-                frame = await reader.readexactly(8)
-                assert crc(frame[:6]) == frame[6:]
-                self.requests.append(frame)
-                self._queue.put_nowait(frame)
-        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
-            return
-        finally:
-            writer.close()
+        while True:
+            frame = await reader.readexactly(8)
+            assert crc(frame[:6]) == frame[6:]
+            self.requests.append(frame)
+            self._queue.put_nowait(frame)
 
     async def _work(self) -> None:
         while True:

@@ -6,7 +6,7 @@ import asyncio
 import random
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
@@ -20,15 +20,11 @@ from fieldlink.links.late import LateReplies, proves
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
-from tests.links.conftest import load_helper
-
-if TYPE_CHECKING:
-    from tests.links.slow_rtu import SlowRtu
+from tests.links.slow_rtu import SlowRtu
 
 TIMEOUT = 0.08
 APART = [10, 110, 210, 310]
 TAGS = [Tag(f"R{n}", Table.HOLDING, n, DataType.UINT16) for n in APART]
-HELPER = Path(__file__).resolve().parent / "slow_rtu.py"
 
 
 @pytest.fixture
@@ -36,7 +32,7 @@ async def new_slow() -> AsyncIterator[Callable[..., Any]]:
     made: list[SlowRtu] = []
 
     async def make(**settings: Any) -> SlowRtu:
-        device: SlowRtu = load_helper(HELPER).SlowRtu(**settings)
+        device = SlowRtu(**settings)
         await device.start()
         made.append(device)
         return device

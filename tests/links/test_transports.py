@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import shutil
 import ssl
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -173,27 +172,6 @@ def test_unusable_certificates_are_named(certificates: Callable[[str], Path]) ->
     )
     with pytest.raises(TlsFilesError, match=r"client\.pem.*belong together"):
         link_to(tls_device(802, tls))
-
-
-@pytest.fixture
-async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
-    """The two ends of a serial line that is two pseudo-terminals joined by socat."""
-    program = shutil.which("socat")
-    if program is None:
-        pytest.skip("socat is not installed (Debian package socat)")
-    ends = tmp_path / "plant", tmp_path / "fieldlink"
-    process = await asyncio.create_subprocess_exec(
-        program, *(f"pty,raw,echo=0,link={end}" for end in ends)
-    )
-    try:
-        for _ in range(500):
-            if all(end.exists() for end in ends):
-                break
-            await asyncio.sleep(0.01)
-        yield str(ends[0]), str(ends[1])
-    finally:
-        process.terminate()
-        await process.wait()
 
 
 def on_line(port: str, unit: int = 1, timeout: float = 1.0) -> Device:
