@@ -1,6 +1,7 @@
 """The compensator on sticky valves: exact parameters, wrong ones, other processes, take-over."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from compensator import (
     OpLimits,
     UnawareMpc,
 )
+from compensator.belief import GAIN
 from compensator.study import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, held_stem_std, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 
@@ -229,3 +231,27 @@ def test_an_unexpected_slip_is_found_in_pv() -> None:
         pv.append(plant.step(op, float(noise[k])))
     assert max(pv[200:300]) > rest + 0.4
     assert abs(np.mean(pv[350:]) - rest) < 0.3
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_wrong_gain_is_learnt_from_set_point_steps(factor: float) -> None:
+    process = EXAMPLE_1.process
+    wrong = replace(process, b=tuple(factor * b for b in process.b))
+    controller = HybridMpc(LoopModel(EXAMPLE_1.valve, wrong))
+    rest = process.gain * 50.0
+    steps = [(0, rest), (100, rest + 12.0), (300, rest), (500, rest + 12.0)]
+    study = Study(steps, 700, equation_noise=0.01, seed=2)
+    run(process, EXAMPLE_1.valve, controller, study)
+    believed = factor * (1.0 + controller.tracker.best.errors[GAIN])
+    assert believed == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_missed_slip_makes_the_next_command_stronger() -> None:
+    """A command that did not move the stem is kept in mind, also after the slip that follows."""
+    valve = ValveModel.from_friction(5.6, 3.2)  # believed; the true one needs 7
+    controller = HybridMpc(LoopModel(valve, EXAMPLE_1.process))
+    rest = EXAMPLE_1.process.gain * 50.0
+    study = Study([(0, rest), (50, rest + 4.0)], 400, equation_noise=0.01, seed=3)
+    trace = run(EXAMPLE_1.process, EXAMPLE_1.valve, controller, study)
+    assert controller.tracker.best.survived > 0.0
+    assert abs(assess(trace, 250).offset) < 1.0

@@ -212,6 +212,21 @@ def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
     assert loop.supervisor.compensating
 
 
+def test_a_valve_model_far_too_small_is_given_up() -> None:
+    loop = Loop()
+    loop.run(600)
+    valve = EXAMPLE_1.valve
+    wrong = ValveModel(0.3 * valve.stick_band, 0.3 * valve.slip_jump)
+    assert loop.supervisor.offer(LoopModel(wrong, EXAMPLE_1.process))
+    loop.run(700)
+    assert loop.supervisor.state is SupervisorState.BASE
+    assert loop.supervisor.reason in {
+        WithdrawReason.WORSE,
+        WithdrawReason.HUNTING,
+        WithdrawReason.GROWING,
+    }
+
+
 def test_a_frozen_pv_is_told_from_a_quiet_one(compensated: Loop) -> None:
     frozen = compensated.plant.pv
     held = None
