@@ -87,7 +87,7 @@ async def benches(
                     link="modbus-tcp",
                     host="127.0.0.1",
                     port=device.port,
-                    timeout=0.15,
+                    timeout=1.0,
                     register_map=Path("map.csv"),
                 ),
                 backoff=BackoffSettings(first=1e-6, cap=1e-6),

@@ -1,40 +1,25 @@
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
 from collections.abc import AsyncIterator, Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+import tests.daemon.live
 from fieldlink.daemon.estimating import Findings, Interval
 from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.daemon.bench import Bench, benches
+from tests.links.fake_device import FakeDevice
 
-HELPER = Path(__file__).resolve().parents[1] / "links" / "fake_device.py"
 LAYOUT = ExchangeLayout.at(100)
-
-
-def load_helper(path: Path) -> Any:
-    """Import a helper that lies beside the tests; they are no package."""
-    name = f"fieldlink_tests_{path.stem}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return sys.modules[name]
 
 
 @pytest.fixture(scope="session")
 def live() -> Any:
     """What the tests of the live daemon share: sites, plants, running daemons."""
-    return load_helper(Path(__file__).with_name("test_daemon.py"))
+    return tests.daemon.live
 
 
 @pytest.fixture
@@ -42,7 +27,7 @@ async def new_device() -> AsyncIterator[Callable[..., Any]]:
     made = []
 
     def make(**settings: Any) -> Any:
-        device = load_helper(HELPER).FakeDevice(**settings)
+        device = FakeDevice(**settings)
         made.append(device)
         return device
 

@@ -10,7 +10,6 @@ import textwrap
 import time
 from datetime import datetime, tzinfo
 from pathlib import Path
-from typing import Any
 
 import apscheduler.schedulers.base
 import apscheduler.triggers.interval
@@ -153,32 +152,25 @@ def find_libfaketime() -> str:
 
 PROGRAM = textwrap.dedent(
     """
-    import asyncio, importlib.util, os, sys
+    import asyncio, os, sys
     from pathlib import Path
 
     # The estimator's processes may know the time.
     del os.environ["LD_PRELOAD"]
 
-    def load(path):
-        spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module
-        spec.loader.exec_module(module)
-        return module
-
-    tests = load(sys.argv[1])
-    FakeDevice = load(sys.argv[2]).FakeDevice
+    from tests.daemon import live
+    from tests.links.fake_device import FakeDevice
     from fieldlink.daemon import Daemon, configure_logging, stop_on_signals
 
     async def main():
         configure_logging()
         device = FakeDevice()
         await device.start()
-        site = tests.site_for(Path(sys.argv[3]), {"plc": device.port}, window=60,
+        site = live.site_for(Path(sys.argv[1]), {"plc": device.port}, window=60,
                               estimate_every=20.0)
-        async with tests.plant_on(device):
+        async with live.plant_on(device):
             with stop_on_signals() as stop:
-                await Daemon(site, pool=tests.POOL, store=tests.STORE).run(stop=stop)
+                await Daemon(site, pool=live.POOL, store=live.STORE).run(stop=stop)
         await device.stop()
 
     if __name__ == "__main__":
@@ -188,21 +180,21 @@ PROGRAM = textwrap.dedent(
 
 
 @pytest.mark.slow
-def test_the_real_clock_is_set_back_and_forth_by_hours(tmp_path: Path, live: Any) -> None:
+def test_the_real_clock_is_set_back_and_forth_by_hours(tmp_path: Path) -> None:
     library = find_libfaketime()
     script, setting = tmp_path / "program.py", tmp_path / "time"
     script.write_text(PROGRAM)
     setting.write_text("+0")
-    helper = Path(__file__).resolve().parents[1] / "links" / "fake_device.py"
     environment = os.environ | {
         "LD_PRELOAD": library,
+        "PYTHONPATH": str(Path(__file__).resolve().parents[2]),
         "FAKETIME_TIMESTAMP_FILE": str(setting),
         "FAKETIME_CACHE_DURATION": "1",
         "FAKETIME_DONT_FAKE_MONOTONIC": "1",
     }
     url = f"sqlite:///{tmp_path}/data/history.sqlite"
     with subprocess.Popen(
-        [sys.executable, str(script), live.__file__, str(helper), str(tmp_path)],
+        [sys.executable, str(script), str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

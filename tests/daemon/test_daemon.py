@@ -2,130 +2,32 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import signal
-import struct
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from fieldlink.daemon import Daemon, PoolSettings, WritebackOutcome
+from fieldlink.daemon import Daemon, WritebackOutcome
 from fieldlink.links import LinkState
 from fieldlink.registers import decode_block
-from fieldlink.site import Site, load_site
+from fieldlink.site import load_site
 from fieldlink.store import (
-    HistorianSettings,
     StoreError,
     read_estimates,
     read_events,
     read_samples,
     read_writebacks,
 )
+from tests.daemon.live import POOL, STORE, Plant, plant_on, running, site_for, until
 
-STORE = HistorianSettings(linger=0.02)
-POOL = PoolSettings(workers=1)
-PERIOD_WALL = 0.02
-MAP = """tag,table,address,type
-OP,holding,0,float32
-PV,holding,2,float32
-SCAN,holding,4,uint16
-"""
-
-
-class Plant:
-    """A sticky loop in a fake device: OP ramps up and down, PV follows the stem."""
-
-    def __init__(self, device: Any, plc: Any | None = None) -> None:
-        self.device = device
-        self.plc = plc
-        self.cycle = 0
-        self.stem = 50.0
-        self.pv = 50.0
-        self._rng = np.random.default_rng(3)
-
-    def step(self) -> None:
-        op = 50.0 + 6.0 * abs((self.cycle / 40.0) % 2.0 - 1.0)
-        if op - self.stem > 2.5:
-            self.stem = op - 1.5
-        elif self.stem - op > 2.5:
-            self.stem = op + 1.5
-        pv = self.pv + 0.02 * self._rng.standard_normal()
-        self.pv += 0.3 * (self.stem - self.pv)
-        self.cycle += 1
-        self.device.words[0:5] = [
-            *struct.unpack(">2H", struct.pack(">f", op)),
-            *struct.unpack(">2H", struct.pack(">f", pv)),
-            self.cycle & 0xFFFF,
-        ]
-        if self.plc is not None:
-            self.plc.scan()
-
-    async def run(self) -> None:
-        deadline = time.monotonic()
-        while True:
-            self.step()
-            deadline += PERIOD_WALL
-            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
-
-
-@asynccontextmanager
-async def plant_on(device: Any, plc: Any | None = None) -> AsyncIterator[Plant]:
-    plant = Plant(device, plc)
-    plant.step()
-    task = asyncio.create_task(plant.run())
-    try:
-        yield plant
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
-def site_for(folder: Path, ports: dict[str, int], loop_extra: str = "", **loop: Any) -> Site:
-    """Write and load a site; each device has one loop, named like it in capitals."""
-    keys = {"period": 1.0, "window": 50, "estimate_every": 20.0} | loop
-    parts = ['[site]\nname = "test"\n']
-    for name, port in ports.items():
-        parts.append(
-            f'[devices.{name}]\nlink = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\n'
-            f'register_map = "map.csv"\ntimeout = 0.15\nspeed = {1.0 / PERIOD_WALL}\n'
-            f'[loops.{name.upper()}]\ndevice = "{name}"\nop = "OP"\npv = "PV"\nscan = "SCAN"\n'
-            + "".join(f"{key} = {value}\n" for key, value in keys.items())
-            + loop_extra.replace("LOOP", name.upper())
-        )
-    (folder / "map.csv").write_text(MAP)
-    (folder / "site.toml").write_text("\n".join(parts))
-    return load_site(folder / "site.toml")
-
-
-@asynccontextmanager
-async def running(site: Site, **options: Any) -> AsyncIterator[Daemon]:
-    daemon = Daemon(site, store=STORE, pool=POOL, **options)
-    stop = asyncio.Event()
-    task = asyncio.create_task(daemon.run(stop=stop))
-    try:
-        yield daemon
-        stop.set()
-        await task
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
-async def until(condition: Callable[[], bool], what: str, tries: int = 2000) -> None:
-    for _ in range(tries):
-        if condition():
-            return
-        await asyncio.sleep(0.01)
-    pytest.fail(f"never happened: {what}")
+ROOT = Path(__file__).resolve().parents[2]
 
 
 async def test_samples_estimates_and_their_ends_are_stored(device: Any, tmp_path: Path) -> None:
@@ -197,7 +99,7 @@ async def test_a_silent_device_does_not_slow_another(
     good, silent = new_device(), new_device(mute=True)
     await good.start()
     await silent.start()
-    site = site_for(tmp_path, {"good": good.port, "silent": silent.port})
+    site = site_for(tmp_path, {"good": good.port, "silent": silent.port}, timeout=0.15)
     async with plant_on(good), running(site) as daemon:
         await until(lambda: daemon.status().loops["GOOD"].counts.read >= 150, "150 samples")
         status = daemon.status()
@@ -299,29 +201,22 @@ async def test_a_data_directory_that_cannot_be_used_ends_the_start(
 def test_sigterm_ends_the_program_and_loses_nothing(tmp_path: Path) -> None:
     program = textwrap.dedent(
         """
-        import asyncio, importlib.util, json, sys
+        import asyncio, json, sys
         from pathlib import Path
 
-        def load(path):
-            spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[spec.name] = module
-            spec.loader.exec_module(module)
-            return module
-
-        tests = load(sys.argv[1])
-        FakeDevice = load(sys.argv[2]).FakeDevice
+        from tests.daemon import live
+        from tests.links.fake_device import FakeDevice
         from fieldlink.daemon import Daemon, configure_logging, stop_on_signals
 
         async def main():
             configure_logging()
             device = FakeDevice()
             await device.start()
-            folder = Path(sys.argv[3])
-            site = tests.site_for(folder, {"plc": device.port})
-            async with tests.plant_on(device):
+            folder = Path(sys.argv[1])
+            site = live.site_for(folder, {"plc": device.port})
+            async with live.plant_on(device):
                 with stop_on_signals() as stop:
-                    status = await Daemon(site, pool=tests.POOL).run(stop=stop)
+                    status = await Daemon(site, pool=live.POOL).run(stop=stop)
             await device.stop()
             counts = status.loops["PLC"].counts
             print(json.dumps({"read": counts.read, "written": status.store.written}))
@@ -332,9 +227,9 @@ def test_sigterm_ends_the_program_and_loses_nothing(tmp_path: Path) -> None:
     )
     script = tmp_path / "program.py"
     script.write_text(program)
-    helper = Path(__file__).resolve().parents[1] / "links" / "fake_device.py"
     process = subprocess.Popen(
-        [sys.executable, str(script), __file__, str(helper), str(tmp_path)],
+        [sys.executable, str(script), str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

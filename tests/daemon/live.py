@@ -1,0 +1,119 @@
+"""What tests of a live daemon share: a plant in a fake device, sites for it, running daemons."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fieldlink.daemon import Daemon, PoolSettings
+from fieldlink.site import Site, load_site
+from fieldlink.store import HistorianSettings
+
+STORE = HistorianSettings(linger=0.02)
+POOL = PoolSettings(workers=1)
+PERIOD_WALL = 0.02
+MAP = """tag,table,address,type
+OP,holding,0,float32
+PV,holding,2,float32
+SCAN,holding,4,uint16
+"""
+
+
+class Plant:
+    """A sticky loop in a fake device: OP ramps up and down, PV follows the stem."""
+
+    def __init__(self, device: Any, plc: Any | None = None) -> None:
+        self.device = device
+        self.plc = plc
+        self.cycle = 0
+        self.stem = 50.0
+        self.pv = 50.0
+        self._rng = np.random.default_rng(3)
+
+    def step(self) -> None:
+        op = 50.0 + 6.0 * abs((self.cycle / 40.0) % 2.0 - 1.0)
+        if op - self.stem > 2.5:
+            self.stem = op - 1.5
+        elif self.stem - op > 2.5:
+            self.stem = op + 1.5
+        pv = self.pv + 0.02 * self._rng.standard_normal()
+        self.pv += 0.3 * (self.stem - self.pv)
+        self.cycle += 1
+        self.device.words[0:5] = [
+            *struct.unpack(">2H", struct.pack(">f", op)),
+            *struct.unpack(">2H", struct.pack(">f", pv)),
+            self.cycle & 0xFFFF,
+        ]
+        if self.plc is not None:
+            self.plc.scan()
+
+    async def run(self) -> None:
+        deadline = time.monotonic()
+        while True:
+            self.step()
+            deadline += PERIOD_WALL
+            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
+
+
+@asynccontextmanager
+async def plant_on(device: Any, plc: Any | None = None) -> AsyncIterator[Plant]:
+    plant = Plant(device, plc)
+    plant.step()
+    task = asyncio.create_task(plant.run())
+    try:
+        yield plant
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def site_for(
+    folder: Path, ports: dict[str, int], loop_extra: str = "", timeout: float = 2.0, **loop: Any
+) -> Site:
+    """Write and load a site; each device has one loop, named like it in capitals.
+
+    A busy machine must not look like a silent device, so the time-out is long.
+    """
+    keys = {"period": 1.0, "window": 50, "estimate_every": 20.0} | loop
+    parts = ['[site]\nname = "test"\n']
+    for name, port in ports.items():
+        parts.append(
+            f'[devices.{name}]\nlink = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\n'
+            f'register_map = "map.csv"\ntimeout = {timeout}\nspeed = {1.0 / PERIOD_WALL}\n'
+            f'[loops.{name.upper()}]\ndevice = "{name}"\nop = "OP"\npv = "PV"\nscan = "SCAN"\n'
+            + "".join(f"{key} = {value}\n" for key, value in keys.items())
+            + loop_extra.replace("LOOP", name.upper())
+        )
+    (folder / "map.csv").write_text(MAP)
+    (folder / "site.toml").write_text("\n".join(parts))
+    return load_site(folder / "site.toml")
+
+
+@asynccontextmanager
+async def running(site: Site, **options: Any) -> AsyncIterator[Daemon]:
+    daemon = Daemon(site, store=STORE, pool=POOL, **options)
+    stop = asyncio.Event()
+    task = asyncio.create_task(daemon.run(stop=stop))
+    try:
+        yield daemon
+        stop.set()
+        await task
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+async def until(condition: Callable[[], bool], what: str, tries: int = 6000) -> None:
+    for _ in range(tries):
+        if condition():
+            return
+        await asyncio.sleep(0.01)
+    pytest.fail(f"never happened: {what}")
