@@ -73,7 +73,7 @@ async def test_settings_that_are_not_about_samples_leave_the_window(
     async with live.plant_on(device), live.running(site) as daemon:
         await live.until(lambda: daemon.status().loops["PLC"].counts.read >= 50, "50 samples")
         change(site, "estimate_every = 20.0", "estimate_every = 30.0")
-        change(site, "timeout = 0.15", "timeout = 0.25")
+        change(site, "timeout = 2.0", "timeout = 3.0")
         daemon.reload_soon()
         await live.until(lambda: daemon.status().reloads == 1, "the reload")
         counts = daemon.status().loops["PLC"].counts
@@ -84,7 +84,7 @@ async def test_settings_that_are_not_about_samples_leave_the_window(
         # The device was begun anew, its loop went on: slots are counted on.
         counts = daemon.status().loops["PLC"].counts
         assert counts.expected == counts.read + counts.missed + counts.bad
-        assert counts.missed < 50
+        assert counts.read >= 70
     assert "windows kept: PLC" in kinds(site, "site.reloaded")[0]
 
 
