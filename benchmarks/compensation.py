@@ -145,7 +145,7 @@ class _Loop:
             "fell_back": f"{len(fell)}/{len(seeds)} {fell[0]}" if fell else "",
             "noticed": _most([j.noticed for j in judged]),
             "after": _most([j.after for j in judged]),
-            "passed": "yes" if all(j.passed for j in judged) else "NO",
+            "passed": _passed(controller, judged),
             "mismatch": mismatch,
             "each": [asdict(j) for j in judged],
             "figures": asdict(figures),
@@ -157,6 +157,13 @@ class _Loop:
             },
             "seeds": list(seeds),
         }
+
+
+def _passed(controller: str, judged: Sequence[Judgement]) -> str:
+    """Words on a row; nothing on the PI, which compensates nothing."""
+    if controller == "pi":
+        return ""
+    return "yes" if all(j.passed for j in judged) else "NO"
 
 
 def _most(values: Sequence[float]) -> float:

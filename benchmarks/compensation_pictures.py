@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from benchmarks.compensation_verdicts import dominated
 from fieldlink.compensate.rig import Setup
 from fieldlink.pictures import OP, PV, STEM
 
-__all__ = ["draw_figure3", "draw_tradeoff"]
+__all__ = ["draw_figure3", "draw_points", "draw_tradeoff"]
 
 SWEEPS: dict[str, Sequence[float]] = {
     "pi": (0.5, 1.0, 2.0, 4.0),
@@ -83,22 +83,49 @@ def draw_tradeoff(
     those of other controllers that lie below the hybrid's curve.
     """
     points: list[dict[str, Any]] = []
-    below: list[str] = []
-    figure = Figure(figsize=(12.0, 5.5), layout="constrained")
-    axes = figure.subplots(1, 2)
-    for column, case in enumerate(CASES[:2]):
-        curves: dict[str, list[tuple[float, float]]] = {}
-        for (name, weights), colour in zip(SWEEPS.items(), _COLOURS, strict=True):
-            if name == "embedding" and not embedding:
-                continue
-            for weight in weights:
+    for case in CASES[:2]:
+        for name, weights in SWEEPS.items():
+            for weight in weights if embedding or name != "embedding" else ():
                 travel, rms = _swept(case, name, weight)
-                curves.setdefault(name, []).append((travel, rms))
                 known = {"loop": case.name, "controller": name, "weight": weight}
                 points.append({**known, "pv_rms": rms, "travel": travel})
-            across, up = zip(*sorted(curves[name]), strict=True)
-            axes[column].plot(across, up, "o-", color=colour, ms=4, lw=1.0, label=name)
-        below += [f"{case.name}, {words}" for words in dominated(curves, "hybrid")]
+    if folder is not None:
+        draw_points(points).savefig(folder / "compensation_tradeoff.png", dpi=100)
+    below = [
+        f"{case.name}, {words}"
+        for case in CASES[:2]
+        for words in dominated(_curves(points, case), "hybrid")
+    ]
+    return points, below
+
+
+def _curves(
+    points: Sequence[Mapping[str, Any]], case: Case
+) -> dict[str, list[tuple[float, float]]]:
+    curves: dict[str, list[tuple[float, float]]] = {}
+    for point in points:
+        if point["loop"] == case.name:
+            one = (point["travel"], point["pv_rms"])
+            curves.setdefault(point["controller"], []).append(one)
+    return curves
+
+
+def draw_points(points: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the points of a sweep; a line joins those of a controller that none of its own beats."""
+    figure = Figure(figsize=(12.0, 5.5), layout="constrained")
+    axes = figure.subplots(1, 2)
+    colours = dict(zip(SWEEPS, _COLOURS, strict=True))
+    for column, case in enumerate(CASES[:2]):
+        for name, curve in _curves(points, case).items():
+            front = [
+                (x, y)
+                for x, y in sorted(curve)
+                if not any(a <= x and b <= y and (a, b) != (x, y) for a, b in curve)
+            ]
+            axes[column].plot(*zip(*curve, strict=True), "o", color=colours[name], ms=4)
+            axes[column].plot(
+                *zip(*front, strict=True), "o-", color=colours[name], ms=4, lw=1.2, label=name
+            )
         noise = float(np.sqrt(np.mean([held(case, seed) ** 2 for seed in _SEEDS])))
         axes[column].axhline(noise, color="black", lw=0.8, ls=":", label="stem held")
         axes[column].set(
@@ -108,10 +135,9 @@ def draw_tradeoff(
             yscale="log",
             xscale="symlog",
         )
+        axes[column].set_xlim(left=-0.2)
         axes[column].legend(fontsize="small")
-    if folder is not None:
-        figure.savefig(folder / "compensation_tradeoff.png", dpi=100)
-    return points, below
+    return figure
 
 
 def _swept(case: Case, name: str, weight: float) -> tuple[float, float]:

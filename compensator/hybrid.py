@@ -275,7 +275,9 @@ class HybridMpc:
         tracker, s, valve = self.tracker, self.settings, self.model.valve
         smallest = self._smallest_move(tracker.best)
         # An offset not yet known well is no reason to move: waiting will tell.
-        variance = tracker.held_variance + _UNKNOWN * tracker.offset_variance + s.noise_band**2
+        # A level drifts away from a wrong position, so that there a move cannot wait.
+        weight = 1.0 if self.prediction.process.is_integrating else _UNKNOWN
+        variance = tracker.held_variance + weight * tracker.offset_variance + s.noise_band**2
         # A floor for loops without noise: a thousandth of what one slip makes of PV.
         floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
         move_cost = s.move_penalty * max(variance, floor) * self.planner.duration
