@@ -31,6 +31,7 @@ from estimator.search import adopted, healthy_search, valve_search
 from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
 from estimator.whitened import whitened_bic
 from estimator.window import Window, harmonise, screen
+from estimator.words import criterion_reason, identifiability
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["CRITERIA", "METHODS", "identify", "warm_up"]
@@ -48,7 +49,6 @@ _CLEAR = 12.0
 """Log Bayes factor of a sticky valve from which that search is left out."""
 _WORSE = 1.5
 _SLACK = 0.08
-_VAGUE = 0.5
 _BLAS = ThreadpoolController()
 
 
@@ -158,9 +158,13 @@ def _assess(
     estimate: Estimate | None = None
     if method != "search":
         estimate = published_estimate(window, op, arx, method)
-    elif criterion == "arx" or (criterion == "auto" and verdict is Verdict.STICTION):
+    elif criterion == "arx" or (
+        criterion == "auto"
+        and verdict is Verdict.STICTION
+        and arx.bic < test.oe_bic - _MARGIN * window.size
+    ):
         rival = arx_estimate(window, op, arx, confidence)
-        if criterion == "arx" or simulated <= 0.0 or _prefers(window, rival, best, test.oe_bic):
+        if criterion == "arx" or simulated <= 0.0 or _simulates(window, rival, best):
             estimate = rival
     if estimate is None:
         sticky = verdict is Verdict.STICTION or criterion == "oe"
@@ -190,7 +194,13 @@ def _assess(
         pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
         surface=_surface(window, op, regression, best) if surface else None,
         runners_up=estimate.runners_up,
-        identifiability=_identifiability(band, jump),
+        identifiability=identifiability(estimate, span, sticky=verdict is Verdict.STICTION),
+        criterion_reason=criterion_reason(
+            criterion if method == "search" else method,
+            estimate,
+            verdict,
+            (test.oe_bic - arx.bic) / window.size,
+        ),
     )
 
 
@@ -278,37 +288,16 @@ def _healthy_bic(window: Window, op: Op, regression: Regression, healthy: Candid
     return min(orders.bic / orders.rows, whitened / regression.count)
 
 
-def _prefers(window: Window, arx: Estimate, simulated: Candidate, bic: float) -> bool:
-    """Whether the window supports the one-step-ahead criterion.
+def _simulates(window: Window, arx: Estimate, simulated: Candidate) -> bool:
+    """Whether the process of the one-step-ahead criterion still simulates PV.
 
-    It is the efficient one where its noise model is right: its innovations must be more likely
-    than the whitened simulation errors (``bic``), and its process must still simulate PV.
+    The criterion is the efficient one where its noise model is right: its innovations are more
+    likely than the whitened simulation errors then, and this must hold as well.
     """
-    if not (np.isfinite(arx.simulated).all() and arx.bic < bic - _MARGIN * window.size):
+    if not np.isfinite(arx.simulated).all():
         return False
     left = float(np.square(window.y - arx.simulated)[window.good].mean())
     return left < _WORSE * simulated.cost / float(window.good.sum()) + _SLACK
-
-
-def _identifiability(band: Interval, jump: Interval) -> tuple[str, ...]:
-    """What the window cannot tell, in sentences (units of OP)."""
-    found = []
-    if band.high - band.low > _VAGUE * band.value:
-        found.append(
-            f"the stick band is vague in this window: anything from {band.low:.3g} to "
-            f"{band.high:.3g} fits about as well"
-        )
-    if jump.low < 0.05 * band.value:
-        found.append(
-            f"the slip jump cannot be told from this window: any value below {jump.high:.3g} fits "
-            f"as well"
-        )
-    elif jump.high - jump.low > _VAGUE * jump.value:
-        found.append(
-            f"the slip jump is vague in this window: anything from {jump.low:.3g} to "
-            f"{jump.high:.3g} fits about as well"
-        )
-    return tuple(found)
 
 
 def _surface(window: Window, op: Op, regression: Regression, best: Candidate) -> CostSurface:

@@ -165,6 +165,7 @@ class Identification:
         surface: the cost surface, for pictures; None when not asked for or not assessable.
         runners_up: other process structures, best first.
         identifiability: what this window cannot tell, in sentences.
+        criterion_reason: why the estimate is under its criterion.
     """
 
     verdict: Verdict
@@ -188,6 +189,7 @@ class Identification:
     surface: CostSurface | None
     runners_up: tuple[RunnerUp, ...] = ()
     identifiability: tuple[str, ...] = ()
+    criterion_reason: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of ``fieldlink identify --json``: plain types, null for no number."""

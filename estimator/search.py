@@ -11,7 +11,7 @@ import numpy as np
 from estimator._kernels import Array, Index
 from estimator._refine import Search, refine_process, refine_simulated
 from estimator._simulated import simulated_coarse
-from estimator._slips import Op
+from estimator._slips import Op, slips
 from estimator.candidate import Candidate
 from estimator.regression import Regression
 from estimator.structures import COARSE
@@ -88,8 +88,13 @@ def valve_search(
 
 
 def polished(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
-    """The candidate refined on a fine lattice, under this regression's cost."""
-    return _refined(op, regression, candidate, _CLOSE, _MANY, 4)
+    """The candidate refined on a fine lattice, under this regression's cost.
+
+    A rough one where the stem all but follows OP: there is no valve to be told.
+    """
+    at, _ = slips(op, candidate.band, candidate.jump, candidate.lead, candidate.first)
+    counts = _MANY if at.size < op.u.size // _FOLLOWS else _FEW
+    return _refined(op, regression, candidate, _CLOSE, counts, 4)
 
 
 def followed(op: Op, regression: Regression, candidate: Candidate) -> Candidate:

@@ -57,5 +57,8 @@ def identification_table(result: Identification) -> Table:
     table.add_row("dead time", f"{process.dead_time_samples} samples")
     fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
     table.add_row("share of PV explained", fit)
-    table.add_row("criterion", result.criterion)
+    why = f": {result.criterion_reason}" if result.criterion_reason else ""
+    table.add_row("criterion", f"{result.criterion}{why}")
+    for sentence in result.identifiability:
+        table.add_row("not told", sentence)
     return table
