@@ -37,7 +37,7 @@ class _Nodes:
     final: tuple[int, int, int]
 
 
-_FINE = _Nodes(41, 7, (17, 15, 7), (25, 21, 7))
+_FINE = _Nodes(25, 5, (11, 9, 5), (21, 17, 5))
 _ROUGH = _Nodes(15, 3, (7, 5, 3), (13, 9, 3))
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
