@@ -43,6 +43,33 @@ def _work(rows: int, lags: int) -> _Work:
 
 
 @kernel
+def _tried(
+    tables: Simulated,
+    at: Index,
+    step: Array,
+    count: int,
+    lag: int,
+    lags: int,
+    work: _Work,
+    best: Array,
+    valve: tuple[float, float, float],
+) -> bool:
+    """Put a valve (S, J, lead) with these slips and its best dead time into ``best`` if better."""
+    if valve[0] <= 0.0 or count < 2:
+        return False
+    costs_of_slips(
+        tables, at, step, count, lag, lags, work.sums, work.squares, work.cost, work.gain
+    )
+    found = False
+    for d in range(lags):
+        if work.cost[d] < best[0]:
+            best[0], best[5] = work.cost[d], lag + d
+            best[1], best[2], best[3] = valve
+            found = True
+    return found
+
+
+@kernel
 def _box(
     op: Op,
     tables: Simulated,
@@ -64,24 +91,8 @@ def _box(
             for c in range(counts[2]):
                 lead = lead0 + half[2] * offset_of(c, counts[2])
                 count = slips_into(op, band, jump, lead, best[4], at, step)
-                if band <= 0.0 or count < 2:
-                    continue
-                costs_of_slips(
-                    tables,
-                    at,
-                    step,
-                    count,
-                    lag,
-                    lags,
-                    work.sums,
-                    work.squares,
-                    work.cost,
-                    work.gain,
-                )
-                for d in range(lags):
-                    if work.cost[d] < best[0]:
-                        best[0], best[1], best[2], best[3] = work.cost[d], band, jump, lead
-                        best[5] = lag + d
+                valve = band, jump, lead
+                _tried(tables, at, step, count, lag, lags, work, best, valve)
 
 
 @kernel
@@ -147,25 +158,10 @@ def refine_simulated(
             lag = max(search.shortest, int(best[5]) - reach)
             lags = min(search.longest, int(best[5]) + reach) - lag + 1
             for a in range(line):
-                if near_band[a] <= 0.0 or near_count[a] < 2:
-                    continue
-                costs_of_slips(
-                    near,
-                    near_at[a],
-                    near_step[a],
-                    near_count[a],
-                    lag,
-                    lags,
-                    work.sums,
-                    work.squares,
-                    work.cost,
-                    work.gain,
-                )
-                for d in range(lags):
-                    if work.cost[d] < best[0]:
-                        best[0], best[1] = work.cost[d], near_band[a]
-                        best[2], best[3] = min(jump0, near_band[a]), lead0
-                        best[5], best[6], best[7] = lag + d, p, q
+                valve = near_band[a], min(jump0, near_band[a]), lead0
+                count = near_count[a]
+                if _tried(near, near_at[a], near_step[a], count, lag, lags, work, best, valve):
+                    best[6], best[7] = p, q
         for axis in range(4):
             half[axis] *= search.shrink[axis]
         reach = min(reach, 1)
