@@ -18,6 +18,7 @@ from estimator._slips import Op, offset_of, slips_into
 __all__ = [
     "OneStep",
     "one_step_costs",
+    "recursion",
     "refine_one_step",
     "residual_sums",
 ]
@@ -48,6 +49,7 @@ def _one_step(
 ) -> tuple[float, float]:
     """Cost and steady-state gain of the valve whose slips are given."""
     rows, nb = tables.rows, tables.nb
+    used = max(nb, 2) * rows
     sums[: 3 * rows] = 0.0
     g11 = g12 = g13 = g22 = g23 = g33 = 0.0
     x = 0.0
@@ -55,7 +57,7 @@ def _one_step(
         c = step[i]
         now = x + c
         row = tables.table[at[i]]
-        for r in range(3 * rows):
+        for r in range(used):
             sums[r] += c * row[r]
         w, later = row[3 * rows + 1], row[3 * rows + 2]
         g11 += (now * now - x * x) * row[3 * rows]
@@ -184,3 +186,17 @@ def residual_sums(gram: Array, most_na: int, most_nb: int, longest: int) -> Arra
                 if i > na:
                     out[na - 1, i - na - 1, d - 1] = max(left, floor)
     return out
+
+
+@kernel
+def recursion(a: Array, drive: Array, start: Array) -> Array:
+    """``y_k = drive_k - a_1 y_(k-1) - ...``, shape ``(n,)``, from ``start``, shape ``(na,)``."""
+    na = a.size
+    y = np.empty(na + drive.size)
+    y[:na] = start
+    for k in range(drive.size):
+        total = drive[k]
+        for i in range(na):
+            total -= a[i] * y[na + k - 1 - i]
+        y[na + k] = total
+    return y[na:]

@@ -218,7 +218,7 @@ def refine_process(basis: Basis, stem: Array, best: Array, width: float, search:
     cost = np.empty(search.longest + 1)
     for _ in range(search.passes):
         slow, fast = best[6], best[7]
-        for i in range(_NEIGHBOURS):
+        for i in (4, 1, 3, 5, 7, 2, 6, 9):
             a, b = _neighbour(i, slow, fast, np.exp(width))
             if a == slow and b == fast and i != 4:
                 continue

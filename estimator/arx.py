@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator._kernels import Array, Mask, complete
-from estimator._one_step import OneStep, residual_sums
+from estimator._one_step import OneStep, recursion, residual_sums
 from estimator.window import Window
 from loop_model import ProcessModel
 
@@ -60,8 +60,11 @@ class ArxFit:
 
     def simulate(self, stem: Array, start: Array, dead_time: int) -> Array:
         """PV simulated from the stem alone, shape ``(n,)``; ``start`` is PV before sample 0."""
-        model = ProcessModel(tuple(self.a), tuple(self.b), dead_time, self.offset, 1.0)
-        return model.simulate(stem, pv0=start)
+        drive = np.full(stem.size, self.offset)
+        for i, b in enumerate(self.b):
+            drive += b * _late(stem, dead_time + i)
+        simulated: Array = recursion(self.a, drive, np.ascontiguousarray(start, dtype=np.float64))
+        return simulated
 
     def process(self, window: Window, dead_time: int) -> ProcessModel:
         """The same model in units of OP and PV."""

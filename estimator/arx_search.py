@@ -30,16 +30,21 @@ _LINE = 50
 class _Look:
     """How to list sets of slips around a valve.
 
-    ``around``: how far in S, as a share of it; ``jumps``: how far in J, in steps of OP per sample
-    (infinite: everything); ``least``: what is told apart in S and J, in steps of OP per sample.
+    ``around``: how far in S, as a share of it; ``factors`` and ``jumps``: how far in J, as
+    multiples of it and in steps of OP per sample; ``least``: what is told apart in S and J, in
+    steps of OP per sample.
     """
 
     around: float
+    factors: tuple[float, float]
     jumps: float
     least: tuple[float, float]
 
 
-_LOOKS = _Look(0.015, np.inf, (0.1, 1.0)), _Look(0.004, 1.5, (0.01, 0.1))
+_LOOKS = (
+    _Look(0.015, (0.4, 2.5), np.inf, (0.1, 1.0)),
+    _Look(0.004, (0.0, np.inf), 1.5, (0.01, 0.1)),
+)
 _WIDEST = 0.3
 """How wide in J a listed set may be, as a share of S."""
 _COUNTS, _SHRINK = np.array([3, 5, 3]), np.array([0.5, 0.45, 0.5])
@@ -62,19 +67,40 @@ class ArxFound:
         return count * math.log(self.best.cost / count) + free * math.log(count)
 
 
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """OP, its median step per sample and the leads of its first slips by their direction."""
+
+    op: Op
+    step: float
+    leads: dict[float, Array]
+
+    @classmethod
+    def of(cls, op: Op) -> _Course:
+        step = float(np.median(np.abs(np.diff(op.u))))
+        return cls(op, step, {first: first_leads(op.u, first) for first in (1.0, -1.0)})
+
+    def leads_near(self, seed: Candidate) -> Array:
+        """The seed's lead, and those that move the first slip by some samples."""
+        leads = self.leads[seed.first]
+        at = int(np.searchsorted(leads, seed.lead))
+        return np.append(leads[max(0, at - _NEAR) : at + _NEAR + 1], seed.lead)
+
+
 def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
     """Valve and orders that predict PV best.
 
     The seeds are refined with orders fixed; the finalists choose their own orders, are refined
     again, and the lowest BIC wins.
     """
+    course = _Course.of(op)
     regressions: dict[int, ArxRegression] = {}
     rough: list[tuple[Candidate, ArxRegression]] = []
     for seed in seeds:
         delay = max(1, seed.dead_time)
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
-        rough.append((_looked(op, regressions[delay], seed, _LOOKS[0]), regressions[delay]))
+        rough.append((_looked(course, regressions[delay], seed, _LOOKS[0]), regressions[delay]))
     first = rough[0][0]
     # costs of regressions with other dead times count other rows: compared per row
     rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
@@ -82,35 +108,35 @@ def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> Ar
     if first not in chosen:
         # what the listing liked best may only lack the right orders
         chosen.append(first)
-    found = [_settled(op, y, good, candidate) for candidate in chosen]
+    found = [_settled(course, y, good, candidate) for candidate in chosen]
     return min(found, key=lambda one: one.bic / one.regression.count)
 
 
-def _settled(op: Op, y: Array, good: Mask, best: Candidate) -> ArxFound:
+def _settled(course: _Course, y: Array, good: Mask, best: Candidate) -> ArxFound:
     """Orders for the valve and the valve for these orders, in turn, until both agree."""
-    ranked = select_orders(y, good, best.stem(op))
+    ranked = select_orders(y, good, best.stem(course.op))
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
         best = replace(best, cost=np.inf, dead_time=orders.dead_time)
         for look in _LOOKS:
-            best = _restarted(op, regression, _looked(op, regression, best, look))
-            best = _jumped(op, regression, best)
-        ranked = select_orders(y, good, best.stem(op))
+            best = _restarted(course, regression, _looked(course, regression, best, look))
+            best = _jumped(course.op, regression, best)
+        ranked = select_orders(y, good, best.stem(course.op))
         chosen = ranked[0]
         if (chosen.na, chosen.nb, chosen.dead_time) == (orders.na, orders.nb, orders.dead_time):
             break
     return ArxFound(best, regression, tuple(ranked))
 
 
-def _restarted(op: Op, regression: ArxRegression, best: Candidate) -> Candidate:
+def _restarted(course: _Course, regression: ArxRegression, best: Candidate) -> Candidate:
     """The best first slip for the valve; those that follow hardly depend on it."""
     for first in (1.0, -1.0):
-        leads = first_leads(op.u, first)
+        leads = course.leads[first]
         if leads.size == 0:
             continue
         nodes = np.column_stack([*np.full((2, leads.size), ((best.band,), (best.jump,))), leads])
-        cost, _ = one_step_costs(op, regression.tables, np.ascontiguousarray(nodes), first)
+        cost, _ = one_step_costs(course.op, regression.tables, np.ascontiguousarray(nodes), first)
         j = int(cost.argmin())
         if cost[j] < best.cost:
             best = replace(best, cost=float(cost[j]), lead=float(leads[j]), first=first)
@@ -126,13 +152,14 @@ def _jumped(op: Op, regression: ArxRegression, best: Candidate) -> Candidate:
     return replace(best, cost=float(cost[j]), jump=float(jumps[j])) if cost[j] < best.cost else best
 
 
-def _looked(op: Op, regression: ArxRegression, seed: Candidate, look: _Look) -> Candidate:
-    step = float(np.median(np.abs(np.diff(op.u))))
-    leads = _leads_near(op.u, seed)
+def _looked(course: _Course, regression: ArxRegression, seed: Candidate, look: _Look) -> Candidate:
+    op, step, leads = course.op, course.step, course.leads_near(seed)
     starts = np.column_stack([leads, np.full(leads.size, seed.first)])
     s0, s1 = seed.band * (1.0 - look.around), seed.band * (1.0 + look.around)
-    j0, j1 = max(0.03 * seed.band, seed.jump - look.jumps * step), seed.jump + look.jumps * step
-    regions = np.tile(np.array([s0, s1, j0, min(j1, 1.1)]), (leads.size, 1))
+    less, more = look.factors
+    j0 = max(0.03 * seed.band, less * seed.jump, seed.jump - look.jumps * step)
+    j1 = min(1.1, more * seed.jump, seed.jump + look.jumps * step)
+    regions = np.tile(np.array([s0, s1, j0, j1]), (leads.size, 1))
     least = step * np.array(look.least)
     regions, of = slip_patterns(op, regions, starts, least, _WIDEST * seed.band, _MOST)
     middle = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
@@ -146,10 +173,3 @@ def _looked(op: Op, regression: ArxRegression, seed: Candidate, look: _Look) -> 
     refine_one_step(op, regression.tables, state, half, _COUNTS, _PASSES, _SHRINK)
     refined, band, jump, lead = (float(v) for v in state[:4])
     return replace(seed, cost=refined, band=band, jump=jump, lead=lead)
-
-
-def _leads_near(u: Array, seed: Candidate) -> Array:
-    """The seed's lead, and those that move the first slip by some samples."""
-    leads = first_leads(u, seed.first)
-    at = int(np.searchsorted(leads, seed.lead))
-    return np.append(leads[max(0, at - _NEAR) : at + _NEAR + 1], seed.lead)

@@ -45,13 +45,16 @@ def autoregression(residual: Array, weight: Array, max_order: int = 10) -> tuple
         usable &= weight[max_order - i - 1 : n - i - 1] > 0.0
     past, now = past[usable], residual[max_order:][usable]
     count = max(1, now.size)
-    # orders are nested: one orthonormal basis tells what each of them leaves
-    basis, root = np.linalg.qr(past)
-    straight = basis.T @ now
-    left = max(float(now @ now), 1e-300) - np.concatenate([[0.0], np.cumsum(np.square(straight))])
+    # orders are nested: one Cholesky factor tells what each of them leaves
+    columns = np.column_stack([past, now])
+    gram = columns.T @ columns
+    gram[np.diag_indices_from(gram)] += 1e-13 * np.trace(gram) + 1e-300
+    root = np.linalg.cholesky(gram)
+    straight = root[-1, :-1]
+    left = gram[-1, -1] - np.concatenate([[0.0], np.cumsum(np.square(straight))])
     variance = np.maximum(left / count, 1e-12 * left[0] / count)
     order = int(np.argmin(count * np.log(variance) + np.arange(max_order + 1) * np.log(count)))
-    taps, *_ = np.linalg.lstsq(root[:order, :order], straight[:order], rcond=None)
+    taps = np.linalg.solve(root[:order, :order].T, straight[:order])
     return np.concatenate([[1.0], -taps]), float(variance[order])
 
 

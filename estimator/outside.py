@@ -46,11 +46,12 @@ def outside_search(op: Op, regression: Regression) -> Outside:
         nearest = centre
         for offset in offsets:
             other = _with_sinusoid(regression, centre + offset)
-            process = healthy_refined(op, other, found.process, _NEAR, 4)
+            process = healthy_refined(op, other, found.process, _NEAR, 2)
             if process.cost < found.process.cost:
                 found, nearest = Outside(process, other), centre + offset
         centre = nearest
-    return found
+    process = healthy_refined(op, found.regression, found.process, _NEAR, 4)
+    return Outside(process, found.regression)
 
 
 def _peak(u: Array) -> float:

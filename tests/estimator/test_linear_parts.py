@@ -10,7 +10,7 @@ from estimator._listing import list_sets, list_sets_at, sets_of
 from estimator._one_step import one_step_costs
 from estimator._simulated import simulated_costs, simulated_steps
 from estimator._slips import Op, op_of
-from estimator.arx import ArxOrders, ArxRegression, select_orders
+from estimator.arx import ArxFit, ArxOrders, ArxRegression, select_orders
 from estimator.candidate import Candidate, stem_of
 from estimator.exhaustive import _rows
 from estimator.regression import Regression, delayed
@@ -154,3 +154,11 @@ def test_bic_of_orders_is_that_of_least_squares() -> None:
         free = design.shape[1] + 1
         bic = rows.size * np.log(rss[0] / rows.size) + free * np.log(rows.size)
         np.testing.assert_allclose(orders.bic, bic, rtol=1e-6)
+
+
+def test_arx_simulates_as_its_process_model() -> None:
+    fit = ArxFit(np.array([-1.2, 0.5]), np.array([0.3, 0.1]), 0.2, np.zeros(1))
+    stem = np.repeat(np.random.default_rng(2).normal(size=20), 10)
+    model = ProcessModel((-1.2, 0.5), (0.3, 0.1), 3, 0.2, 1.0)
+    expected = model.simulate(stem, pv0=[0.4, -0.1])
+    np.testing.assert_allclose(fit.simulate(stem, np.array([0.4, -0.1]), 3), expected, atol=1e-12)
