@@ -28,7 +28,9 @@ def test_the_oscillation_is_found_and_taken_away(fieldlink: Run, tmp_path: Path)
     }
     S = found["stick_band"]
     assert S["true"] == 11.0
-    assert S["low"] <= 11.0 <= S["high"]
+    # The interval is one of 90 %, and when scans come decides which window it is of.
+    assert S["value"] == pytest.approx(11.0, rel=0.03)
+    assert S["low"] <= S["value"] <= S["high"]
     assert found["pv_std"]["ratio"] <= 0.35
     # The cycles after take-over hold a few corrections, and when scans come decides how many: most
     # runs stay below a half, one in ten needs twice the travel of before.
