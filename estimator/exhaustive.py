@@ -39,7 +39,7 @@ _LISTINGS = (6, (0.12, 0.4)), (12, (0.2, 0.65))
 """How many strokes are listed first, and the slip jumps of the listing as shares of the middle of a
 stick band: once each way, because few strokes are ambiguous and many are listed coarsely."""
 _GROWTH = 1.6
-_KEPT = (600, 300, 150, 80, 40)
+_KEPT = (300, 150, 80, 50, 30)
 _BIN, _PER_BIN = 0.04, 4
 _MOST = 40_000
 _MOST_STARTS = 48
