@@ -154,7 +154,10 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
     console.print(table)
     model = results[0].model
     if model is None:
-        console.print("no valve model was identified: the compensators leave the loop alone")
+        console.print(
+            f"no valve model was identified before sample {simulation.take_over}: the compensators "
+            "leave the loop alone; a later --take-over gives a longer window"
+        )
     else:
         v = model.valve
         console.print(f"believed: stick band {v.stick_band:.4g}, slip jump {v.slip_jump:.4g}")
