@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -40,7 +40,11 @@ def test_simulate_does_what_repeated_steps_do(model, op, pair, stem0):
 @given(op=signals, pair=pairs, stem0=st.floats(-10.0, 10.0))
 @settings(max_examples=100, deadline=None)
 def test_he_is_the_shared_reference_model(op, pair, stem0):
-    expected = ValveModel(*pair).simulate(op, stem0)
+    reference = ValveModel(*pair)
+    expected = reference.simulate(op, stem0)
+    # where OP stands just at the edge of the band, rounding decides whether the stem slips
+    ahead = np.abs(op - np.concatenate([[stem0], expected[:-1]]))
+    assume(np.abs(ahead - reference.static_friction).min() > 1e-9)
     np.testing.assert_allclose(HeValve(*pair).simulate(op, stem0), expected, atol=1e-12)
 
 
