@@ -280,20 +280,30 @@ def _filtered_energies(
     for gap in range(order):
         for m in range(order - gap):
             products[gap, m] = excess[m + gap] * response[m]
-    for k in range(n):
-        e0 = e1 = e2 = 0.0
-        for m in range(min(order, n - k)):
-            part = weight[k + m] * excess[m]
-            e0 += part
-            e1 += part * second[m]
-            e2 += part * third[m]
+    # where no sample is masked within the filter's length, all steps have the same part
+    whole = np.empty(order)
+    for gap in range(order):
+        whole[gap] = products[gap, : order - gap].sum()
+    whole0, whole1, whole2 = excess.sum(), (excess * second).sum(), (excess * third).sum()
+    run = 0
+    for k in range(n - 1, -1, -1):
+        run = run + 1 if weight[k] == 1.0 else 0
+        e0, e1, e2 = whole0, whole1, whole2
+        if run >= order:
+            close[:, k] = whole
+        else:
+            e0 = e1 = e2 = 0.0
+            for m in range(min(order, n - k)):
+                part = weight[k + m] * excess[m]
+                e0 += part
+                e1 += part * second[m]
+                e2 += part * third[m]
+            for gap in range(order):
+                total = 0.0
+                for m in range(min(order - gap, n - k)):
+                    total += weight[k + m] * products[gap, m]
+                close[gap, k] = total
         own[0, k] += e0
         own[1, k] += e1
         own[2, k] += e2
-        own[3, k] += modes[0] * e0 + modes[1] * e1 + modes[2] * e2
-        for gap in range(order):
-            total = 0.0
-            for m in range(min(order - gap, n - k)):
-                total += weight[k + m] * products[gap, m]
-            close[gap, k] = total
-        own[3, k] += close[0, k]
+        own[3, k] += modes[0] * e0 + modes[1] * e1 + modes[2] * e2 + close[0, k]

@@ -18,6 +18,8 @@ __all__ = ["VALVE_PARAMETERS", "ArxFound", "arx_search"]
 
 VALVE_PARAMETERS = 3
 _SEED_ORDERS = 3, 2
+_HOPELESS = 1.25
+"""Seeds whose cost in the listing is above the best one's by this factor are not looked at."""
 _FINALISTS = 2
 _ROUNDS = 3
 _NEAR = 2
@@ -96,7 +98,10 @@ def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> Ar
     course = _Course.of(op)
     regressions: dict[int, ArxRegression] = {}
     rough: list[tuple[Candidate, ArxRegression]] = []
+    limit = _HOPELESS * min(seed.cost for seed in seeds)
     for seed in seeds:
+        if seed.cost > limit and seed is not seeds[0]:
+            continue
         delay = max(1, seed.dead_time)
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))

@@ -59,13 +59,8 @@ class Regression:
         self.good = good
         self.extra = np.empty((y.size, 0)) if extra is None else extra
         self._target = self.whiten(y[:, None])[:, 0] * self.weight
-        self.basis = Basis(
-            np.ascontiguousarray(self._target),
-            self._shared(integrating=False),
-            self._shared(integrating=True),
-            self.weight,
-            self.taps,
-        )
+        level, slope = self._shared()
+        self.basis = Basis(np.ascontiguousarray(self._target), level, slope, self.weight, self.taps)
 
     @property
     def total(self) -> float:
@@ -99,12 +94,15 @@ class Regression:
         residual = np.where(self.weight > 0.0, self._target - design @ solution, 0.0)
         return LinearFit(float(solution[0]), solution[1:], prediction, residual)
 
-    def _shared(self, *, integrating: bool) -> Array:
-        """Orthonormal columns that all candidates share, whitened and weighted, one a row."""
-        shared = shared_columns(self.size, integrating=integrating)
-        columns = self.whiten(np.hstack([shared, self.extra]))
+    def _shared(self) -> tuple[Array, Array]:
+        """Orthonormal columns that all candidates share, whitened and weighted, one a row.
+
+        Without and with the straight line of an integrating process, which is the last row.
+        """
+        straight = shared_columns(self.size, integrating=True)
+        columns = self.whiten(np.hstack([np.delete(straight, 1, 1), self.extra, straight[:, 1:2]]))
         rows: Array = orthonormal(np.ascontiguousarray((columns * self.weight[:, None]).T))
-        return rows
+        return np.ascontiguousarray(rows[:-1]), rows
 
 
 def delayed(signal: Array, samples: int) -> Array:
