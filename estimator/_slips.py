@@ -23,6 +23,7 @@ __all__ = [
     "op_of",
     "slips",
     "slips_into",
+    "step_of",
     "usual_span",
 ]
 
@@ -62,6 +63,12 @@ def usual_span(u: Array) -> float:
     """The span of OP without the short excursions of a set-point step; at most its span."""
     low, high = np.quantile(u, (0.1, 0.9))
     return float(min(np.ptp(u), 1.25 * (high - low)))
+
+
+def step_of(op: Array) -> float:
+    """What OP (shape ``(n,)``) usually moves from sample to sample, where it moves."""
+    steps = np.abs(np.diff(op))
+    return float(np.median(steps[steps > 0.0]))
 
 
 @kernel

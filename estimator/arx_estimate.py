@@ -10,11 +10,11 @@ import numpy as np
 
 from estimator._kernels import Array
 from estimator._one_step import one_step_costs
-from estimator._slips import Op
+from estimator._slips import Op, step_of
 from estimator.arx import ArxFit, ArxOrders, ArxRegression
 from estimator.arx_search import ArxFound
 from estimator.candidate import stem_of
-from estimator.estimate import MISFIT, Estimate, step_of
+from estimator.estimate import MISFIT, Estimate
 from estimator.listed import Likelihood, listed_posterior
 from estimator.noise import errs_at_slips
 from estimator.posterior import Posterior

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from estimator._kernels import Array
 from estimator.posterior import Peak, Posterior
 from estimator.result import Interval, Process, RunnerUp
 from loop_model import ProcessModel
 
-__all__ = ["MISFIT", "Estimate", "step_of"]
+__all__ = ["MISFIT", "Estimate"]
 
 MISFIT = 0.08
 """Standard deviation of S and J, as a share of S, where one-step errors follow the slips: He's law
@@ -69,9 +67,3 @@ class Estimate:
             static.around(0.5 * (s.value + j.value)),
             dynamic.around(0.5 * (s.value - j.value)),
         )
-
-
-def step_of(op: Array) -> float:
-    """What OP (shape ``(n,)``) usually moves from sample to sample, where it moves."""
-    steps = np.abs(np.diff(op))
-    return float(np.median(steps[steps > 0.0]))

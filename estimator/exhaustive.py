@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator._kernels import Array, Index, Mask, complete
 from estimator._listing import OneStepRows, Sets, list_sets, list_sets_at, sets_of
-from estimator._slips import Op, first_leads, op_of, usual_span
+from estimator._slips import Op, first_leads, op_of, step_of, usual_span
 from estimator.candidate import Candidate
 from estimator.structures import COARSE
 
@@ -67,8 +67,7 @@ def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate,
     ``op`` and ``y`` are scaled OP and PV, shape ``(n,)``; ``good`` marks the samples that count.
     The candidates' process is none in particular, but for the dead time.
     """
-    steps = np.abs(np.diff(op.u))
-    step = float(np.median(steps[steps > 0.0]))
+    step = step_of(op.u)
     span = usual_span(op.u)
     listings: dict[int, tuple[float, ...]] = {}
     for strokes, some in _LISTINGS:

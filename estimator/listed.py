@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator._kernels import Array, Index
 from estimator._listing import slip_patterns
-from estimator._slips import Op, first_leads, op_of, slips
+from estimator._slips import Op, first_leads, op_of, slips, step_of
 from estimator.candidate import Candidate
 from estimator.posterior import Posterior
 
@@ -47,8 +47,7 @@ def listed_posterior(op: Op, likelihood: Likelihood, best: Candidate) -> Posteri
     None where the sets of slips are too many to be listed finely: none comes near to the valve.
     """
     starts, feet, gaps = _first_slips(op, best)
-    steps = np.abs(np.diff(op.u))
-    step = float(np.median(steps[steps > 0.0]))
+    step = step_of(op.u)
     band = best.band
     # a stick band beyond OP's span never turns
     widest_band = max(1.005 * band, min(1.0, (1.0 + _AROUND) * band))

@@ -9,11 +9,11 @@ import numpy as np
 
 from estimator._kernels import Array
 from estimator._simulated import simulated_costs
-from estimator._slips import Op
+from estimator._slips import Op, step_of
 from estimator.arx import ArxRegression, select_orders
 from estimator.candidate import Candidate
 from estimator.conversion import process_description, process_model
-from estimator.estimate import MISFIT, Estimate, step_of
+from estimator.estimate import MISFIT, Estimate
 from estimator.noise import effective_samples, errs_at_slips
 from estimator.posterior import Posterior
 from estimator.regression import Regression, delayed
