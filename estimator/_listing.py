@@ -126,8 +126,7 @@ def _expanded(table: Array, delays: int) -> Array32:
 @kernel
 def _cost(
     table: Any,
-    energy: float,
-    rows: int,
+    rows: OneStepRows,
     shift: int,
     at: Index,
     way: Array,
@@ -140,7 +139,7 @@ def _cost(
 ) -> None:
     """Costs of one set of slips at every dead time of the table, from ``shift`` samples on."""
     delays = cost.size
-    wide = rows * delays
+    wide = rows.rows * delays
     real = sums.dtype.type
     sums[:] = real(0.0)
     gram[:] = real(0.0)
@@ -162,7 +161,7 @@ def _cost(
         x = now
     for d in range(delays):
         cost[d] = g11[d]
-    for r in range(1, rows):
+    for r in range(1, rows.rows):
         level, moved = sums[r * delays : (r + 1) * delays], sums[wide + r * delays :]
         for d in range(delays):
             g11[d] -= level[d] * level[d]
@@ -174,7 +173,7 @@ def _cost(
         share = real(1.0) / g11[d]
         left = moved[d] - g12[d] * share * sums[d]
         own = max(g22[d] - g12[d] * g12[d] * share, real(_FLAT) * g22[d])
-        found = real(energy) - sums[d] * sums[d] * share - left * left / own
+        found = real(rows.energy) - sums[d] * sums[d] * share - left * left / own
         cost[d] = found if fine else real(np.inf)
 
 
@@ -218,8 +217,7 @@ def _next_set(
 def _list(
     op: Op,
     table: Any,
-    energy: float,
-    rows: int,
+    rows: OneStepRows,
     delays: int,
     shifts: Index,
     regions: Array,
@@ -229,7 +227,7 @@ def _list(
     sets: Sets,
 ) -> None:
     at, way, turn = np.empty(op.u.size, np.int64), np.empty(op.u.size), np.empty(op.u.size)
-    sums = np.empty(2 * rows * delays, table.dtype)
+    sums = np.empty(2 * rows.rows * delays, table.dtype)
     gram, cost = np.empty((3, delays), table.dtype), np.empty(delays, table.dtype)
     stack, region = np.empty((_DEEP, 4)), np.empty(6)
     last = sets.cost.shape[2] - 1
@@ -245,7 +243,7 @@ def _list(
             if slips < 2:
                 continue
             friction = 0.5 * (region[1] - 0.5 * (region[2] + region[3]))
-            _cost(table, energy, rows, shift, at, way, turn, slips, friction, sums, gram, cost)
+            _cost(table, rows, shift, at, way, turn, slips, friction, sums, gram, cost)
             bin_ = min(int(region[1] / sets.width), sets.cost.shape[0] - 1)
             for d in range(delays):
                 if cost[d] < sets.cost[bin_, first + d, last]:
@@ -264,19 +262,7 @@ def list_sets(
     """
     table = _expanded(rows.table, rows.delays)
     shifts = np.zeros(starts.shape[0], np.int64)
-    _list(
-        op,
-        table,
-        rows.energy,
-        rows.rows,
-        rows.delays,
-        shifts,
-        regions,
-        starts,
-        least,
-        most,
-        sets,
-    )
+    _list(op, table, rows, rows.delays, shifts, regions, starts, least, most, sets)
 
 
 @kernel
@@ -291,7 +277,7 @@ def list_sets_at(
     sets: Sets,
 ) -> None:
     """The same for regions that have one dead time each, ``delays`` of shape ``(m,)``."""
-    _list(op, rows.table, rows.energy, rows.rows, 1, delays, regions, starts, least, most, sets)
+    _list(op, rows.table, rows, 1, delays, regions, starts, least, most, sets)
 
 
 @kernel

@@ -41,8 +41,7 @@ CRITERIA = ("auto", "oe", "arx")
 
 _SURFACE_NODES = 25
 _SEEDS = 5
-_MARGIN = 0.15
-_SETTLED = 0.25
+_MARGIN, _SETTLED = 0.15, 0.25
 """BIC per sample by which one-step errors must be better than whitened simulation errors: for the
 one-step criterion to be the estimate's, and for the search under the other one to be left out."""
 _CLEAR = 12.0
