@@ -21,6 +21,10 @@ MAX_LAG = 20
 """Longest dead time that is tried, in samples."""
 
 
+_TOLD = 0.05
+"""A column of which the counted samples hold less than this share is unknown outside of them."""
+
+
 @dataclass(frozen=True, slots=True)
 class LinearFit:
     """The linear part at its best: ``gain`` of the response, ``columns`` of the structure."""
@@ -90,7 +94,10 @@ class Regression:
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, self._target, rcond=1e-10)
         solution = solution / size
-        prediction = raw @ solution
+        # what has died away before the first sample that counts must not be drawn from it backwards
+        told = size > _TOLD * np.sqrt(np.square(raw).sum(axis=0))
+        known = np.where(told, solution, 0.0)
+        prediction = np.where(self.weight > 0.0, raw @ solution, raw @ known)
         residual = np.where(self.weight > 0.0, self._target - design @ solution, 0.0)
         return LinearFit(float(solution[0]), solution[1:], prediction, residual)
 

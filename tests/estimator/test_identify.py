@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from compensator.study import EXAMPLE_1, EXAMPLE_2, Study, run
@@ -114,6 +117,17 @@ def test_the_model_for_the_controller_simulates_what_was_identified(sticky_windo
     late = slice(150, None)  # the state before the window has died away
     np.testing.assert_allclose(simulated[late], result.pv_model[late], atol=0.02 * np.ptp(pv))
     assert result.model.valve.stick_band == result.stick_band.value
+
+
+def test_the_model_s_pv_stays_near_pv_where_the_window_begins(loop) -> None:
+    # a fast process: nothing of its first state is left when the samples begin to count
+    op, pv, _ = loop(ValveModel(4.0, 1.5), noise=0.1, seed=3)
+    result = identify(op, pv, criterion="oe")
+    assert np.abs(result.pv_model - pv).max() < 2.0 * np.ptp(pv)
+    shipped = Path(__file__).parents[2] / "site_configs" / "FC202.csv"
+    recorded = pd.read_csv(shipped)
+    result = identify(recorded["op"], recorded["pv"], period=2.0)
+    assert np.abs(result.pv_model - recorded["pv"].to_numpy()).max() < 2.0 * np.ptp(recorded["pv"])
 
 
 def test_arx_can_be_asked_for(sticky_window) -> None:
