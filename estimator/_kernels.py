@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Index", "Mask", "complete", "fir", "kernel", "lag"]
+__all__ = ["Array", "Index", "Mask", "add", "complete", "filtered", "fir", "kernel", "lag"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -39,16 +39,26 @@ def _lag(signal: Array, pole: float, gain: float, out: Array) -> None:
 
 
 @kernel
-def _fir(signal: Array, taps: Array, out: Array) -> None:
-    n, m = signal.shape
-    for k in range(n):
-        now = out[k]
-        for j in range(m):
-            now[j] = taps[0] * signal[k, j]
-        for i in range(1, taps.size):
-            past = signal[max(k - i, 0)]
-            for j in range(m):
-                now[j] += taps[i] * past[j]
+def add(to: Array, share: float, of: Array) -> None:
+    """``to += share of``, both ``(n,)``.
+
+    Given slices, it shifts as well; a loop with shifted indices would be compiled without SIMD
+    lanes, because an index may be negative.
+    """
+    for k in range(to.size):
+        to[k] += share * of[k]
+
+
+@kernel
+def filtered(signal: Array, taps: Array, before: float) -> Array:
+    """Moving average ``taps[0] s_k + taps[1] s_(k-1) + ...``, the signal ``(n,)`` ``before`` it."""
+    n = signal.size
+    out: Array = taps[0] * signal
+    for i in range(1, min(taps.size, n)):
+        add(out[i:], taps[i], signal[: n - i])
+        if before != 0.0:
+            out[:i] += taps[i] * before
+    return out
 
 
 def lag(signal: Array, pole: float) -> Array:
@@ -63,10 +73,9 @@ def lag(signal: Array, pole: float) -> Array:
 
 
 def fir(signal: Array, taps: Array) -> Array:
-    """Moving average ``taps[0] s_k + taps[1] s_(k-1) + ...``, the first sample held before."""
-    out = np.empty_like(signal)
-    _fir(signal, taps, out)
-    return out
+    """Moving average of each column of ``signal``, ``(n, m)``, the first sample held before."""
+    rows = [filtered(column, taps, float(column[0])) for column in np.ascontiguousarray(signal.T)]
+    return np.stack(rows, axis=1)
 
 
 def complete(good: Mask, past: int) -> Mask:

@@ -10,14 +10,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator._kernels import Array, Index, kernel
 from estimator._slips import BLOCK, Op
 
 __all__ = ["OneStepRows", "Sets", "list_sets", "list_sets_at", "sets_of", "slip_patterns"]
-
-Array32 = NDArray[np.float32]
 
 _DEEP = 256
 _FLAT = 1e-3
@@ -26,12 +23,13 @@ _FLAT = 1e-3
 class OneStepRows(NamedTuple):
     """PV's unexplained part and its orthonormal past, with the weights, for sums over slips.
 
-    ``table`` has shape ``(n + delays, 2 * rows + 2)``: ``rows`` columns summed from a sample to the
-    end, the same columns themselves, then the weights summed and themselves. ``energy`` is that of
-    PV's unexplained part.
+    ``table`` has shape ``((n + delays) * 2 * rows,)``, sample by sample: ``rows`` columns summed
+    from there to the end, the same columns themselves. ``weights`` has shape ``(2, n + delays)``,
+    summed and themselves. ``energy`` is that of PV's unexplained part.
     """
 
     table: Array
+    weights: Array
     rows: int
     delays: int
     energy: float
@@ -110,24 +108,11 @@ def _insert(sets: Sets, bin_: int, delay: int, cost: float, region: Array) -> No
 
 
 @kernel
-def _expanded(table: Array, delays: int) -> Array32:
-    """The table with dead times 1 to ``delays`` of each sample side by side, for SIMD lanes."""
-    n = table.shape[0] - delays
-    columns = table.shape[1]
-    out = np.empty((n, columns * delays), np.float32)
-    for k in range(n):
-        for d in range(delays):
-            late = table[min(k + d + 1, n + delays - 1)]
-            for r in range(columns):
-                out[k, r * delays + d] = late[r]
-    return out
-
-
-@kernel
 def _cost(
     table: Any,
+    weights: Any,
     rows: OneStepRows,
-    shift: int,
+    delay: int,
     at: Index,
     way: Array,
     turn: Array,
@@ -137,9 +122,9 @@ def _cost(
     gram: Any,
     cost: Any,
 ) -> None:
-    """Costs of one set of slips at every dead time of the table, from ``shift`` samples on."""
-    delays = cost.size
-    wide = rows.rows * delays
+    """Costs of one set of slips at ``cost.size`` dead times, the first one ``delay``."""
+    delays, width = cost.size, 2 * rows.rows
+    wide = width * delays
     real = sums.dtype.type
     sums[:] = real(0.0)
     gram[:] = real(0.0)
@@ -148,33 +133,33 @@ def _cost(
     for m in range(slips):
         step = way[m] - turn[m] * friction
         now = x + step
-        row = table[at[m] + shift]
+        # slices, because a compiler that must think of negative indices uses no SIMD lanes
+        k = at[m] + delay
+        row = table[k * width : k * width + wide]
         c = real(step)
-        for k in range(2 * wide):
-            sums[k] += c * row[k]
+        for i in range(wide):
+            sums[i] += c * row[i]
         square, cross, own = real(now * now - x * x), real(step * now), real(step * step)
+        left, weight = weights[0, k : k + delays], weights[1, k : k + delays]
         for d in range(delays):
-            weight = row[2 * wide + delays + d]
-            g11[d] += square * row[2 * wide + d]
-            g12[d] += cross * weight
-            g22[d] += own * weight
+            g11[d] += square * left[d]
+            g12[d] += cross * weight[d]
+            g22[d] += own * weight[d]
         x = now
     for d in range(delays):
-        cost[d] = g11[d]
-    for r in range(1, rows.rows):
-        level, moved = sums[r * delays : (r + 1) * delays], sums[wide + r * delays :]
-        for d in range(delays):
-            g11[d] -= level[d] * level[d]
-            g12[d] -= level[d] * moved[d]
-            g22[d] -= moved[d] * moved[d]
-    moved = sums[wide : wide + delays]
-    for d in range(delays):
-        fine = (g11[d] > real(_FLAT) * cost[d]) & (g22[d] > real(0.0))
-        share = real(1.0) / g11[d]
-        left = moved[d] - g12[d] * share * sums[d]
-        own = max(g22[d] - g12[d] * g12[d] * share, real(_FLAT) * g22[d])
-        found = real(rows.energy) - sums[d] * sums[d] * share - left * left / own
-        cost[d] = found if fine else real(np.inf)
+        level, moved = sums[d * width :], sums[d * width + rows.rows :]
+        h11, h12, h22 = g11[d], g12[d], g22[d]
+        for r in range(1, rows.rows):
+            h11 -= level[r] * level[r]
+            h12 -= level[r] * moved[r]
+            h22 -= moved[r] * moved[r]
+        if h11 > real(_FLAT) * g11[d] and h22 > real(0.0):
+            share = real(1.0) / h11
+            rest = moved[0] - h12 * share * level[0]
+            own = max(h22 - h12 * h12 * share, real(_FLAT) * h22)
+            cost[d] = real(rows.energy) - level[0] * level[0] * share - rest * rest / own
+        else:
+            cost[d] = real(np.inf)
 
 
 @kernel
@@ -217,9 +202,10 @@ def _next_set(
 def _list(
     op: Op,
     table: Any,
+    weights: Any,
     rows: OneStepRows,
     delays: int,
-    shifts: Index,
+    firsts: Index,
     regions: Array,
     starts: Array,
     least: Array,
@@ -234,8 +220,7 @@ def _list(
     listed = 0
     for i in range(starts.shape[0]):
         stack[0] = regions[i]
-        shift, height = shifts[i], 1
-        first = max(shift - 1, 0)
+        delay, height = firsts[i], 1
         region[4], region[5] = starts[i]
         while height > 0 and listed < most:
             height, slips = _next_set(op, stack, height, starts[i], least, at, way, turn, region)
@@ -243,11 +228,11 @@ def _list(
             if slips < 2:
                 continue
             friction = 0.5 * (region[1] - 0.5 * (region[2] + region[3]))
-            _cost(table, rows, shift, at, way, turn, slips, friction, sums, gram, cost)
+            _cost(table, weights, rows, delay, at, way, turn, slips, friction, sums, gram, cost)
             bin_ = min(int(region[1] / sets.width), sets.cost.shape[0] - 1)
             for d in range(delays):
-                if cost[d] < sets.cost[bin_, first + d, last]:
-                    _insert(sets, bin_, first + d, cost[d], region)
+                if cost[d] < sets.cost[bin_, delay - 1 + d, last]:
+                    _insert(sets, bin_, delay - 1 + d, cost[d], region)
 
 
 @kernel
@@ -260,9 +245,10 @@ def list_sets(
     direction of the first slip. Sets that differ within ``least`` (in S, in J) count as one. At
     most ``most`` are listed.
     """
-    table = _expanded(rows.table, rows.delays)
-    shifts = np.zeros(starts.shape[0], np.int64)
-    _list(op, table, rows, rows.delays, shifts, regions, starts, least, most, sets)
+    # half the digits, twice the lanes: enough to rank
+    table, weights = rows.table.astype(np.float32), rows.weights.astype(np.float32)
+    firsts = np.ones(starts.shape[0], np.int64)
+    _list(op, table, weights, rows, rows.delays, firsts, regions, starts, least, most, sets)
 
 
 @kernel
@@ -277,7 +263,7 @@ def list_sets_at(
     sets: Sets,
 ) -> None:
     """The same for regions that have one dead time each, ``delays`` of shape ``(m,)``."""
-    _list(op, rows.table, rows, 1, delays, regions, starts, least, most, sets)
+    _list(op, rows.table, rows.weights, rows, 1, delays, regions, starts, least, most, sets)
 
 
 @kernel

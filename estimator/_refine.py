@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator._kernels import Array, Index, kernel
+from estimator._kernels import Array, Index, filtered, kernel
 from estimator._response import Basis, Simulated, ordered_poles, shared_rows, simulated_tables
 from estimator._simulated import costs_of_slips
 from estimator._slips import Op, offset_of, slips_into
@@ -185,25 +185,22 @@ def _process_costs(
         two = fast * two + (1.0 - fast) * one
         response[k] = two
     if order > 1:
-        plain = response.copy()
-        for k in range(n):
-            total = 0.0
-            for i in range(min(order, k + 1)):
-                total += basis.taps[i] * plain[k - i]
-            response[k] = total
+        response = filtered(response, basis.taps, 0.0)
     energy = 0.0
     for k in range(n):
         energy += rows[0, k] * rows[0, k]
     for d in range(lags):
-        delay = lag + d
+        # slices, because a compiler that must think of negative indices uses no SIMD lanes
+        late, weight = response[: n - lag - d], basis.weight[lag + d :]
         square = 0.0
-        for k in range(delay, n):
-            square += basis.weight[k] * response[k - delay] * response[k - delay]
+        for k in range(late.size):
+            square += weight[k] * late[k] * late[k]
         left, product = square, 0.0
         for r in range(rows.shape[0]):
+            row = rows[r, lag + d :]
             total = 0.0
-            for k in range(delay, n):
-                total += rows[r, k] * response[k - delay]
+            for k in range(late.size):
+                total += row[k] * late[k]
             if r == 0:
                 product = total
             else:

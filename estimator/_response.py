@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator._kernels import Array, kernel
+from estimator._kernels import Array, add, filtered, kernel
 
 __all__ = ["Basis", "Simulated", "ordered_poles", "orthonormal", "shared_rows", "simulated_tables"]
 
@@ -106,19 +106,13 @@ def _dot(a: Array, b: Array) -> float:
 
 
 @kernel
-def _less(a: Array, share: float, b: Array) -> None:
-    for k in range(a.size):
-        a[k] -= share * b[k]
-
-
-@kernel
 def _straighten(rows: Array, number: int, first: int) -> None:
     """Make a row orthonormal to those from ``first`` on before it; zero where they span it."""
     row = rows[number]
     before = _dot(row, row)
     for _ in range(2):
         for r in range(first, number):
-            _less(row, _dot(row, rows[r]), rows[r])
+            add(row, -_dot(row, rows[r]), rows[r])
     size = _dot(row, row)
     if size > 1e-12 * before and size > 0.0:
         row /= np.sqrt(size)
@@ -147,24 +141,15 @@ def shared_rows(basis: Basis, pole: float, integrating: bool) -> Array:
     rows[0] = basis.target
     rows[1 : count + 1] = shared
     if starts:
-        start = rows[count + 1]
         power = 1.0
         raw = np.empty(n)
         for k in range(n):
             raw[k] = power
             power *= pole
-        if basis.taps.size == 1:
-            for k in range(n):
-                start[k] = raw[k] * basis.weight[k]
-        else:
-            for k in range(n):
-                total = 0.0
-                for i in range(basis.taps.size):
-                    total += basis.taps[i] * raw[max(k - i, 0)]
-                start[k] = total * basis.weight[k]
+        rows[count + 1] = filtered(raw, basis.taps, 1.0) * basis.weight
         _straighten(rows, count + 1, 1)
     for r in range(1, rows.shape[0]):
-        _less(rows[0], _dot(rows[0], rows[r]), rows[r])
+        add(rows[0], -_dot(rows[0], rows[r]), rows[r])
     return rows
 
 
@@ -215,12 +200,13 @@ def _against_steps(
     one, two, total = np.zeros(count), np.zeros(count), np.zeros(count)
     keep = 1.0 if integrating else slow
     take = 1.0 / n if integrating else 1.0 - slow
+    if taps.size > 1:
+        plain, rows = rows, np.empty((count, n))
+        for r in range(count):
+            rows[r] = filtered(plain[r, ::-1].copy(), taps, 0.0)[::-1]
     for k in range(n - 1, -1, -1):
         for r in range(count):
-            value = 0.0
-            for i in range(min(taps.size, n - k)):
-                value += taps[i] * rows[r, k + i]
-            one[r] = keep * one[r] + take * value
+            one[r] = keep * one[r] + take * rows[r, k]
             two[r] = fast * two[r] + (1.0 - fast) * one[r]
             total[r] += two[r]
             table[k * count + r] = total[r]
@@ -285,13 +271,13 @@ def _filtered_energies(
     for gap in range(order):
         whole[gap] = products[gap, : order - gap].sum()
     whole0, whole1, whole2 = excess.sum(), (excess * second).sum(), (excess * third).sum()
+    for gap in range(order):
+        close[gap, :n] = whole[gap]
     run = 0
     for k in range(n - 1, -1, -1):
         run = run + 1 if weight[k] == 1.0 else 0
         e0, e1, e2 = whole0, whole1, whole2
-        if run >= order:
-            close[:, k] = whole
-        else:
+        if run < order:
             e0 = e1 = e2 = 0.0
             for m in range(min(order, n - k)):
                 part = weight[k + m] * excess[m]

@@ -48,21 +48,22 @@ def costs_of_slips(
         z2 *= tables.decay[1, gap]
         before = t
         t += lag
-        base = t * rows
+        # slices, because a compiler that must think of negative indices uses no SIMD lanes
+        row = tables.shared[t * rows : t * rows + wide]
         for k in range(wide):
-            sums[k] += c * tables.shared[base + k]
+            sums[k] += c * row[k]
         two0, two1, two2, once = 2.0 * c * z0, 2.0 * c * z1, 2.0 * c * z2, c * c
+        e0, e1 = constant[t : t + lags], slow[t : t + lags]
+        e2, e3 = fast[t : t + lags], own[t : t + lags]
         for d in range(lags):
-            squares[d] += (
-                two0 * constant[t + d] + two1 * slow[t + d] + two2 * fast[t + d] + once * own[t + d]
-            )
+            squares[d] += two0 * e0[d] + two1 * e1[d] + two2 * e2[d] + once * e3[d]
         if order > 1:
             j = i - 1
             while j >= 0 and at[i] - at[j] < order:
-                near = tables.close[at[i] - at[j]]
+                near = tables.close[at[i] - at[j], t : t + lags]
                 both = 2.0 * c * step[j]
                 for d in range(lags):
-                    squares[d] += both * near[t + d]
+                    squares[d] += both * near[d]
                 j -= 1
         z0 += c * tables.modes[0]
         z1 += c * tables.modes[1]

@@ -188,5 +188,6 @@ def _rows(y: Array, good: Mask, delays: int) -> OneStepRows:
     plain = np.zeros((n + delays, basis.shape[1] + 2))
     plain[:n] = np.column_stack([rest, basis, weight])
     summed = np.cumsum(plain[::-1], axis=0)[::-1]
-    columns = summed[:, :-1], plain[:, :-1], summed[:, -1:], plain[:, -1:]
-    return OneStepRows(np.hstack(columns), basis.shape[1] + 1, delays, float(rest @ rest))
+    table = np.hstack([summed[:, :-1], plain[:, :-1]]).ravel()
+    weights = np.stack([summed[:, -1], plain[:, -1]])
+    return OneStepRows(table, weights, basis.shape[1] + 1, delays, float(rest @ rest))
