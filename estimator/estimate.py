@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from estimator._kernels import Array
+from estimator.candidate import Candidate
 from estimator.posterior import Peak, Posterior
 from estimator.result import Interval, Process, RunnerUp
 from loop_model import ProcessModel
@@ -30,6 +31,8 @@ class Estimate:
             criteria.
         peaks: valves that explain the window about equally well, as shares of OP's span.
         runners_up: other process structures, best first.
+        simulating: the valve with the low-order process that simulates PV from it, where that is
+            the criterion's.
     """
 
     criterion: str
@@ -44,6 +47,7 @@ class Estimate:
     bic: float
     runners_up: tuple[RunnerUp, ...]
     peaks: tuple[Peak, ...] = ()
+    simulating: Candidate | None = None
 
     @staticmethod
     def intervals(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from types import MappingProxyType
 
@@ -14,22 +14,25 @@ from threadpoolctl import ThreadpoolController
 
 from estimator._simulated import simulated_costs
 from estimator._slips import Op, op_of
-from estimator.arx import select_orders
 from estimator.arx_estimate import arx_estimate
 from estimator.arx_search import ArxFound, arx_search
 from estimator.candidate import Candidate
-from estimator.estimate import Estimate
 from estimator.exhaustive import one_step_seeds
-from estimator.noise import effective_samples
-from estimator.oe_estimate import oe_estimate
+from estimator.hypotheses import (
+    OneStepTest,
+    against_outside,
+    healthy_bic,
+    one_step_test,
+    simulated_test,
+)
+from estimator.oe_estimate import oe_estimate, simulable
 from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
-from estimator.outside import Outside, outside_search
+from estimator.outside import outside_search
 from estimator.published import METHODS, published_estimate
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
-from estimator.search import adopted, healthy_search, valve_search
-from estimator.verdict import evidence_of, judge, score_of, simulated_evidence
-from estimator.whitened import whitened_bic
+from estimator.search import adopted, healthy_search, restructured, valve_search
+from estimator.verdict import evidence_of, judge, score_of
 from estimator.window import Window, harmonise, screen
 from estimator.words import criterion_reason, identifiability
 from loop_model import LoopModel, ValveModel
@@ -41,13 +44,12 @@ CRITERIA = ("auto", "oe", "arx")
 
 _SURFACE_NODES = 25
 _SEEDS = 5
-_MARGIN, _SETTLED = 0.15, 0.25
-"""BIC per sample by which one-step errors must be better than whitened simulation errors: for the
-one-step criterion to be the estimate's, and for the search under the other one to be left out."""
+_MARGIN, _PLAIN = 0.03, 0.05
+"""BIC per sample by which one-step errors must be better than whitened simulation errors for the
+one-step criterion to be the estimate's, and the other way round for its valve to be the other
+criterion's as well."""
 _CLEAR = 12.0
-"""Log Bayes factor of a sticky valve from which that search is left out."""
-_WORSE = 1.5
-_SLACK = 0.08
+"""Log Bayes factor of a sticky valve from which no search is needed to make it likelier."""
 _BLAS = ThreadpoolController()
 
 
@@ -128,19 +130,10 @@ def _assess(
         )
         return _not_assessable(window, (reason,), criterion, confidence)
     arx = arx_search(op, window.y, window.good, seeds)
-    healthy_bic = _healthy_bic(window, op, regression, healthy)
-    # the other criterion's valve may be a good one for this criterion as well
-    found: tuple[Candidate, ...] = (adopted(op, regression, arx.best),)
-    simulated, samples = _simulated(op, regression, found[0], healthy)
-    settled = criterion != "oe" and not surface and simulated > _CLEAR
-    if settled:
-        test = _one_step_test(op, regression, found[0], arx, healthy_bic, simulated)
-        settled = test.settles(arx)
-    if not settled:
-        searched = valve_search(op, regression, healthy, (*seeds, arx.best))
-        found = tuple(sorted((*found, *searched), key=lambda candidate: candidate.cost))
-        simulated, samples = _simulated(op, regression, found[0], healthy)
-        test = _one_step_test(op, regression, found[0], arx, healthy_bic, simulated)
+    nearby = adopted(op, regression, arx.best)
+    found, simulated, samples, test = _searched(
+        window, op, regression, healthy, seeds, arx, nearby, criterion
+    )
     best = found[0]
     stem = (best if simulated > 0.0 else arx.best).stem(op)
     evidence = evidence_of(stem, simulated, test.evidence, samples, best.band)
@@ -148,28 +141,27 @@ def _assess(
         outside = outside_search(op, regression)
         evidence = replace(
             evidence,
-            simulated=min(simulated, _against_outside(op, regression, best, outside)),
+            simulated=min(simulated, against_outside(op, regression, best, outside)),
             whitened=min(test.evidence, test.against(outside, op)),
         )
     score = score_of(evidence)
     fit = Fit(1.0 - best.cost / regression.total, 1.0 - healthy.cost / regression.total)
     verdict, reasons = judge(score, evidence, fit)
-    estimate: Estimate | None = None
     if method != "search":
         estimate = published_estimate(window, op, arx, method)
-    elif criterion == "arx" or (
-        criterion == "auto"
-        and verdict is Verdict.STICTION
-        and arx.bic < test.oe_bic - _MARGIN * window.size
-    ):
-        rival = arx_estimate(window, op, arx, confidence)
-        if criterion == "arx" or simulated <= 0.0 or _simulates(window, rival, best):
-            estimate = rival
-    if estimate is None:
-        sticky = verdict is Verdict.STICTION or criterion == "oe"
-        estimate = oe_estimate(
-            window, op, regression, found, confidence, test.oe_bic, sticky=sticky
-        )
+    elif criterion == "arx":
+        estimate = arx_estimate(window, op, arx, confidence)
+    else:
+        sticky = verdict is Verdict.STICTION
+        if criterion == "auto" and sticky and test.ahead > _MARGIN:
+            estimate = arx_estimate(window, op, arx, confidence)
+            if not np.isfinite(estimate.simulated).all():
+                estimate = simulable(window, regression, estimate, confidence)
+        else:
+            bic = test.oe * test.count
+            estimate = oe_estimate(
+                window, op, regression, found, confidence, bic, sticky=sticky or criterion == "oe"
+            )
     span = window.op_span
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     return Identification(
@@ -191,112 +183,54 @@ def _assess(
         model=LoopModel(ValveModel(band.value, jump.value), estimate.model),
         stem=window.op_centre + span * estimate.stem,
         pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
-        surface=_surface(window, op, regression, best) if surface else None,
+        surface=_surface(window, op, regression, estimate.simulating or nearby)
+        if surface
+        else None,
         runners_up=estimate.runners_up,
         identifiability=identifiability(estimate, span, sticky=verdict is Verdict.STICTION),
         criterion_reason=criterion_reason(
             criterion if method == "search" else method,
             estimate,
             verdict,
-            (test.oe_bic - arx.bic) / window.size,
+            test.ahead,
         ),
     )
 
 
-def _simulated(
-    op: Op, regression: Regression, best: Candidate, healthy: Candidate
-) -> tuple[float, float]:
-    """Log Bayes factor from simulation errors, and the effective samples it counts."""
-    samples = min(
-        effective_samples(
-            regression.solve(stem, c.structure, c.dead_time).residual, regression.weight
-        )
-        for stem, c in ((best.stem(op), best), (op.u, healthy))
-    )
-    return simulated_evidence(healthy.cost, best.cost, samples), samples
-
-
-def _against_outside(op: Op, regression: Regression, best: Candidate, outside: Outside) -> float:
-    """Log Bayes factor of a sticky valve over a sinusoid, from simulation errors.
-
-    Both have three parameters more than a healthy valve alone.
-    """
-    rival = outside.process
-    samples = min(
-        effective_samples(r.solve(stem, c.structure, c.dead_time).residual, r.weight)
-        for r, stem, c in (
-            (regression, best.stem(op), best),
-            (outside.regression, op.u, rival),
-        )
-    )
-    return 0.5 * samples * math.log(rival.cost / best.cost)
-
-
-@dataclass(frozen=True, slots=True)
-class _OneStepTest:
-    """Sticky against healthy valve by one-step errors: the best noise model of each.
-
-    ``sticky`` and ``healthy`` are BIC per sample, because criteria lose a few samples each at the
-    start of the window.
-    """
-
-    sticky: float
-    healthy: float
-    count: float
-    oe_bic: float
-
-    @property
-    def evidence(self) -> float:
-        """Log Bayes factor of a sticky over a healthy valve."""
-        return 0.5 * self.count * (self.healthy - self.sticky)
-
-    def settles(self, arx: ArxFound) -> bool:
-        """Whether the one-step criterion's valve settles verdict and criterion by itself.
-
-        Whatever a search under the simulation criterion would find besides makes a sticky valve
-        more likely still, and would have to be far better to be the estimate.
-        """
-        sure = self.evidence > 2.0 * _CLEAR
-        return sure and arx.bic < self.oe_bic - _SETTLED * arx.regression.count
-
-    def against(self, outside: Outside, op: Op) -> float:
-        """Log Bayes factor of a sticky valve over a healthy one and a sinusoid."""
-        bic = whitened_bic(op, outside.regression, outside.process, healthy=True)
-        return 0.5 * (bic - self.count * self.sticky)
-
-
-def _one_step_test(
+def _searched(
+    window: Window,
     op: Op,
     regression: Regression,
-    best: Candidate,
+    healthy: Candidate,
+    seeds: tuple[Candidate, ...],
     arx: ArxFound,
-    healthy_bic: float,
-    simulated: float,
-) -> _OneStepTest:
-    sticky_bic, oe_bic = arx.bic / arx.regression.count, math.inf
-    if simulated > 0.0:
-        oe_bic = whitened_bic(op, regression, best, healthy=False)
-        sticky_bic = min(sticky_bic, oe_bic / regression.count)
-    return _OneStepTest(sticky_bic, healthy_bic, regression.count, oe_bic)
+    nearby: Candidate,
+    criterion: str,
+) -> tuple[tuple[Candidate, ...], float, float, OneStepTest]:
+    """The simulation criterion's valves, best first; what both tests say of them.
 
-
-def _healthy_bic(window: Window, op: Op, regression: Regression, healthy: Candidate) -> float:
-    """BIC per sample of the one-step errors with a healthy valve: the better noise model's."""
-    orders = select_orders(window.y, window.good, window.u)[0]
-    whitened = whitened_bic(op, regression, healthy, healthy=True)
-    return min(orders.bic / orders.rows, whitened / regression.count)
-
-
-def _simulates(window: Window, arx: Estimate, simulated: Candidate) -> bool:
-    """Whether the process of the one-step-ahead criterion still simulates PV.
-
-    The criterion is the efficient one where its noise model is right: its innovations are more
-    likely than the whitened simulation errors then, and this must hold as well.
+    Where the one-step criterion's valve settles the verdict, a wide search under the other one
+    could only make a sticky valve likelier still. It is left out where it could not change the
+    estimate either: the one-step criterion is the better one, or its valve (``nearby``, refined for
+    simulation) serves the other one even better than itself. The effective samples that the
+    simulated test counts come back between both.
     """
-    if not np.isfinite(arx.simulated).all():
-        return False
-    left = float(np.square(window.y - arx.simulated)[window.good].mean())
-    return left < _WORSE * simulated.cost / float(window.good.sum()) + _SLACK
+    bic = healthy_bic(window, op, regression, healthy)
+    found: tuple[Candidate, ...] = (nearby,)
+    simulated, samples = simulated_test(op, regression, found[0], healthy)
+    if criterion != "oe" and simulated > _CLEAR:
+        test = one_step_test(op, regression, found[0], arx, bic, simulated)
+        if test.evidence > 2.0 * _CLEAR:
+            if test.ahead > _MARGIN:
+                return found, simulated, samples, test
+            if test.ahead < -_PLAIN:
+                found = restructured(op, regression, found[0])
+                return found, *simulated_test(op, regression, found[0], healthy), test
+    searched = valve_search(op, regression, healthy, (*seeds, arx.best))
+    found = tuple(sorted((*found, *searched), key=lambda candidate: candidate.cost))
+    simulated, samples = simulated_test(op, regression, found[0], healthy)
+    test = one_step_test(op, regression, found[0], arx, bic, simulated)
+    return found, simulated, samples, test
 
 
 def _surface(window: Window, op: Op, regression: Regression, best: Candidate) -> CostSurface:

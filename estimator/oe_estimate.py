@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimator._kernels import Array
 from estimator._simulated import simulated_costs
@@ -14,18 +15,19 @@ from estimator.arx import ArxRegression, select_orders
 from estimator.candidate import Candidate
 from estimator.conversion import process_description, process_model
 from estimator.estimate import MISFIT, Estimate
-from estimator.noise import effective_samples, errs_at_slips
+from estimator.noise import autoregression, effective_samples, errs_at_slips
 from estimator.posterior import Posterior
 from estimator.regression import Regression, delayed
-from estimator.result import RunnerUp
-from estimator.search import shortened
+from estimator.result import Interval, RunnerUp
+from estimator.search import follows, process_search, shortened
 from estimator.structures import Structure
 from estimator.window import Window
-from estimator.zoomed import explore
+from estimator.zoomed import FINE, HARDLY, ROUGH, Nodes, explore
 
-__all__ = ["oe_estimate"]
+__all__ = ["oe_estimate", "simulable"]
 
 _LAG_REACH = 4
+_ROUNDS = 3
 _NUDGE = 0.01
 _SENT, _BETTER = 4, 0.9
 _BLUR = 0.1
@@ -52,9 +54,10 @@ def oe_estimate(
     not found ``sticky``, a rough look at the valve that hardly sticks is enough.
     """
     rivals = found[1:] if sticky else ()
-    start = _start(op, regression, found[0], rivals)
+    start = _start(op, regression, found[0], rivals) if sticky else found[0]
+    nodes = FINE if sticky else HARDLY if follows(op, start) else ROUGH
     samples = _samples(op, regression, start)
-    posterior, best = _posterior(op, regression, start, rivals, samples, fine=sticky)
+    posterior, best = _posterior(op, regression, start, rivals, samples, nodes)
     stem = best.stem(op)
     fit = regression.solve(stem, best.structure, best.dead_time)
     blur = math.hypot(_BLUR * step_of(op.u), best.band * _model_error(window, stem))
@@ -62,7 +65,7 @@ def oe_estimate(
         posterior, confidence, (blur, blur), best.band, best.jump
     )
     information = _information(regression, stem, best.structure, best.dead_time)
-    deviation = math.sqrt(best.cost / samples / max(information, 1e-300))
+    deviation = _gain_deviation(best.cost, samples, information)
     gain = posterior.gain_interval(confidence, deviation).around(fit.gain)
     model = process_model(window, best.structure, best.dead_time, fit)
     return Estimate(
@@ -77,6 +80,7 @@ def oe_estimate(
         model=model,
         bic=bic,
         peaks=posterior.peaks(),
+        simulating=best,
         runners_up=tuple(
             RunnerUp(
                 other.structure.name,
@@ -87,6 +91,42 @@ def oe_estimate(
             for other in found[1:]
         ),
     )
+
+
+def simulable(
+    window: Window, regression: Regression, estimate: Estimate, confidence: float
+) -> Estimate:
+    """The estimate with a low-order process that simulates PV from its stem.
+
+    For one-step-ahead coefficients that are unstable: an integrator or a slow disturbance puts a
+    pole a little beyond the unit circle, and no controller can predict with it. Process and noise
+    are fitted in turn (generalised least squares): what the process leaves is mostly load, which a
+    wrong process would simulate otherwise.
+    """
+    stem, used = estimate.stem, regression
+    best = process_search(stem, used)
+    for _ in range(_ROUNDS):
+        fit = used.solve(stem, best.structure, best.dead_time)
+        error = np.where(regression.weight > 0.0, regression.y - fit.prediction, 0.0)
+        taps, _ = autoregression(error, regression.weight)
+        used = Regression(regression.y, regression.good, taps, 1)
+        best = process_search(stem, used)
+    fit = used.solve(stem, best.structure, best.dead_time)
+    samples = effective_samples(fit.residual, used.weight)
+    information = _information(used, stem, best.structure, best.dead_time)
+    reach = ndtri(0.5 + 0.5 * confidence) * _gain_deviation(best.cost, samples, information)
+    gain = Interval(fit.gain, fit.gain - reach, fit.gain + reach)
+    model = process_model(window, best.structure, best.dead_time, fit)
+    return replace(
+        estimate,
+        simulated=fit.prediction,
+        process=process_description(window, best.structure, model, gain),
+        model=model,
+    )
+
+
+def _gain_deviation(cost: float, samples: float, information: float) -> float:
+    return math.sqrt(cost / samples / max(information, 1e-300))
 
 
 def _start(
@@ -147,8 +187,7 @@ def _posterior(
     best: Candidate,
     others: tuple[Candidate, ...],
     samples: float,
-    *,
-    fine: bool,
+    nodes: Nodes,
 ) -> tuple[Posterior, Candidate]:
     """Likelihood around the best valve and around those that the search found nearly as likely.
 
@@ -159,19 +198,19 @@ def _posterior(
         free = candidate.structure.free * math.log(samples)
         return -0.5 * (samples * math.log(candidate.cost) + free)
 
-    found, refined = _around(op, regression, best, samples, fine=fine)
+    found, refined = _around(op, regression, best, samples, nodes)
     seen = [best]
     for other in others:
         near = any(abs(other.band - one.band) < _APART * one.band for one in seen)
         if len(seen) > _RIVALS or near or not worth(other) > worth(best) - _RIVAL:
             continue
         seen.append(other)
-        found = found.joined(_around(op, regression, other, samples, fine=fine)[0])
+        found = found.joined(_around(op, regression, other, samples, nodes)[0])
     return found, refined
 
 
 def _around(
-    op: Op, regression: Regression, best: Candidate, samples: float, *, fine: bool
+    op: Op, regression: Regression, best: Candidate, samples: float, nodes: Nodes
 ) -> tuple[Posterior, Candidate]:
     """Likelihood with the linear part and the dead time at their best, the poles held."""
     best = best.anchored(op)
@@ -180,12 +219,12 @@ def _around(
     lags = min(regression.max_lag, best.dead_time + _LAG_REACH) - lag + 1
     free = best.structure.free * math.log(samples)
 
-    def evaluate(nodes: Array) -> tuple[Array, Array]:
-        cost, gain = simulated_costs(op, tables, nodes, best.first, lag, lags)
-        pick = cost.argmin(axis=0), np.arange(nodes.shape[0])
+    def evaluate(valves: Array) -> tuple[Array, Array]:
+        cost, gain = simulated_costs(op, tables, valves, best.first, lag, lags)
+        pick = cost.argmin(axis=0), np.arange(valves.shape[0])
         return -0.5 * (samples * np.log(cost[pick]) + free), gain[pick]
 
-    posterior = explore(evaluate, best, fine=fine)
+    posterior = explore(evaluate, best, nodes)
     top = posterior.best
     cost, _ = simulated_costs(op, tables, top[None].copy(), best.first, lag, lags)
     band, jump, lead = (float(v) for v in top)

@@ -20,9 +20,12 @@ __all__ = [
     "MIN_MOVES",
     "adopted",
     "followed",
+    "follows",
     "healthy_refined",
     "healthy_search",
     "polished",
+    "process_search",
+    "restructured",
     "shortened",
     "valve_search",
 ]
@@ -48,8 +51,11 @@ _HARDLY = 0.004
 _TOLERATED = 1.12
 _CLEAN = 0.02
 _SHORTER = (1, 3, 6, 10)
+_FAR = 2.0
+"""What a wide look leaves above the limit by this factor, a close one does not bring below it."""
 _SHRINK = np.array([0.5, 0.6, 0.5, 0.6])
-_FEW, _SOME, _MANY = np.array([7, 3, 5]), np.array([9, 5, 7]), np.array([11, 5, 9])
+_ROUGH, _FEW = np.array([7, 1, 3]), np.array([7, 3, 5])
+_SOME, _MANY = np.array([9, 5, 7]), np.array([11, 5, 9])
 
 
 @cache
@@ -84,7 +90,7 @@ def valve_search(
     if alive[0].cost > _HOPELESS * healthy.cost:
         return tuple(_diverse(alive, _FINALISTS))
     half = tuple(0.5 * width for width in _CLOSE)
-    ended = [_refined(op, regression, c, half, _SOME, 4) for c in _diverse(alive, _FINALISTS)]
+    ended = [_refined(op, regression, c, half, _SOME, 3) for c in _diverse(alive, _FINALISTS)]
     ended.sort(key=lambda candidate: candidate.cost)
     if not np.isfinite(ended[0].cost):
         return ()
@@ -92,13 +98,14 @@ def valve_search(
 
 
 def polished(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
-    """The candidate refined on a fine lattice, under this regression's cost.
+    """The candidate refined on a fine lattice, under this regression's cost."""
+    return _refined(op, regression, candidate, _CLOSE, _MANY, 4)
 
-    A rough one where the stem all but follows OP: there is no valve to be told.
-    """
+
+def follows(op: Op, candidate: Candidate) -> bool:
+    """Whether the stem all but follows OP: there is no valve to be told."""
     at, _ = slips(op, candidate.band, candidate.jump, candidate.lead, candidate.first)
-    counts = _MANY if at.size < op.u.size // _FOLLOWS else _FEW
-    return _refined(op, regression, candidate, _CLOSE, counts, 4)
+    return at.size > op.u.size // _FOLLOWS
 
 
 def followed(op: Op, regression: Regression, candidate: Candidate) -> Candidate:
@@ -121,6 +128,23 @@ def adopted(op: Op, regression: Regression, other: Candidate) -> Candidate:
     return polished(op, regression, replace(other, structure=structure, dead_time=dead_time))
 
 
+def restructured(op: Op, regression: Regression, best: Candidate) -> tuple[Candidate, ...]:
+    """The valve of ``best`` with processes of every structure, all refined; best first."""
+    tables = tuple(regression.tables(structure) for structure in COARSE)
+    cost = simulated_coarse(op, tables, best.valve[None], regression.max_lag + 1, op.u.size)
+    cost[:, : regression.min_lag] = np.inf
+    seeds: dict[str, Candidate] = {}
+    for structure, costs in zip(COARSE, cost[:, :, 0], strict=True):
+        lag = int(costs.argmin())
+        seed = replace(best, cost=float(costs[lag]), structure=structure, dead_time=lag)
+        known = seeds.get(structure.name, seed)
+        seeds[structure.name] = min(seed, known, key=lambda candidate: candidate.cost)
+    found = [_refined(op, regression, seed, _CLOSE, _FEW, 3) for seed in seeds.values()]
+    first = min(found, key=lambda candidate: candidate.cost)
+    found = [polished(op, regression, c) if c is first else c for c in found]
+    return tuple(sorted((best, *found), key=lambda candidate: candidate.cost))
+
+
 def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
     """The candidate of the shortest dead time that explains PV about as well as ``best``.
 
@@ -141,8 +165,10 @@ def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
             replace(best, dead_time=longest, band=best.band + share * later, lead=best.lead + later)
             for share in (1.0, 2.0)
         ]
-        looks = [_refined(op, regression, seed, _WIDE, _SOME, 2, longest) for seed in seeds]
+        looks = [_refined(op, regression, seed, _WIDE, _FEW, 2, longest) for seed in seeds]
         nearer = min(looks, key=lambda candidate: candidate.cost)
+        if nearer.cost > _FAR * limit:
+            continue
         found = _refined(op, regression, nearer, _CLOSE, _SOME, 5, longest)
         if found.cost <= limit:
             return found
@@ -151,23 +177,34 @@ def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
 
 def healthy_search(op: Op, regression: Regression) -> Candidate:
     """The best process with a healthy valve (the stem is OP), searched with the same freedom."""
+    return process_search(op.u, regression)
+
+
+def process_search(stem: Array, regression: Regression) -> Candidate:
+    """The best process of all structures for a known stem, shape ``(n,)``."""
     best = np.empty(0)
     search = Search(1, regression.min_lag, regression.max_lag, regression.max_lag, _SHRINK)
     for structure in COARSE:
         state = Candidate(np.inf, 0.0, 0.0, 0.0, 1.0, structure, regression.min_lag).state()
-        refine_process(regression.basis, op.u, state, 0.0, search)
+        refine_process(regression.basis, stem, state, 0.0, search)
         if best.size == 0 or state[0] < best[0]:
             best = state
-    return healthy_refined(op, regression, Candidate.of_state(best))
+    return _process_refined(stem, regression, Candidate.of_state(best), 0.4, 5)
 
 
 def healthy_refined(
     op: Op, regression: Regression, near: Candidate, width: float = 0.4, passes: int = 5
 ) -> Candidate:
     """The best process with a healthy valve near another, by ``width`` in log time constants."""
+    return _process_refined(op.u, regression, near, width, passes)
+
+
+def _process_refined(
+    stem: Array, regression: Regression, near: Candidate, width: float, passes: int
+) -> Candidate:
     state = near.state()
     search = Search(passes, regression.min_lag, regression.max_lag, 2, _SHRINK)
-    refine_process(regression.basis, op.u, state, width, search)
+    refine_process(regression.basis, stem, state, width, search)
     return Candidate.of_state(state)
 
 
@@ -184,6 +221,7 @@ def _refined(
     state = candidate.anchored(op).state()
     state[5] = min(max(state[5], regression.min_lag), limit)
     search = Search(passes, regression.min_lag, limit, 2, _SHRINK)
+    counts = _ROUGH if follows(op, candidate) else counts
     refine_simulated(op, regression.basis, state, np.array(half), counts, search)
     return Candidate.of_state(state)
 

@@ -65,11 +65,11 @@ def criterion_reason(asked: str, estimate: Estimate, verdict: Verdict, nearer: f
             return "simulation does not favour a sticky valve, one-step errors do"
         return (
             f"one-step errors are clearly more likely than whitened simulation errors "
-            f"({nearer:.2f} BIC a sample) and their process simulates PV as well"
+            f"({nearer:.2f} BIC a sample)"
         )
     if nearer < 0.0:
         return "one-step errors are no more likely than simulation errors"
     return (
         f"one-step errors are not clearly more likely than whitened simulation errors "
-        f"({nearer:.2f} BIC a sample), or their process does not simulate PV as well"
+        f"({nearer:.2f} BIC a sample)"
     )

@@ -16,7 +16,7 @@ from estimator._kernels import Array, Mask
 from estimator.candidate import Candidate
 from estimator.posterior import Posterior
 
-__all__ = ["explore"]
+__all__ = ["FINE", "HARDLY", "ROUGH", "Nodes", "explore"]
 
 _S, _J, _LEAD = range(3)
 _LINE_PASSES = 3
@@ -28,7 +28,7 @@ _SETTLED = 0.75
 
 
 @dataclass(frozen=True, slots=True)
-class _Nodes:
+class Nodes:
     """How many: along a line and across it, in a box on the way and in the last one."""
 
     line: int
@@ -37,8 +37,10 @@ class _Nodes:
     final: tuple[int, int, int]
 
 
-_FINE = _Nodes(25, 5, (11, 9, 5), (21, 17, 5))
-_ROUGH = _Nodes(15, 3, (7, 5, 3), (13, 9, 3))
+FINE = Nodes(25, 3, (9, 7, 5), (17, 13, 5))
+ROUGH = Nodes(15, 3, (7, 5, 3), (13, 9, 3))
+HARDLY = Nodes(9, 2, (7, 3, 3), (9, 5, 3))
+"""For a valve that sticks, for one that may not, and for one that follows OP."""
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Nodes ``(m, 3)`` of S, J and lead to log-likelihood and gain, each ``(m,)``."""
@@ -64,14 +66,13 @@ def _at(
     return Posterior(grid, *ends, volume, log_likelihood, gain)
 
 
-def explore(evaluate: Evaluate, best: Candidate, *, fine: bool = True) -> Posterior:
+def explore(evaluate: Evaluate, best: Candidate, nodes: Nodes = FINE) -> Posterior:
     """Zoom in on the likelihood; ``best`` is where the search ended.
 
     The likelihood is narrow in S and in the lead, a fraction of OP's step per sample, and may be
     wide in J. So J is scanned first at the best S and lead, then those along with J; the box that
     holds what is alive is zoomed from there.
     """
-    nodes = _FINE if fine else _ROUGH
     node = np.array([best.band, best.jump, best.lead])
     low, high = node.copy(), node.copy()
     low[_J], high[_J] = 0.0, node[_S]
