@@ -40,8 +40,11 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
     ranked = found.ranked
     fit = regression.solve(stem)
     errs = errs_at_slips(fit.residual, regression.weight, stem, regression.orders.dead_time)
-    step, misfit = step_of(op.u), MISFIT * band if errs else 0.0
-    blur = math.hypot(_BLUR[0] * step, misfit), math.hypot(_BLUR[1] * step, misfit)
+    step, misfit = step_of(op.u), MISFIT if errs else (0.0, 0.0)
+    blur = (
+        math.hypot(_BLUR[0] * step, misfit[0] * band),
+        math.hypot(_BLUR[1] * step, misfit[1] * band),
+    )
     intervals = Estimate.intervals(posterior, confidence, blur, band, jump)
     deviation = regression.gain_deviation(fit, stem)
     gain = posterior.gain_interval(confidence, deviation).around(

@@ -33,7 +33,7 @@ _SENT, _BETTER = 4, 0.9
 _BLUR = 0.1
 """A real valve slips between two samples: share of OP's step per sample."""
 _LOW_ORDER = 0.025
-"""Standard deviation of S, as a share of it, that a process of low order leaves."""
+"""Standard deviation of S and J, as a share of S, that a process of low order leaves."""
 _RIVALS, _RIVAL, _APART = 2, 4.0, 0.02
 """Other optima whose likelihood counts: how many, how far below, how far apart in S."""
 
@@ -60,9 +60,10 @@ def oe_estimate(
     posterior, best = _posterior(op, regression, start, rivals, samples, nodes)
     stem = best.stem(op)
     fit = regression.solve(stem, best.structure, best.dead_time)
-    blur = math.hypot(_BLUR * step_of(op.u), best.band * _model_error(window, stem))
+    late, errors = _BLUR * step_of(op.u), _model_error(window, stem)
+    blur = math.hypot(late, best.band * errors[0]), math.hypot(late, best.band * errors[1])
     band, jump, static, dynamic = Estimate.intervals(
-        posterior, confidence, (blur, blur), best.band, best.jump
+        posterior, confidence, blur, best.band, best.jump
     )
     information = _information(regression, stem, best.structure, best.dead_time)
     deviation = _gain_deviation(best.cost, samples, information)
@@ -172,13 +173,13 @@ def _samples(op: Op, regression: Regression, best: Candidate) -> float:
     return effective_samples(fit.residual, regression.weight)
 
 
-def _model_error(window: Window, stem: Array) -> float:
-    """Standard deviation of S as a share of it, beside what the likelihood says."""
+def _model_error(window: Window, stem: Array) -> tuple[float, float]:
+    """Standard deviations of S and J as shares of S, beside what the likelihood says."""
     orders = select_orders(window.y, window.good, stem)[0]
     one_step = ArxRegression(window.y, window.good, orders)
     residual = one_step.solve(stem).residual
     errs = errs_at_slips(residual, one_step.weight, stem, orders.dead_time)
-    return MISFIT if errs else _LOW_ORDER
+    return MISFIT if errs else (_LOW_ORDER, _LOW_ORDER)
 
 
 def _posterior(
