@@ -20,7 +20,9 @@ VALVE_PARAMETERS = 3
 _SEED_ORDERS = 3, 2
 _HOPELESS = 1.25
 """Seeds whose cost in the listing is above the best one's by this factor are not looked at."""
-_FINALISTS = 2
+_JUDGED, _FINALISTS = 6, 2
+_BEHIND = 60.0
+"""BIC by which a finalist may be worse before it is refined."""
 _ROUNDS = 3
 _NEAR = 2
 """First slips tried around the seed's, each way."""
@@ -92,8 +94,8 @@ class _Course:
 def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
     """Valve and orders that predict PV best.
 
-    The seeds are refined with orders fixed; the finalists choose their own orders, are refined
-    again, and the lowest BIC wins.
+    The seeds are refined with orders fixed; the best choose their own orders, those of the lowest
+    BIC are refined again, and the lowest BIC wins.
     """
     course = _Course.of(op)
     regressions: dict[int, ArxRegression] = {}
@@ -106,20 +108,25 @@ def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> Ar
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
         rough.append((_looked(course, regressions[delay], seed, _LOOKS[0]), regressions[delay]))
-    first = rough[0][0]
     # costs of regressions with other dead times count other rows: compared per row
     rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
-    chosen = [candidate for candidate, _ in rough[:_FINALISTS]]
-    if first not in chosen:
-        # what the listing liked best may only lack the right orders
-        chosen.append(first)
-    found = [_settled(course, y, good, candidate) for candidate in chosen]
+    judged = [
+        (select_orders(y, good, candidate.stem(op)), candidate) for candidate, _ in rough[:_JUDGED]
+    ]
+    judged.sort(key=lambda pair: pair[0][0].bic)
+    least = judged[0][0][0].bic + _BEHIND
+    found = [
+        _settled(course, y, good, candidate, ranked)
+        for ranked, candidate in judged[:_FINALISTS]
+        if ranked[0].bic <= least
+    ]
     return min(found, key=lambda one: one.bic / one.regression.count)
 
 
-def _settled(course: _Course, y: Array, good: Mask, best: Candidate) -> ArxFound:
-    """Orders for the valve and the valve for these orders, in turn, until both agree."""
-    ranked = select_orders(y, good, best.stem(course.op))
+def _settled(
+    course: _Course, y: Array, good: Mask, best: Candidate, ranked: list[ArxOrders]
+) -> ArxFound:
+    """Orders (``ranked``) for the valve, and the valve for these orders, until both agree."""
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
