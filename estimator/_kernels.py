@@ -9,7 +9,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Index", "Mask", "add", "complete", "filtered", "fir", "kernel", "lag"]
+__all__ = [
+    "Array",
+    "Index",
+    "Mask",
+    "add",
+    "complete",
+    "filtered",
+    "fir",
+    "kernel",
+    "lag",
+    "lagged",
+]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -59,6 +70,22 @@ def filtered(signal: Array, taps: Array, before: float) -> Array:
         if before != 0.0:
             out[:i] += taps[i] * before
     return out
+
+
+@kernel
+def lagged(signal: Array, first: int, count: int, weight: Array) -> Array:
+    """Rows ``(count, n)``: the signal ``(n,)`` later by ``first`` samples and on, times ``weight``.
+
+    Its first value is held before it.
+    """
+    n = signal.size
+    rows = np.empty((count, n))
+    for i in range(count):
+        late = min(first + i, n)
+        rows[i, :late] = signal[0]
+        rows[i, late:] = signal[: n - late]
+        rows[i] *= weight
+    return rows
 
 
 def lag(signal: Array, pole: float) -> Array:

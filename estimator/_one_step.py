@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator._kernels import Array, Index, kernel
-from estimator._slips import Op, offset_of, slips_into
+from estimator._slips import Op, slips_into, valves_around
 
 __all__ = [
     "OneStep",
@@ -131,19 +131,13 @@ def refine_one_step(
     at, step = np.empty(op.u.size, np.int64), np.empty(op.u.size)
     sums = np.empty(3 * tables.rows)
     for _ in range(passes):
-        band0, jump0, lead0 = best[1], best[2], best[3]
-        for a in range(counts[0]):
-            band = band0 + half[0] * offset_of(a, counts[0])
-            for b in range(counts[1]):
-                jump = min(max(jump0 + half[1] * offset_of(b, counts[1]), 0.0), band)
-                for c in range(counts[2]):
-                    lead = lead0 + half[2] * offset_of(c, counts[2])
-                    count = slips_into(op, band, jump, lead, best[4], at, step)
-                    if band <= 0.0 or count < 2:
-                        continue
-                    cost, _ = _one_step(tables, at, step, count, sums)
-                    if cost < best[0]:
-                        best[0], best[1], best[2], best[3] = cost, band, jump, lead
+        for band, jump, lead in valves_around(best[1:4].copy(), half, counts):
+            count = slips_into(op, band, jump, lead, best[4], at, step)
+            if band <= 0.0 or count < 2:
+                continue
+            cost, _ = _one_step(tables, at, step, count, sums)
+            if cost < best[0]:
+                best[0], best[1], best[2], best[3] = cost, band, jump, lead
         for axis in range(3):
             half[axis] *= shrink[axis]
 

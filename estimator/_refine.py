@@ -9,7 +9,7 @@ import numpy as np
 from estimator._kernels import Array, Index, filtered, kernel
 from estimator._response import Basis, Simulated, ordered_poles, shared_rows, simulated_tables
 from estimator._simulated import costs_of_slips
-from estimator._slips import Op, offset_of, slips_into
+from estimator._slips import Op, offset_of, slips_into, valves_around
 
 __all__ = ["Search", "refine_process", "refine_simulated"]
 
@@ -83,16 +83,10 @@ def _box(
     step: Array,
 ) -> None:
     """The best valve and dead time of a box around ``best``, put into it."""
-    band0, jump0, lead0 = best[1], best[2], best[3]
-    for a in range(counts[0]):
-        band = band0 + half[0] * offset_of(a, counts[0])
-        for b in range(counts[1]):
-            jump = min(max(jump0 + half[1] * offset_of(b, counts[1]), 0.0), band)
-            for c in range(counts[2]):
-                lead = lead0 + half[2] * offset_of(c, counts[2])
-                count = slips_into(op, band, jump, lead, best[4], at, step)
-                valve = band, jump, lead
-                _tried(tables, at, step, count, lag, lags, work, best, valve)
+    for valve in valves_around(best[1:4].copy(), half, counts):
+        count = slips_into(op, valve[0], valve[1], valve[2], best[4], at, step)
+        own = valve[0], valve[1], valve[2]
+        _tried(tables, at, step, count, lag, lags, work, best, own)
 
 
 @kernel

@@ -25,6 +25,7 @@ __all__ = [
     "slips_into",
     "step_of",
     "usual_span",
+    "valves_around",
 ]
 
 BLOCK = 8
@@ -116,6 +117,25 @@ def slips_into(
 def offset_of(index: int, count: int) -> float:
     """Node ``index`` of ``count`` from -1 to 1, 0 where there is one only."""
     return 2.0 * index / (count - 1) - 1.0 if count > 1 else 0.0
+
+
+@kernel
+def valves_around(centre: Array, half: Array, counts: Index) -> Array:
+    """Valves of a box, ``(m, 3)``: S, J and lead, ``half`` as far each way from ``centre``.
+
+    J is kept between nothing and S; ``counts`` says how many of each.
+    """
+    found = np.empty((counts[0] * counts[1] * counts[2], 3))
+    i = 0
+    for a in range(counts[0]):
+        band = centre[0] + half[0] * offset_of(a, counts[0])
+        for b in range(counts[1]):
+            jump = centre[1] + half[1] * offset_of(b, counts[1])
+            for c in range(counts[2]):
+                found[i, 0], found[i, 1] = band, min(max(jump, 0.0), band)
+                found[i, 2] = centre[2] + half[2] * offset_of(c, counts[2])
+                i += 1
+    return found
 
 
 def slips(op: Op, band: float, jump: float, lead: float, first: float) -> tuple[Index, Array]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator._kernels import Array, Mask, complete
+from estimator._kernels import Array, Mask, complete, lagged
 from estimator._one_step import OneStep, recursion, residual_sums
 from estimator.window import Window
 from loop_model import ProcessModel
@@ -153,14 +153,15 @@ def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
     n = y.size
     longest = min(_MAX_DEAD_TIME, n // 12)
     lead = max(_MAX_NA, longest + _MAX_NB)
-    delays = range(1, longest + _MAX_NB)
-    columns = [np.ones(n), *(_late(y, i) for i in range(1, _MAX_NA + 1))]
-    columns += [_late(stem, d) for d in delays] + [y]
     usable = complete(good, _MAX_NA)
     usable[:lead] = False
-    design = np.stack(columns, axis=1)[usable]
-    count = design.shape[0]
-    gram = design.T @ design
+    weight = usable.astype(np.float64)
+    past = lagged(y, 1, _MAX_NA, weight)
+    design = np.vstack(
+        [weight, past, lagged(stem, 1, longest + _MAX_NB - 1, weight), np.where(usable, y, 0.0)]
+    )
+    count = int(usable.sum())
+    gram = design @ design.T
     rss = residual_sums(gram, _MAX_NA, _MAX_NB, longest)
     na, nb, d = np.ogrid[1 : _MAX_NA + 1, 1 : _MAX_NB + 1, 1 : longest + 1]
     # parameters: coefficients, intercept, dead time

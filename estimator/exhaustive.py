@@ -11,6 +11,7 @@ becomes as the window grows.
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -38,6 +39,9 @@ _STROKE = 0.3
 _LISTINGS = (6, (0.12, 0.4)), (12, (0.2, 0.65))
 """How many strokes are listed first, and the slip jumps of the listing as shares of the middle of a
 stick band: once each way, because few strokes are ambiguous and many are listed coarsely."""
+_OTHER, _DECIDED = 0.02, 50.0
+"""A stick band is another one from this share on; how much less likely the likeliest of these must
+be (in the logarithm) for the first listing to be enough."""
 _GROWTH = 1.6
 _KEPT = (300, 150, 80, 50, 30)
 _BIN, _PER_BIN = 0.04, 4
@@ -76,6 +80,8 @@ def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate,
     found: list[Candidate] = []
     apart = 0.4 * step
     for length, ratios in listings.items():
+        if _decided(found, y.size):
+            break
         beam = _grown(op, y, good, length, ratios, step, span)
         enough = len(found) + count
         ranked = zip(beam.valves, beam.delays, beam.costs, strict=True)
@@ -87,6 +93,15 @@ def one_step_seeds(op: Op, y: Array, good: Mask, count: int) -> tuple[Candidate,
                 valve = float(band), float(jump), float(lead), float(first)
                 found.append(Candidate(float(cost), *valve, COARSE[0], dead_time))
     return tuple(found)
+
+
+def _decided(found: list[Candidate], count: int) -> bool:
+    """Whether no valve with another stick band comes near the best one, so that no more is listed.
+
+    ``found`` are those of the first listing, best first, judged over ``count`` samples.
+    """
+    others = [one.cost for one in found if abs(one.band - found[0].band) > _OTHER * one.band]
+    return bool(others) and 0.5 * count * math.log(min(others) / found[0].cost) > _DECIDED
 
 
 def _grown(
