@@ -58,6 +58,12 @@ class ArxFit:
     offset: float
     residual: Array
 
+    @property
+    def gain(self) -> float:
+        """Steady-state gain in scaled units, infinite for an exact integrator."""
+        rest, through = 1.0 + float(self.a.sum()), float(self.b.sum())
+        return through / rest if rest != 0.0 else math.copysign(math.inf, through)
+
     def simulate(self, stem: Array, start: Array, dead_time: int) -> Array:
         """PV simulated from the stem alone, shape ``(n,)``; ``start`` is PV before sample 0."""
         drive = np.full(stem.size, self.offset)
@@ -120,15 +126,19 @@ class ArxRegression:
         )
 
     def gain_deviation(self, fit: ArxFit, stem: Array) -> float:
-        """Standard deviation of the steady-state gain for a known stem (delta method)."""
+        """Standard deviation of the steady-state gain for a known stem (delta method).
+
+        Infinite where the gain is.
+        """
+        if math.isinf(fit.gain):
+            return math.inf
         o = self.orders
         late = [_late(stem, d) for d in range(o.dead_time, o.dead_time + o.nb)]
         design = np.hstack([self._past, np.stack(late, axis=1) * self.weight[:, None]])
         free = design.shape[1]
         variance = float(np.square(fit.residual).sum()) / max(1.0, self.count - free)
-        rest = 1.0 + float(fit.a.sum())
-        gain = float(fit.b.sum()) / rest
-        slope = np.concatenate([[0.0], np.full(o.na, gain), np.ones(o.nb)]) / rest
+        inside = np.concatenate([[0.0], np.full(o.na, fit.gain), np.ones(o.nb)])
+        slope = inside / (1.0 + float(fit.a.sum()))
         spread = np.linalg.lstsq(design.T @ design, slope, rcond=1e-12)[0]
         return float(np.sqrt(max(0.0, variance * float(slope @ spread))))
 

@@ -47,9 +47,7 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
     )
     intervals = Estimate.intervals(posterior, confidence, blur, band, jump)
     deviation = regression.gain_deviation(fit, stem)
-    gain = posterior.gain_interval(confidence, deviation).around(
-        float(fit.b.sum()) / (1.0 + float(fit.a.sum()))
-    )
+    gain = posterior.gain_interval(confidence, deviation).around(fit.gain)
     model = fit.process(window, regression.orders.dead_time)
     chosen = ranked[0]
     return Estimate(

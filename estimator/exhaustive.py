@@ -42,6 +42,7 @@ stick band: once each way, because few strokes are ambiguous and many are listed
 _OTHER, _DECIDED = 0.02, 50.0
 """A stick band is another one from this share on; how much less likely the likeliest of these must
 be (in the logarithm) for the first listing to be enough."""
+_ZERO = 1e-9
 _GROWTH = 1.6
 _KEPT = (300, 150, 80, 50, 30)
 _BIN, _PER_BIN = 0.04, 4
@@ -101,7 +102,11 @@ def _decided(found: list[Candidate], count: int) -> bool:
     ``found`` are those of the first listing, best first, judged over ``count`` samples.
     """
     others = [one.cost for one in found if abs(one.band - found[0].band) > _OTHER * one.band]
-    return bool(others) and 0.5 * count * math.log(min(others) / found[0].cost) > _DECIDED
+    if not others:
+        return False
+    # a sum that is zero but for rounding may come out below it
+    best, other = max(found[0].cost, _ZERO), max(min(others), _ZERO)
+    return 0.5 * count * math.log(other / best) > _DECIDED
 
 
 def _grown(

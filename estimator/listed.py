@@ -65,6 +65,8 @@ def listed_posterior(op: Op, likelihood: Likelihood, best: Candidate) -> Posteri
         nodes = np.ascontiguousarray(np.column_stack([found[:, 1], jump, leads[of, 0]]))
         log, _ = likelihood(part, nodes, best.first)
         alive = _most_likely(log)
+        if alive.size == 0:
+            return None
         regions, at = found[alive], at[of[alive]]
     posterior = _filled(op, likelihood, best, regions, feet[at], gaps[at])
     log = posterior.log_likelihood

@@ -33,6 +33,8 @@ paper."""
 _ALIVE = 1e-5
 _LEFT_OUT = 1e-4
 """Share of the probability that quantiles do without: the least likely boxes'."""
+_STEEP = 1e9
+"""A gain that is as good as infinite, in scaled units."""
 _APART, _SHARE = 0.02, 0.1
 _HALF = np.array([0.42, 0.85, 1.25, 1.645, 2.1, 2.6, 3.5])
 _EDGES = np.concatenate([-_HALF[::-1], [0.0], _HALF])
@@ -118,8 +120,14 @@ class Posterior:
         )
 
     def gain_interval(self, confidence: float, deviation: float) -> Interval:
-        """The same of the gain, which has the standard deviation ``deviation`` for each valve."""
-        return self._quantiles(self.gain, self.gain, confidence, deviation)
+        """The same of the gain, which has the standard deviation ``deviation`` for each valve.
+
+        Anything where that is infinite.
+        """
+        if not np.isfinite(deviation):
+            return Interval(np.inf, -np.inf, np.inf)
+        gain = np.clip(self.gain, -_STEEP, _STEEP)
+        return self._quantiles(gain, gain, confidence, deviation)
 
     def _quantiles(self, low: Array, high: Array, confidence: float, blur: float) -> Interval:
         weight = self.weight

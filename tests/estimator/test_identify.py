@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -204,3 +205,13 @@ def test_the_paper_s_methods_refuse_bad_samples(sticky_window) -> None:
     pv[10] = np.nan
     with pytest.raises(EstimatorError, match="use method 'search'"):
         identify(op, pv, method="grid")
+
+
+def test_a_step_behind_an_integrator_without_noise_is_an_answer_not_an_error() -> None:
+    # no set of slips of the listing moves twice here, and the regression's pole is 1
+    step = np.where(np.arange(200) < 100, 40.0, 60.0)
+    op = step + 1e-3 * np.random.default_rng(14).normal(size=200)
+    result = identify(op, np.cumsum(op - op.mean()), criterion="arx")
+    assert result.criterion == "arx"
+    assert result.stick_band.low <= result.stick_band.value <= result.stick_band.high
+    json.dumps(result.to_dict(), allow_nan=False)
