@@ -31,7 +31,14 @@ from estimator.outside import outside_search
 from estimator.published import METHODS, published_estimate
 from estimator.regression import Regression
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
-from estimator.search import adopted, healthy_search, restructured, valve_search
+from estimator.search import (
+    adopted,
+    healthy_search,
+    restructured,
+    shortened,
+    shortest,
+    valve_search,
+)
 from estimator.verdict import evidence_of, judge, score_of
 from estimator.window import Window, harmonise, screen
 from estimator.words import criterion_reason, identifiability
@@ -48,6 +55,9 @@ _MARGIN, _PLAIN = 0.03, 0.05
 """BIC per sample by which one-step errors must be better than whitened simulation errors for the
 one-step criterion to be the estimate's, and the other way round for its valve to be the other
 criterion's as well."""
+_HARDLY_BETTER = 0.98
+_FAR_LATER = 3
+"""Samples of dead time that neither criterion's refinement takes off by itself."""
 _CLEAR = 12.0
 """Log Bayes factor of a sticky valve from which no search is needed to make it likelier."""
 _BLAS = ThreadpoolController()
@@ -130,7 +140,7 @@ def _assess(
         )
         return _not_assessable(window, (reason,), criterion, confidence)
     arx = arx_search(op, window.y, window.good, seeds)
-    nearby = adopted(op, regression, arx.best)
+    arx, nearby = _agreed(window, op, regression, arx, healthy)
     found, simulated, samples, test = _searched(
         window, op, regression, healthy, seeds, arx, nearby, criterion
     )
@@ -197,6 +207,25 @@ def _assess(
     )
 
 
+def _agreed(
+    window: Window, op: Op, regression: Regression, arx: ArxFound, healthy: Candidate
+) -> tuple[ArxFound, Candidate]:
+    """The one-step criterion's valve under the simulation criterion, and what both agree upon.
+
+    A dead time that is too long for a band that is too narrow is a poor optimum of both. The
+    simulation criterion finds the way out of it, and the other one follows.
+    """
+    nearby = adopted(op, regression, arx.best)
+    if nearby.cost > _HARDLY_BETTER * healthy.cost:
+        return arx, nearby
+    short = shortened(op, regression, nearby, _FAR_LATER)
+    if short.cost < nearby.cost:
+        again = arx_search(op, window.y, window.good, (short,))
+        if again.bic / again.regression.count < arx.bic / arx.regression.count:
+            arx = again
+    return arx, short
+
+
 def _searched(
     window: Window,
     op: Op,
@@ -224,11 +253,14 @@ def _searched(
             if test.ahead > _MARGIN:
                 return found, simulated, samples, test
             if test.ahead < -_PLAIN:
-                found = restructured(op, regression, found[0])
+                found = shortest(op, regression, restructured(op, regression, found[0]), 1)
                 return found, *simulated_test(op, regression, found[0], healthy), test
     searched = valve_search(op, regression, healthy, (*seeds, arx.best))
     found = tuple(sorted((*found, *searched), key=lambda candidate: candidate.cost))
     simulated, samples = simulated_test(op, regression, found[0], healthy)
+    if simulated > 0.0:
+        found = shortest(op, regression, found)
+        simulated, samples = simulated_test(op, regression, found[0], healthy)
     test = one_step_test(op, regression, found[0], arx, bic, simulated)
     return found, simulated, samples, test
 

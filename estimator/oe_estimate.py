@@ -19,7 +19,7 @@ from estimator.noise import autoregression, effective_samples, errs_at_slips
 from estimator.posterior import Posterior
 from estimator.regression import Regression, delayed
 from estimator.result import Interval, RunnerUp
-from estimator.search import follows, process_search, shortened
+from estimator.search import follows, process_search
 from estimator.structures import Structure
 from estimator.window import Window
 from estimator.zoomed import FINE, HARDLY, ROUGH, Nodes, explore
@@ -29,7 +29,6 @@ __all__ = ["oe_estimate", "simulable"]
 _LAG_REACH = 4
 _ROUNDS = 3
 _NUDGE = 0.01
-_SENT, _BETTER = 4, 0.9
 _BLUR = 0.1
 """A real valve slips between two samples: share of OP's step per sample."""
 _LOW_ORDER = 0.025
@@ -54,7 +53,7 @@ def oe_estimate(
     not found ``sticky``, a rough look at the valve that hardly sticks is enough.
     """
     rivals = found[1:] if sticky else ()
-    start = _start(op, regression, found[0], rivals) if sticky else found[0]
+    start = found[0]
     nodes = FINE if sticky else HARDLY if follows(op, start) else ROUGH
     samples = _samples(op, regression, start)
     posterior, best = _posterior(op, regression, start, rivals, samples, nodes)
@@ -128,21 +127,6 @@ def simulable(
 
 def _gain_deviation(cost: float, samples: float, information: float) -> float:
     return math.sqrt(cost / samples / max(information, 1e-300))
-
-
-def _start(
-    op: Op, regression: Regression, best: Candidate, rivals: tuple[Candidate, ...]
-) -> Candidate:
-    """The best candidate with a dead time no longer than PV demands.
-
-    On the way to it a candidate may leave a poor optimum; so the runners-up are sent as well.
-    """
-    start = shortened(op, regression, best)
-    for other in rivals[: _SENT - 1]:
-        nearer = shortened(op, regression, other)
-        if nearer.cost < _BETTER * start.cost:
-            start = nearer
-    return start
 
 
 def _information(regression: Regression, stem: Array, structure: Structure, lag: int) -> float:

@@ -27,6 +27,7 @@ __all__ = [
     "process_search",
     "restructured",
     "shortened",
+    "shortest",
     "valve_search",
 ]
 
@@ -51,6 +52,7 @@ _HARDLY = 0.004
 _TOLERATED = 1.12
 _CLEAN = 0.02
 _SHORTER = (1, 3, 6, 10)
+_SENT, _BETTER = 4, 0.9
 _FAR = 2.0
 """What a wide look leaves above the limit by this factor, a close one does not bring below it."""
 _SHRINK = np.array([0.5, 0.6, 0.5, 0.6])
@@ -145,19 +147,20 @@ def restructured(op: Op, regression: Regression, best: Candidate) -> tuple[Candi
     return tuple(sorted((best, *found), key=lambda candidate: candidate.cost))
 
 
-def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
+def shortened(op: Op, regression: Regression, best: Candidate, by: int = 1) -> Candidate:
     """The candidate of the shortest dead time that explains PV about as well as ``best``.
 
     Where OP ramps, a longer dead time and a narrower stick band give nearly the same PV, and the
     small difference is decided by what the low-order process leaves out: that is what remains where
     nearly all of PV is explained. The dead time then takes no more than PV demands. Where noise
-    remains, costs are likelihoods and only what cannot be told apart is shortened.
+    remains, costs are likelihoods and only what cannot be told apart is shortened. Dead times are
+    tried that are shorter ``by`` so many samples at least.
     """
     clean = best.cost < _CLEAN * regression.total
     limit = best.cost * (_TOLERATED if clean else 1.0 + 4.0 / regression.count)
     ramp = float(np.abs(np.diff(op.u)).mean())
     for longest in _SHORTER:
-        if longest >= best.dead_time:
+        if longest + by > best.dead_time:
             break
         # slips that come later by the samples that the dead time loses, upwards and downwards
         later = ramp * (best.dead_time - longest)
@@ -173,6 +176,21 @@ def shortened(op: Op, regression: Regression, best: Candidate) -> Candidate:
         if found.cost <= limit:
             return found
     return best
+
+
+def shortest(
+    op: Op, regression: Regression, found: tuple[Candidate, ...], sent: int = _SENT
+) -> tuple[Candidate, ...]:
+    """The candidates, best first, with their best one as of :func:`shortened` before them.
+
+    On the way to it a candidate may leave a poor optimum; so ``sent`` of them are tried.
+    """
+    best = shortened(op, regression, found[0])
+    for other in found[1:sent]:
+        nearer = shortened(op, regression, other)
+        if nearer.cost < _BETTER * best.cost:
+            best = nearer
+    return (best, *(one for one in found if one is not best))
 
 
 def healthy_search(op: Op, regression: Regression) -> Candidate:
