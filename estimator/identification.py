@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from itertools import product
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
-from estimator._simulated import simulated_costs
 from estimator._slips import Op, op_of
 from estimator.arx_estimate import arx_estimate
 from estimator.arx_search import ArxFound, arx_search
@@ -30,7 +28,7 @@ from estimator.outcomes import EstimatorError, Reason, ReasonCode, Verdict
 from estimator.outside import outside_search
 from estimator.published import METHODS, published_estimate
 from estimator.regression import Regression
-from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process
+from estimator.result import Evidence, Fit, Identification, Interval, Process
 from estimator.search import (
     adopted,
     healthy_search,
@@ -39,6 +37,7 @@ from estimator.search import (
     shortest,
     valve_search,
 )
+from estimator.surface import cost_surface
 from estimator.verdict import evidence_of, judge, score_of
 from estimator.window import Window, harmonise, screen
 from estimator.words import criterion_reason, identifiability
@@ -49,7 +48,6 @@ __all__ = ["CRITERIA", "METHODS", "identify", "warm_up"]
 CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
 
-_SURFACE_NODES = 25
 _SEEDS = 5
 _MARGIN, _PLAIN = 0.03, 0.05
 """BIC per sample by which one-step errors must be better than whitened simulation errors for the
@@ -193,7 +191,7 @@ def _assess(
         model=LoopModel(ValveModel(band.value, jump.value), estimate.model),
         stem=window.op_centre + span * estimate.stem,
         pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
-        surface=_surface(window, op, regression, estimate.simulating or nearby)
+        surface=cost_surface(window, op, regression, estimate.simulating or nearby)
         if surface
         else None,
         runners_up=estimate.runners_up,
@@ -263,28 +261,6 @@ def _searched(
         simulated, samples = simulated_test(op, regression, found[0], healthy)
     test = one_step_test(op, regression, found[0], arx, bic, simulated)
     return found, simulated, samples, test
-
-
-def _surface(window: Window, op: Op, regression: Regression, best: Candidate) -> CostSurface:
-    nodes = np.linspace(0.0, 1.1, _SURFACE_NODES)[1:]
-    jumps = np.linspace(0.0, 1.1, _SURFACE_NODES)
-    band, jump = (g.ravel() for g in np.meshgrid(nodes, jumps, indexing="ij"))
-    inside = jump <= band + 1e-12
-    band, jump = band[inside], np.minimum(jump, band)[inside]
-    tables = regression.tables(best.structure)
-    least = np.full(band.size, np.inf)
-    shares = (0.3, 0.8)
-    for first, lead in (*product((-1.0, 1.0), shares), (best.first, best.lead / best.band)):
-        valves = np.ascontiguousarray(np.stack([band, jump, lead * band], axis=1))
-        found = simulated_costs(op, tables, valves, first, best.dead_time, 1)[0][0]
-        least = np.minimum(least, found)
-    cost = np.full(inside.size, np.nan)
-    cost[inside] = least / regression.total
-    return CostSurface(
-        nodes * window.op_span,
-        jumps * window.op_span,
-        cost.reshape(nodes.size, jumps.size),
-    )
 
 
 def _not_assessable(
