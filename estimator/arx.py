@@ -17,6 +17,7 @@ import numpy as np
 
 from estimator._kernels import Array, Mask, complete, lagged
 from estimator._one_step import OneStep, recursion, residual_sums
+from estimator._past import past_of, slip_table, unexplained
 from estimator.window import Window
 from loop_model import ProcessModel
 
@@ -95,17 +96,19 @@ class ArxRegression:
         self.weight = usable.astype(np.float64)
         self.count = float(self.weight.sum())
         self._target = y * self.weight
-        past = [np.ones(y.size), *(_late(y, i) for i in range(1, orders.na + 1))]
-        self._past = np.stack(past, axis=1) * self.weight[:, None]
-        basis, root = np.linalg.qr(self._past)
-        straight = basis.T @ self._target
-        rest = self._target - basis @ straight
+        past = past_of(y, orders.na, self.weight)
+        self._past = past.T
+        rows = unexplained(y, self.weight, past)
+        rest, basis = rows[0], rows[1:]
+        straight = basis @ self._target
         # what the past's coefficients of PV add up to, for a part of PV given in the basis
         ones = np.concatenate([[0.0], np.ones(orders.na)])
-        summing = np.linalg.solve(root.T + 1e-300 * np.eye(ones.size), ones)
+        root = np.triu(basis @ past.T)
+        root[np.diag_indices_from(root)] += np.where(np.diag(root) == 0.0, 1.0, 0.0)
+        summing = np.linalg.solve(root.T, ones)
         self.tables = OneStep(
-            _by_slip(np.vstack([rest, basis.T, self.weight]), orders.dead_time),
-            1 + basis.shape[1],
+            slip_table(rows, self.weight, orders.dead_time, 2, y.size),
+            rows.shape[0],
             orders.nb,
             float(rest @ rest),
             np.concatenate([[1.0 - float(summing @ straight)], summing]),
@@ -143,18 +146,6 @@ class ArxRegression:
         return float(np.sqrt(max(0.0, variance * float(slope @ spread))))
 
 
-def _by_slip(rows: Array, dead_time: int) -> Array:
-    """The table that slips are looked up in: rows (the last one the weights) by dead time."""
-    count, n = rows.shape
-    padded = np.zeros((count, n + dead_time + 1))
-    padded[:, :n] = rows
-    summed = np.cumsum(padded[:, ::-1], axis=1)[:, ::-1]
-    now, later = padded[:, dead_time : dead_time + n], padded[:, dead_time + 1 :]
-    from_now = summed[:, dead_time : dead_time + n]
-    parts = [from_now[:-1], now[:-1], later[:-1], from_now[-1:], now[-1:], later[-1:]]
-    return np.ascontiguousarray(np.vstack(parts).T)
-
-
 def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
     """The dozen best ARX orders and dead times by BIC for one stem, best first.
 
@@ -166,9 +157,9 @@ def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
     usable = complete(good, _MAX_NA)
     usable[:lead] = False
     weight = usable.astype(np.float64)
-    past = lagged(y, 1, _MAX_NA, weight)
+    past = past_of(y, _MAX_NA, weight)
     design = np.vstack(
-        [weight, past, lagged(stem, 1, longest + _MAX_NB - 1, weight), np.where(usable, y, 0.0)]
+        [past, lagged(stem, 1, longest + _MAX_NB - 1, weight), np.where(usable, y, 0.0)]
     )
     count = int(usable.sum())
     gram = design @ design.T

@@ -19,6 +19,7 @@ import numpy as np
 
 from estimator._kernels import Array, Index, Mask, complete
 from estimator._listing import OneStepRows, Sets, list_sets, list_sets_at, sets_of
+from estimator._past import past_of, slip_table, unexplained
 from estimator._slips import Op, first_leads, op_of, step_of, usual_span
 from estimator.candidate import Candidate
 from estimator.structures import COARSE
@@ -201,13 +202,13 @@ def _rows(y: Array, good: Mask, delays: int) -> OneStepRows:
     usable = complete(good, _PAST)
     usable[: delays + 2] = False
     weight = usable.astype(np.float64)
-    past = [np.ones(n), *(np.roll(y, i) for i in range(1, _PAST + 1))]
-    basis, _ = np.linalg.qr(np.stack(past, axis=1) * weight[:, None])
-    target = y * weight
-    rest = target - basis @ (basis.T @ target)
-    plain = np.zeros((n + delays, basis.shape[1] + 2))
-    plain[:n] = np.column_stack([rest, basis, weight])
-    summed = np.cumsum(plain[::-1], axis=0)[::-1]
-    table = np.hstack([summed[:, :-1], plain[:, :-1]]).ravel()
-    weights = np.stack([summed[:, -1], plain[:, -1]])
-    return OneStepRows(table, weights, basis.shape[1] + 1, delays, float(rest @ rest))
+    rows = unexplained(y, weight, past_of(y, _PAST, weight))
+    table = slip_table(rows, weight, 0, 1, n + delays)
+    width = 2 * rows.shape[0]
+    return OneStepRows(
+        table[:, :width].ravel(),
+        np.ascontiguousarray(table[:, width:].T),
+        rows.shape[0],
+        delays,
+        float(rows[0] @ rows[0]),
+    )

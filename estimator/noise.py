@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import fdtrc
 
-from estimator._kernels import Array
+from estimator._kernels import Array, complete, lagged
 
 __all__ = ["autoregression", "effective_samples", "errs_at_slips"]
 
@@ -37,17 +37,14 @@ def autoregression(residual: Array, weight: Array, max_order: int = 10) -> tuple
 
     The order minimises BIC; only rows whose past is complete are used.
     """
-    n = residual.size
     max_order = max(1, min(max_order, int(weight.sum()) // 20))
-    past = np.stack([residual[max_order - i - 1 : n - i - 1] for i in range(max_order)], axis=1)
-    usable = weight[max_order:] > 0.0
-    for i in range(max_order):
-        usable &= weight[max_order - i - 1 : n - i - 1] > 0.0
-    past, now = past[usable], residual[max_order:][usable]
-    count = max(1, now.size)
+    usable = complete(weight > 0.0, max_order)
+    usable[:max_order] = False
+    past = lagged(residual, 1, max_order, usable.astype(np.float64))
     # orders are nested: one Cholesky factor tells what each of them leaves
-    columns = np.column_stack([past, now])
-    gram = columns.T @ columns
+    rows = np.vstack([past, np.where(usable, residual, 0.0)])
+    count = max(1, int(usable.sum()))
+    gram = rows @ rows.T
     gram[np.diag_indices_from(gram)] += 1e-13 * np.trace(gram) + 1e-300
     root = np.linalg.cholesky(gram)
     straight = root[-1, :-1]
