@@ -90,12 +90,13 @@ class Regression:
         response = delayed(structure.response(np.ascontiguousarray(stem[:, None])), dead_time)
         raw = np.hstack([response, structure.columns(self.size), self.extra])
         design = self.whiten(raw) * self.weight[:, None]
-        size = np.sqrt(np.square(design).sum(axis=0))
+        size = np.sqrt(np.einsum("ij,ij->j", design, design))
         size[size == 0.0] = 1.0
-        solution, *_ = np.linalg.lstsq(design / size, self._target, rcond=1e-10)
+        basis, root = np.linalg.qr(design / size)
+        solution, *_ = np.linalg.lstsq(root, basis.T @ self._target, rcond=1e-10)
         solution = solution / size
         # what has died away before the first sample that counts must not be drawn from it backwards
-        told = size > _TOLD * np.sqrt(np.square(raw).sum(axis=0))
+        told = size > _TOLD * np.sqrt(np.einsum("ij,ij->j", raw, raw))
         known = np.where(told, solution, 0.0)
         prediction = np.where(self.weight > 0.0, raw @ solution, raw @ known)
         residual = np.where(self.weight > 0.0, self._target - design @ solution, 0.0)

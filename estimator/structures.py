@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -74,15 +75,21 @@ class Structure:
         return columns
 
 
+@lru_cache(maxsize=8)
 def shared_columns(n: int, *, integrating: bool) -> Array:
-    """Offset, drift and, for an integrating process, the straight line; shape ``(n, k)``."""
+    """Offset, drift and, for an integrating process, the straight line; shape ``(n, k)``.
+
+    Not to be written to: windows of one length share them.
+    """
     k = np.arange(n)
     waves = range(1, (n - 1) // _DRIFT_SAMPLES + 1)
     columns: list[Array] = [np.ones(n)]
     if integrating:
         columns.append(k / n - 0.5)
     columns += [np.cos(np.pi * wave * (k + 0.5) / n) for wave in waves]
-    return np.stack(columns, axis=1)
+    stacked = np.stack(columns, axis=1)
+    stacked.flags.writeable = False
+    return stacked
 
 
 def _pole(time_constant: float) -> float:
