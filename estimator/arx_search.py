@@ -24,7 +24,7 @@ _JUDGED, _FINALISTS = 6, 2
 _BEHIND = 60.0
 """BIC by which a finalist may be worse before it is refined."""
 _ROUNDS = 3
-_NEAR = 2
+_NEAR = 1
 """First slips tried around the seed's, each way."""
 _MOST = 4000
 _LINE = 50

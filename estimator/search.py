@@ -40,6 +40,7 @@ _FOLLOWS = 6
 """A valve that slips at every sixth sample follows OP: a healthy one is near enough."""
 _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
+_LIKELY = 20
 _BEGUN, _SURVIVORS, _FINALISTS = 20, 6, 3
 _HOPELESS = 0.98
 """Where no valve leaves less than this share of what a healthy one leaves, none is zoomed in on."""
@@ -262,11 +263,24 @@ def _seeds(
 ) -> list[tuple[Candidate, tuple[float, ...]]]:
     """Where to look closer, and how wide."""
     lags = min(_LAGS, regression.max_lag + 1)
+    most = op.u.size // _FOLLOWS
     tables = tuple(regression.tables(structure) for structure in COARSE)
     valves = _coarse_valves()
     if others:
         valves = np.vstack([valves, *(other.valve[None] for other in others)])
-    cost = simulated_coarse(op, tables, valves, lags, op.u.size // _FOLLOWS)
+    cost = np.full((len(COARSE), lags, valves.shape[0]), np.inf)
+    cost[::2] = simulated_coarse(op, tables[::2], valves, lags, most)
+    # what no second process likes, the ones between like no better
+    least = cost[::2].min(axis=(0, 1))
+    bands = valves[:, 0]
+    likely = [
+        inside[np.argsort(least[inside], kind="stable")[:_LIKELY]]
+        for inside in (
+            np.flatnonzero((bands >= narrow) & (bands < wide)) for narrow, wide in pairwise(_STRATA)
+        )
+    ]
+    chosen = np.unique(np.concatenate([*likely, np.arange(_coarse_valves().shape[0], bands.size)]))
+    cost[1::2][:, :, chosen] = simulated_coarse(op, tables[1::2], valves[chosen], lags, most)
     cost[:, : regression.min_lag] = np.inf
     grid = cost[:, :, : _coarse_valves().shape[0]]
     if not np.isfinite(grid).any():
