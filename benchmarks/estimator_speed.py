@@ -3,9 +3,10 @@
     python -m benchmarks.estimator_speed [--out docs/benchmarks]
 
 Candidate-samples per second of the compiled criteria (valve, process, least squares: everything
-that a candidate costs) beside one bare fused multiply-add for each of them (`bare_loops`), windows
-per second with everything included (orders, intervals, verdict), and the time of the paper's grid
-and of its optimisation over the search's, on the same window in the same run. Seconds are processor
+that a candidate costs) beside one bare fused multiply-add for each of them (`bare_loops`), seconds
+a window with everything included (orders, intervals, verdict) over windows of four kinds (both
+examples; the sticky and the healthy loops of `robustness`), and the time of the paper's grid and of
+its optimisation over the search's, on the same window in the same run. Seconds are processor
 seconds; only ratios mean anything.
 """
 
@@ -81,20 +82,22 @@ def _kernels(op: np.ndarray, pv: np.ndarray) -> dict[str, float]:
     return figures
 
 
-def _windows(samples: int, repeats: int) -> dict[str, float]:
-    """Windows per second of sticky and healthy loops."""
-    windows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+def _windows(samples: int, repeats: int, each: int) -> dict[str, float]:
+    """Seconds a window, mean and slowest, of ``each`` windows of four kinds."""
+    kinds: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for example in EXAMPLES:
-        trace = example_window(example, 1, samples=samples)
-        windows[example.name] = trace.op, trace.pv
-    for name, kind in (("s3", "sticky, noisy"), ("h25", "healthy, calm"), ("h47", "swinging")):
-        recorded = record(named_loop(name), samples=samples)
-        windows[f"{kind} ({name})"] = recorded.op, recorded.pv
-    spent = {
-        name: least_seconds(partial(identify, *window), repeats) for name, window in windows.items()
-    }
-    figures = {f"{name}, seconds a window": value for name, value in spent.items()}
-    figures["windows per second, mean"] = len(spent) / sum(spent.values())
+        traces = [example_window(example, seed, samples=samples) for seed in range(each)]
+        kinds[example.name] = [(trace.op, trace.pv) for trace in traces]
+    for letter, kind in (("s", "sticky loops"), ("h", "healthy loops")):
+        loops = [record(named_loop(f"{letter}{i}"), samples=samples) for i in range(each)]
+        kinds[kind] = [(loop.op, loop.pv) for loop in loops]
+    figures, total = {}, 0.0
+    for name, windows in kinds.items():
+        spent = [least_seconds(partial(identify, *window), repeats) for window in windows]
+        figures[f"{name}, mean seconds a window"] = float(np.mean(spent))
+        figures[f"{name}, slowest of {each}"] = max(spent)
+        total += sum(spent)
+    figures["windows per second, mean"] = each * len(kinds) / total
     return figures
 
 
@@ -121,7 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--samples", type=int, default=1000, help="of a window")
-    parser.add_argument("--repeats", type=int, default=5, help="of a window; the least counts")
+    parser.add_argument("--windows", type=int, default=20, help="of each kind")
+    parser.add_argument("--repeats", type=int, default=3, help="of a window; the least counts")
     parser.add_argument("--grid-step", type=float, default=0.1, help="of the paper's grid")
     parser.add_argument("--starts", type=int, default=7, help="M of the optimisation; 0: without")
     parser.add_argument("--out", type=Path, help="folder for estimator_speed.md and .json")
@@ -131,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with threadpool_limits(limits=1):
         figures = {
             **_kernels(trace.op, trace.pv),
-            **_windows(options.samples, options.repeats),
+            **_windows(options.samples, options.repeats, options.windows),
             **_rivals(options.samples, options.grid_step, options.starts),
         }
     head = heading("estimator_speed", __doc__, arguments)

@@ -41,7 +41,7 @@ _FOLLOWS = 6
 _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
 _LIKELY = 20
-_BEGUN, _SURVIVORS, _FINALISTS = 20, 6, 3
+_BEGUN, _SURVIVORS, _FINALISTS = 14, 5, 3
 _HOPELESS = 0.98
 """Where no valve leaves less than this share of what a healthy one leaves, none is zoomed in on."""
 _APART = 0.03
@@ -239,8 +239,10 @@ def _refined(
     limit = regression.max_lag if longest is None else longest
     state = candidate.anchored(op).state()
     state[5] = min(max(state[5], regression.min_lag), limit)
+    if follows(op, candidate):
+        # there is no valve to be told, and every evaluation costs hundreds of slips
+        counts, passes = _ROUGH, min(passes, 2)
     search = Search(passes, regression.min_lag, limit, 2, _SHRINK)
-    counts = _ROUGH if follows(op, candidate) else counts
     refine_simulated(op, regression.basis, state, np.array(half), counts, search)
     return Candidate.of_state(state)
 
