@@ -26,7 +26,8 @@ def test_bare_loops_multiply_and_add():
 
 @pytest.mark.slow
 def test_it_writes_its_figures(tmp_path, capsys):
-    options = ["--samples", "200", "--repeats", "1", "--grid-step", "3", "--starts", "0"]
+    options = ["--samples", "400", "--windows", "1", "--repeats", "1"]
+    options += ["--grid-step", "3", "--starts", "0"]
     assert main([*options, "--out", str(tmp_path)]) == 0
     assert (tmp_path / "estimator_speed.md").read_text() == capsys.readouterr().out
     figures = json.loads((tmp_path / "estimator_speed.json").read_text())
