@@ -40,7 +40,7 @@ from estimator.search import (
 from estimator.surface import cost_surface
 from estimator.verdict import evidence_of, judge, score_of
 from estimator.window import Window, harmonise, screen
-from estimator.words import criterion_reason, identifiability
+from estimator.words import TIE, criterion_reason, identifiability
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["CRITERIA", "METHODS", "identify", "warm_up"]
@@ -49,10 +49,11 @@ CRITERIA = ("auto", "oe", "arx")
 """Criteria that :func:`identify` knows."""
 
 _SEEDS = 5
-_MARGIN, _PLAIN = 0.03, 0.05
-"""BIC per sample by which one-step errors must be better than whitened simulation errors for the
-one-step criterion to be the estimate's, and the other way round for its valve to be the other
-criterion's as well."""
+_PLAIN = 0.05
+"""BIC per sample from which on whitened simulation errors are so much better than one-step errors
+that the one-step criterion's valve is the simulation's too."""
+_SAME = 0.05
+"""Stick bands within this share of each other are one valve."""
 _HARDLY_BETTER = 0.98
 _FAR_LATER = 3
 """Samples of dead time that neither criterion's refinement takes off by itself."""
@@ -161,7 +162,10 @@ def _assess(
         estimate = arx_estimate(window, op, arx, confidence)
     else:
         sticky = verdict is Verdict.STICTION
-        if criterion == "auto" and sticky and test.ahead > _MARGIN:
+        agree = abs(arx.best.band - best.band) <= _SAME * best.band
+        # in a tie the one whose sets of slips are listed without a gap, if both mean one valve
+        one_step = test.ahead > TIE or (agree and test.ahead > -TIE)
+        if criterion == "auto" and sticky and one_step:
             estimate = arx_estimate(window, op, arx, confidence)
             if not np.isfinite(estimate.simulated).all():
                 estimate = simulable(window, regression, estimate, confidence)
@@ -248,7 +252,7 @@ def _searched(
     if criterion != "oe" and simulated > _CLEAR:
         test = one_step_test(op, regression, found[0], arx, bic, simulated)
         if test.evidence > 2.0 * _CLEAR:
-            if test.ahead > _MARGIN:
+            if test.ahead > TIE:
                 return found, simulated, samples, test
             if test.ahead < -_PLAIN:
                 found = shortest(op, regression, restructured(op, regression, found[0]), 1)

@@ -7,7 +7,10 @@ import math
 from estimator.estimate import Estimate
 from estimator.outcomes import Verdict
 
-__all__ = ["criterion_reason", "identifiability"]
+__all__ = ["TIE", "criterion_reason", "identifiability"]
+
+TIE = 0.03
+"""BIC per sample within which neither criterion is the better one."""
 
 _VAGUE = 0.5
 _NOTHING = 0.05
@@ -60,16 +63,15 @@ def criterion_reason(asked: str, estimate: Estimate, verdict: Verdict, nearer: f
         return "as asked"
     if verdict is not Verdict.STICTION:
         return "the process that simulates PV, because no sticky valve was found"
-    if estimate.criterion == "arx":
-        if math.isinf(nearer):
-            return "simulation does not favour a sticky valve, one-step errors do"
+    if math.isinf(nearer):
+        return "simulation does not favour a sticky valve, one-step errors do"
+    figure = f"({abs(nearer):.2f} BIC a sample)"
+    if abs(nearer) <= TIE:
+        valves = "the same valve" if estimate.criterion == "arx" else "different valves"
         return (
-            f"one-step errors are clearly more likely than whitened simulation errors "
-            f"({nearer:.2f} BIC a sample)"
+            f"one-step errors are about as likely as whitened simulation errors {figure}; "
+            f"they mean {valves}"
         )
-    if nearer < 0.0:
-        return "one-step errors are no more likely than simulation errors"
-    return (
-        f"one-step errors are not clearly more likely than whitened simulation errors "
-        f"({nearer:.2f} BIC a sample)"
-    )
+    if nearer > 0.0:
+        return f"one-step errors are more likely than whitened simulation errors {figure}"
+    return f"whitened simulation errors are more likely than one-step errors {figure}"

@@ -62,8 +62,9 @@ def test_the_reason_of_a_criterion_quotes_the_figure_it_rests_on() -> None:
     assert "(0.30 BIC a sample)" in criterion_reason("auto", SHARP, sticky, 0.3)
     assert "does not favour" in criterion_reason("auto", SHARP, sticky, math.inf)
     simulated = replace(SHARP, criterion="oe")
-    assert "no more likely" in criterion_reason("auto", simulated, sticky, -0.3)
-    assert "not clearly" in criterion_reason("auto", simulated, sticky, 0.05)
+    assert "simulation errors are more likely" in criterion_reason("auto", simulated, sticky, -0.3)
+    assert "the same valve" in criterion_reason("auto", SHARP, sticky, -0.01)
+    assert "different valves" in criterion_reason("auto", simulated, sticky, 0.01)
     assert "no sticky valve" in criterion_reason("auto", simulated, Verdict.NO_STICTION, 0.05)
 
 
