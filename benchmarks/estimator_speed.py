@@ -105,7 +105,7 @@ def _rivals(samples: int, grid_step: float, starts: int) -> dict[str, float]:
     """Seconds of the paper's methods on Example 1, and over the search's."""
     trace = example_window(EXAMPLES[0], 1, samples=samples)
     op, pv = trace.op, trace.pv
-    search = least_seconds(partial(identify, op, pv), 3)
+    search = least_seconds(partial(identify, op, pv), 10)
     found = {"search, seconds": search}
     calls: dict[str, Callable[[], object]] = {
         f"grid {grid_step:g}": partial(grid_search, op, pv, **_ORDERS, step=grid_step)
