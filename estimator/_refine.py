@@ -83,10 +83,9 @@ def _box(
     step: Array,
 ) -> None:
     """The best valve and dead time of a box around ``best``, put into it."""
-    for valve in valves_around(best[1:4].copy(), half, counts):
-        count = slips_into(op, valve[0], valve[1], valve[2], best[4], at, step)
-        own = valve[0], valve[1], valve[2]
-        _tried(tables, at, step, count, lag, lags, work, best, own)
+    for band, jump, lead in valves_around(best[1:4].copy(), half, counts):
+        count = slips_into(op, band, jump, lead, best[4], at, step)
+        _tried(tables, at, step, count, lag, lags, work, best, (band, jump, lead))
 
 
 @kernel

@@ -97,7 +97,7 @@ class ArxRegression:
         self.count = float(self.weight.sum())
         self._target = y * self.weight
         past = past_of(y, orders.na, self.weight)
-        self._past = past.T
+        self._past = past
         rows = unexplained(y, self.weight, past)
         rest, basis = rows[0], rows[1:]
         straight = basis @ self._target
@@ -117,8 +117,7 @@ class ArxRegression:
     def solve(self, stem: Array) -> ArxFit:
         """Coefficients for one stem, shape ``(n,)``."""
         o = self.orders
-        late = [_late(stem, d) for d in range(o.dead_time, o.dead_time + o.nb)]
-        design = np.hstack([self._past, np.stack(late, axis=1) * self.weight[:, None]])
+        design = self._design(stem)
         found, *_ = np.linalg.lstsq(design, self._target, rcond=1e-10)
         solution: Array = found.astype(np.float64)
         return ArxFit(
@@ -128,6 +127,11 @@ class ArxRegression:
             residual=self._target - design @ solution,
         )
 
+    def _design(self, stem: Array) -> Array:
+        """Regressors, ``(n, 1 + na + nb)``: the intercept, PV's past and the stem's."""
+        late = lagged(stem, self.orders.dead_time, self.orders.nb, self.weight)
+        return np.vstack([self._past, late]).T
+
     def gain_deviation(self, fit: ArxFit, stem: Array) -> float:
         """Standard deviation of the steady-state gain for a known stem (delta method).
 
@@ -136,8 +140,7 @@ class ArxRegression:
         if math.isinf(fit.gain):
             return math.inf
         o = self.orders
-        late = [_late(stem, d) for d in range(o.dead_time, o.dead_time + o.nb)]
-        design = np.hstack([self._past, np.stack(late, axis=1) * self.weight[:, None]])
+        design = self._design(stem)
         free = design.shape[1]
         variance = float(np.square(fit.residual).sum()) / max(1.0, self.count - free)
         inside = np.concatenate([[0.0], np.full(o.na, fit.gain), np.ones(o.nb)])

@@ -30,6 +30,7 @@ from estimator.published import METHODS, published_estimate
 from estimator.regression import Regression
 from estimator.result import Evidence, Fit, Identification, Interval, Process
 from estimator.search import (
+    HOPELESS,
     adopted,
     healthy_search,
     restructured,
@@ -54,7 +55,6 @@ _PLAIN = 0.05
 that the one-step criterion's valve is the simulation's too."""
 _SAME = 0.05
 """Stick bands within this share of each other are one valve."""
-_HARDLY_BETTER = 0.98
 _FAR_LATER = 3
 """Samples of dead time that neither criterion's refinement takes off by itself."""
 _CLEAR = 12.0
@@ -218,7 +218,7 @@ def _agreed(
     simulation criterion finds the way out of it, and the other one follows.
     """
     nearby = adopted(op, regression, arx.best)
-    if nearby.cost > _HARDLY_BETTER * healthy.cost:
+    if nearby.cost > HOPELESS * healthy.cost:
         return arx, nearby
     short = shortened(op, regression, nearby, _FAR_LATER)
     if short.cost < nearby.cost:

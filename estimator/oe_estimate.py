@@ -15,19 +15,20 @@ from estimator.arx import ArxRegression, select_orders
 from estimator.candidate import Candidate
 from estimator.conversion import process_description, process_model
 from estimator.estimate import MISFIT, Estimate
-from estimator.noise import autoregression, effective_samples, errs_at_slips
+from estimator.noise import effective_samples, errs_at_slips
 from estimator.posterior import Posterior
 from estimator.regression import Regression, delayed
 from estimator.result import Interval, RunnerUp
 from estimator.search import follows, process_search
 from estimator.structures import Structure
+from estimator.whitened import noise_left
 from estimator.window import Window
 from estimator.zoomed import FINE, HARDLY, ROUGH, Nodes, explore
 
 __all__ = ["oe_estimate", "simulable"]
 
 _LAG_REACH = 4
-_ROUNDS = 3
+_ROUNDS, _ORDER = 3, 10
 _NUDGE = 0.01
 _BLUR = 0.1
 """A real valve slips between two samples: share of OP's step per sample."""
@@ -106,9 +107,7 @@ def simulable(
     stem, used = estimate.stem, regression
     best = process_search(stem, used)
     for _ in range(_ROUNDS):
-        fit = used.solve(stem, best.structure, best.dead_time)
-        error = np.where(regression.weight > 0.0, regression.y - fit.prediction, 0.0)
-        taps, _ = autoregression(error, regression.weight)
+        taps, _ = noise_left(regression, used, stem, best, _ORDER)
         used = Regression(regression.y, regression.good, taps, 1)
         best = process_search(stem, used)
     fit = used.solve(stem, best.structure, best.dead_time)

@@ -17,6 +17,7 @@ from estimator.regression import Regression
 from estimator.structures import COARSE
 
 __all__ = [
+    "HOPELESS",
     "MIN_MOVES",
     "adopted",
     "followed",
@@ -42,7 +43,7 @@ _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
 _LIKELY = 20
 _BEGUN, _SURVIVORS, _FINALISTS = 14, 5, 3
-_HOPELESS = 0.98
+HOPELESS = 0.98
 """Where no valve leaves less than this share of what a healthy one leaves, none is zoomed in on."""
 _APART = 0.03
 _WIDE = (0.03, 0.2, 0.1, 0.4)
@@ -90,7 +91,7 @@ def valve_search(
     kept = _diverse(alive, _SURVIVORS)
     alive = [_refined(op, regression, c, _CLOSE, _FEW, 3) for c in kept]
     alive.sort(key=lambda candidate: candidate.cost)
-    if alive[0].cost > _HOPELESS * healthy.cost:
+    if alive[0].cost > HOPELESS * healthy.cost:
         return tuple(_diverse(alive, _FINALISTS))
     half = tuple(0.5 * width for width in _CLOSE)
     ended = [_refined(op, regression, c, half, _SOME, 3) for c in _diverse(alive, _FINALISTS)]

@@ -13,17 +13,28 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator._kernels import Array
 from estimator._slips import Op
 from estimator.candidate import Candidate
 from estimator.noise import autoregression
 from estimator.regression import Regression
 from estimator.search import followed, healthy_refined
 
-__all__ = ["whitened_bic"]
+__all__ = ["noise_left", "whitened_bic"]
 
 _ORDER = 8
 _ROUNDS = 3
 _VALVE_PARAMETERS = 3
+
+
+def noise_left(
+    regression: Regression, used: Regression, stem: Array, candidate: Candidate, most: int
+) -> tuple[Array, float]:
+    """Noise filter, of ``most`` past samples at most, and innovation variance of what a process
+    leaves of PV; its linear part is fitted under the filter of ``used``."""
+    fit = used.solve(stem, candidate.structure, candidate.dead_time)
+    error = np.where(regression.weight > 0.0, regression.y - fit.prediction, 0.0)
+    return autoregression(error, regression.weight, most)
 
 
 def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: bool) -> float:
@@ -39,9 +50,7 @@ def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: b
     lowest = math.inf
     for last in (*([False] * _ROUNDS), True):
         stem = op.u if healthy else candidate.stem(op)
-        fit = used.solve(stem, candidate.structure, candidate.dead_time)
-        error = np.where(regression.weight > 0.0, regression.y - fit.prediction, 0.0)
-        taps, variance = autoregression(error, regression.weight, _ORDER)
+        taps, variance = noise_left(regression, used, stem, candidate, _ORDER)
         free = taps.size - 1 + candidate.structure.free + extra
         free += 0 if healthy else _VALVE_PARAMETERS
         count = regression.count
