@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.examples import EXAMPLES, example_window
 from estimator._slips import op_of
+from estimator.arx import select_orders
 from estimator.arx_estimate import arx_posterior
 from estimator.arx_search import arx_search
 from estimator.exhaustive import one_step_seeds
@@ -60,7 +61,9 @@ def _posterior(seed: int) -> tuple[Posterior, float]:
     recorded = example_window(EXAMPLES[1], seed)
     window = harmonise(recorded.op, recorded.pv, None, None, 1.0)
     op = op_of(window.u)
-    found = arx_search(op, window.y, window.good, one_step_seeds(op, window.y, window.good, 5))
+    seeds = one_step_seeds(op, window.y, window.good, 5)
+    healthy = select_orders(window.y, window.good, window.u)[0].bic
+    found = arx_search(op, window.y, window.good, seeds, healthy)
     return arx_posterior(window, op, found), window.op_span
 
 

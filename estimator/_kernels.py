@@ -16,10 +16,10 @@ __all__ = [
     "add",
     "complete",
     "filtered",
-    "fir",
     "kernel",
     "lag",
     "lagged",
+    "weighted",
 ]
 
 Array = NDArray[np.float64]
@@ -36,17 +36,20 @@ def kernel(function: _Function) -> _Function:
 
 
 @kernel
-def _lag(signal: Array, pole: float, gain: float, out: Array) -> None:
-    n, m = signal.shape
-    for j in range(m):
-        # a lag begins at rest, an integrator (pole 1) at zero
-        out[0, j] = signal[0, j] * (1.0 if pole < 1.0 else gain)
-    for k in range(1, n):
-        now = out[k]
-        before = out[k - 1]
-        x = signal[k]
-        for j in range(m):
-            now[j] = pole * before[j] + gain * x[j]
+def lag(signal: Array, pole: float) -> Array:
+    """First-order lag of unit gain, started at rest; ``pole = 1`` is an integrator started at zero.
+
+    ``signal`` has shape ``(n,)``; so has the result. The integrator's gain is ``1 / n`` so that
+    its output is of the order of its input.
+    """
+    gain = 1.0 - pole if pole < 1.0 else 1.0 / signal.size
+    out = np.empty(signal.size)
+    now = signal[0] * (1.0 if pole < 1.0 else gain)
+    out[0] = now
+    for k in range(1, signal.size):
+        now = pole * now + gain * signal[k]
+        out[k] = now
+    return out
 
 
 @kernel
@@ -88,23 +91,16 @@ def lagged(signal: Array, first: int, count: int, weight: Array) -> Array:
     return rows
 
 
-def lag(signal: Array, pole: float) -> Array:
-    """First-order lag of unit gain, started at rest; ``pole = 1`` is an integrator started at zero.
-
-    ``signal`` has shape ``(n, m)``; so has the result. The integrator's gain is ``1 / n`` so that
-    its output is of the order of its input.
-    """
-    out = np.empty_like(signal)
-    _lag(signal, pole, 1.0 - pole if pole < 1.0 else 1.0 / signal.shape[0], out)
+@kernel
+def weighted(rows: Array, taps: Array, weight: Array) -> Array:
+    """Each row of ``(k, n)`` as a moving average, its first value held before it, and weighted."""
+    out = np.empty(rows.shape)
+    for r in range(rows.shape[0]):
+        out[r] = filtered(rows[r], taps, rows[r, 0]) * weight
     return out
 
 
-def fir(signal: Array, taps: Array) -> Array:
-    """Moving average of each column of ``signal``, ``(n, m)``, the first sample held before."""
-    rows = [filtered(column, taps, float(column[0])) for column in np.ascontiguousarray(signal.T)]
-    return np.stack(rows, axis=1)
-
-
+@kernel
 def complete(good: Mask, past: int) -> Mask:
     """Samples whose own value and the ``past`` ones before are good; shape ``(n,)``."""
     usable = good.copy()

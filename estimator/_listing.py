@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator._kernels import Array, Index, kernel
-from estimator._slips import BLOCK, Op
+from estimator._one_step import OneStep, cost_of_slips
+from estimator._slips import BLOCK, Op, slips_into
 
 __all__ = ["OneStepRows", "Sets", "list_sets", "list_sets_at", "sets_of", "slip_patterns"]
 
@@ -268,16 +269,28 @@ def list_sets_at(
 
 @kernel
 def slip_patterns(
-    op: Op, regions: Array, starts: Array, least: Array, widest: float, most: int
-) -> tuple[Array, Index]:
-    """All valves of regions that slip differently, as smaller regions, and where each belongs.
+    op: Op,
+    tables: OneStep,
+    regions: Array,
+    starts: Array,
+    least: Array,
+    widest: float,
+    most: int,
+    exact: bool,
+) -> tuple[Array, Array, Index, Array, Array]:
+    """All valves of regions that slip differently, as smaller regions, each judged by one of them.
 
-    Arguments as of :func:`list_sets`. A region that comes back slips like its valve of the widest
-    stick band, except for differences within ``least``; it is no wider than ``widest`` in J,
-    because the stem still depends on J. At most ``most`` come back.
+    Arguments as of :func:`list_sets`. A region slips like its valve of the widest stick band,
+    except for differences within ``least``; it is no wider than ``widest`` in J, because the stem
+    still depends on J. At most ``most`` come back: ends of S and of J ``(m, 4)``; S, J and lead of
+    the valve that stands for it ``(m, 3)``; the row of ``regions`` it belongs to; the one-step cost
+    of the valve, infinite where it slips once only, and its gain, ``(m,)`` each. Unless these are
+    to be ``exact``, the valve is taken to slip like its region, which saves another walk along OP.
     """
     at, way, turn = np.empty(op.u.size, np.int64), np.empty(op.u.size), np.empty(op.u.size)
-    found, of = np.empty((most, 4)), np.empty(most, np.int64)
+    step, sums = np.empty(op.u.size), np.empty(3 * tables.rows)
+    found, nodes, of = np.empty((most, 4)), np.empty((most, 3)), np.empty(most, np.int64)
+    cost, gain = np.full(most, np.inf), np.zeros(most)
     stack, region = np.empty((_DEEP, 4)), np.empty(4)
     count = 0
     for i in range(starts.shape[0]):
@@ -290,12 +303,18 @@ def slip_patterns(
             s0, s1, j0, j1 = region
             parts = max(1, int(np.ceil((j1 - j0) / widest)))
             for part in range(min(parts, most - count)):
-                found[count] = (
-                    s0,
-                    s1,
-                    j0 + (j1 - j0) * part / parts,
-                    j0 + (j1 - j0) * (part + 1) / parts,
-                )
+                low, high = j0 + (j1 - j0) * part / parts, j0 + (j1 - j0) * (part + 1) / parts
+                jump = min(0.5 * (low + high), s1)
+                found[count] = (s0, s1, low, high)
+                nodes[count] = (s1, jump, starts[i, 0])
                 of[count] = i
+                if exact:
+                    slips = slips_into(op, s1, jump, starts[i, 0], starts[i, 1], at, step)
+                else:
+                    friction = 0.5 * (s1 - jump)
+                    for m in range(slips):
+                        step[m] = way[m] - turn[m] * friction
+                if slips > 1:
+                    cost[count], gain[count] = cost_of_slips(tables, at, step, slips, sums)
                 count += 1
-    return found[:count], of[:count]
+    return found[:count], nodes[:count], of[:count], cost[:count], gain[:count]

@@ -17,6 +17,7 @@ from estimator._slips import Op, slips_into, valves_around
 
 __all__ = [
     "OneStep",
+    "cost_of_slips",
     "one_step_costs",
     "recursion",
     "refine_one_step",
@@ -44,7 +45,7 @@ class OneStep(NamedTuple):
 
 
 @kernel
-def _one_step(
+def cost_of_slips(
     tables: OneStep, at: Index, step: Array, count: int, sums: Array
 ) -> tuple[float, float]:
     """Cost and steady-state gain of the valve whose slips are given."""
@@ -116,28 +117,30 @@ def one_step_costs(op: Op, tables: OneStep, nodes: Array, first: float) -> tuple
     for j in range(nodes.shape[0]):
         count = slips_into(op, nodes[j, 0], nodes[j, 1], nodes[j, 2], first, at, step)
         if count >= 2:
-            cost[j], gain[j] = _one_step(tables, at, step, count, sums)
+            cost[j], gain[j] = cost_of_slips(tables, at, step, count, sums)
     return cost, gain
 
 
 @kernel
 def refine_one_step(
-    op: Op, tables: OneStep, best: Array, half: Array, counts: Index, passes: int, shrink: Array
+    op: Op, tables: OneStep, best: Array, half: Array, boxes: Index, passes: int, shrink: Array
 ) -> None:
     """Zoom in on the valve from ``best`` (cost, S, J, lead, first direction), put into it.
 
-    ``half`` holds the half-widths of the box in S, J and lead, narrowed in place by each pass.
+    ``half`` holds the half-widths of the box in S, J and lead, narrowed in place by each pass,
+    which looks at the valves of ``boxes`` (`valves_around`), ``(k, 3)``, one after the other.
     """
     at, step = np.empty(op.u.size, np.int64), np.empty(op.u.size)
     sums = np.empty(3 * tables.rows)
     for _ in range(passes):
-        for band, jump, lead in valves_around(best[1:4].copy(), half, counts):
-            count = slips_into(op, band, jump, lead, best[4], at, step)
-            if band <= 0.0 or count < 2:
-                continue
-            cost, _ = _one_step(tables, at, step, count, sums)
-            if cost < best[0]:
-                best[0], best[1], best[2], best[3] = cost, band, jump, lead
+        for counts in boxes:
+            for band, jump, lead in valves_around(best[1:4].copy(), half, counts):
+                count = slips_into(op, band, jump, lead, best[4], at, step)
+                if band <= 0.0 or count < 2:
+                    continue
+                cost, _ = cost_of_slips(tables, at, step, count, sums)
+                if cost < best[0]:
+                    best[0], best[1], best[2], best[3] = cost, band, jump, lead
         for axis in range(3):
             half[axis] *= shrink[axis]
 

@@ -75,17 +75,18 @@ def _box(
     tables: Simulated,
     best: Array,
     half: Array,
-    counts: Index,
+    boxes: Index,
     lag: int,
     lags: int,
     work: _Work,
     at: Index,
     step: Array,
 ) -> None:
-    """The best valve and dead time of a box around ``best``, put into it."""
-    for band, jump, lead in valves_around(best[1:4].copy(), half, counts):
-        count = slips_into(op, band, jump, lead, best[4], at, step)
-        _tried(tables, at, step, count, lag, lags, work, best, (band, jump, lead))
+    """The best valve and dead time of boxes around ``best``, one after the other, put into it."""
+    for counts in boxes:
+        for band, jump, lead in valves_around(best[1:4].copy(), half, counts):
+            count = slips_into(op, band, jump, lead, best[4], at, step)
+            _tried(tables, at, step, count, lag, lags, work, best, (band, jump, lead))
 
 
 @kernel
@@ -116,15 +117,16 @@ def _neighbour(number: int, slow: float, fast: float, factor: float) -> tuple[fl
 
 @kernel
 def refine_simulated(
-    op: Op, basis: Basis, best: Array, half: Array, counts: Index, search: Search
+    op: Op, basis: Basis, best: Array, half: Array, boxes: Index, search: Search
 ) -> None:
     """Zoom in on valve, dead time and poles from ``best``, and put what is found into it.
 
     ``best`` holds cost, S, J, lead, direction of the first slip, dead time, slow and fast pole;
     ``half`` the half-widths in S, J, lead and in the logarithm of the time constants, narrowed in
-    place by each pass.
+    place by each pass. A pass looks at the valves of ``boxes`` (`valves_around`), ``(k, 3)``, one
+    after the other.
     """
-    n, line = op.u.size, counts[0]
+    n, line = op.u.size, boxes[0, 0]
     reach, pad = search.reach, search.longest + 1
     at, step = np.empty(n, np.int64), np.empty(n)
     # slips of the stick bands around the best valve, which all neighbouring processes share
@@ -135,7 +137,7 @@ def refine_simulated(
         lag = max(search.shortest, int(best[5]) - reach)
         lags = min(search.longest, int(best[5]) + reach) - lag + 1
         tables = simulated_tables(basis, best[6], best[7], pad)
-        _box(op, tables, best, half, counts, lag, lags, work, at, step)
+        _box(op, tables, best, half, boxes, lag, lags, work, at, step)
         jump0, lead0 = best[2], best[3]
         for a in range(line):
             near_band[a] = best[1] + half[0] * offset_of(a, line)

@@ -15,7 +15,15 @@ import numpy as np
 
 from estimator._kernels import Array, add, filtered, kernel
 
-__all__ = ["Basis", "Simulated", "ordered_poles", "orthonormal", "shared_rows", "simulated_tables"]
+__all__ = [
+    "Basis",
+    "Simulated",
+    "least_squares",
+    "ordered_poles",
+    "orthonormal",
+    "shared_rows",
+    "simulated_tables",
+]
 
 _APART = 1e-3
 _LEAST = 0.02
@@ -126,6 +134,26 @@ def orthonormal(rows: Array) -> Array:
     for number in range(rows.shape[0]):
         _straighten(rows, number, 0)
     return rows
+
+
+@kernel
+def least_squares(rows: Array, target: Array) -> tuple[Array, Array]:
+    """Shares ``(k,)`` of the rows ``(k, n)`` in ``target``, and what is left of it, ``(n,)``.
+
+    A row that those before it span has no share.
+    """
+    basis = orthonormal(rows.copy())
+    count = rows.shape[0]
+    shares, left = np.zeros(count), target.copy()
+    for r in range(count):
+        shares[r] = _dot(basis[r], target)
+        add(left, -shares[r], basis[r])
+    for r in range(count - 1, -1, -1):
+        own = _dot(basis[r], rows[r])
+        for later in range(r + 1, count):
+            shares[r] -= shares[later] * _dot(basis[r], rows[later])
+        shares[r] = shares[r] / own if own > 0.0 else 0.0
+    return shares, left
 
 
 @kernel

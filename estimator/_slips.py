@@ -17,8 +17,9 @@ from estimator._kernels import Array, Index, kernel
 
 __all__ = [
     "BLOCK",
+    "FirstSlips",
     "Op",
-    "first_leads",
+    "first_slips",
     "offset_of",
     "op_of",
     "slips",
@@ -47,17 +48,31 @@ def op_of(u: Array) -> Op:
     return Op(np.ascontiguousarray(u), padded.max(axis=1), padded.min(axis=1))
 
 
-def first_leads(u: Array, first: float) -> Array:
-    """One lead for every sample at which a first slip in this direction can happen.
+class FirstSlips(NamedTuple):
+    """The samples at which a first slip in one direction can happen, by how far OP goes until then.
 
-    Where OP jumps, any lead on its way makes the same slip; the least one lets most valves do so.
+    A first slip is at sample ``i`` where the lead is between ``feet[i]`` and ``gaps[i]`` more;
+    ``leads[i]`` is one of them. Where OP jumps, any lead on its way makes the same slip; a small
+    one lets most valves do so. Shape ``(m,)`` each.
     """
+
+    leads: Array
+    feet: Array
+    gaps: Array
+
+    def of(self, lead: float) -> int:
+        """Which one a lead makes; the nearest where it makes none."""
+        return max(0, int(np.searchsorted(self.feet, lead, side="right")) - 1)
+
+
+def first_slips(u: Array, first: float) -> FirstSlips:
+    """All first slips of OP ``u``, ``(n,)``, in the direction ``first``."""
     records = np.unique(np.maximum.accumulate(first * (u - u[0])))
-    gaps = np.diff(records)
+    feet, gaps = records[:-1], np.diff(records)
     if gaps.size == 0:
-        return gaps
-    leads: Array = records[:-1] + 0.5 * np.minimum(gaps, float(np.median(np.abs(np.diff(u)))))
-    return leads
+        return FirstSlips(gaps, feet, gaps)
+    leads = feet + 0.5 * np.minimum(gaps, float(np.median(np.abs(np.diff(u)))))
+    return FirstSlips(leads, feet, gaps)
 
 
 def usual_span(u: Array) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -11,12 +10,13 @@ import numpy as np
 from estimator._kernels import Array
 from estimator._one_step import one_step_costs
 from estimator._slips import Op, step_of
-from estimator.arx import ArxFit, ArxOrders, ArxRegression
+from estimator.arx import ArxFit, ArxOrders
 from estimator.arx_search import ArxFound
 from estimator.candidate import stem_of
 from estimator.estimate import MISFIT, Estimate
-from estimator.listed import Likelihood, listed_posterior
+from estimator.listed import NARROW, cut_short, listed_posterior, reaching
 from estimator.noise import errs_at_slips
+from estimator.one_step_likelihood import OneStepLikelihood
 from estimator.posterior import Posterior
 from estimator.result import Interval, Process, RunnerUp
 from estimator.window import Window
@@ -26,7 +26,6 @@ from loop_model import ProcessModel
 __all__ = ["arx_estimate", "arx_posterior"]
 
 _RUNNERS_UP = 4
-_MOST_B = 3
 _BLUR = 0.01, 0.05
 """S and J are told to these shares of OP's step per sample where every slip can be listed."""
 
@@ -71,36 +70,25 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
 
 def arx_posterior(window: Window, op: Op, found: ArxFound) -> Posterior:
     """How probable valves are around the one that the search found, in shares of OP's span."""
-    best, likelihood = found.best.anchored(op), _likelihood(window, op, found)
-    listed = listed_posterior(op, likelihood, best)
+    best = found.best.anchored(op)
+    likelihood = OneStepLikelihood(
+        window.y, window.good, found.regression.orders, found.best.cost / found.regression.count
+    )
+    # what the search has listed will do, unless its refinement went on to another valve
+    listed = None
+    if found.posterior is not None and not cut_short(found.posterior, found.middle, NARROW):
+        listed = reaching(op, likelihood, best, found.posterior)
+    if listed is None:
+        listed = listed_posterior(op, likelihood, best)
     if listed is not None:
         return listed
-    return explore(lambda nodes: likelihood(op, nodes, best.first), best)
+    n = op.u.size
 
+    def evaluate(nodes: Array) -> tuple[Array, Array]:
+        cost, gain = one_step_costs(op, likelihood.tables(n), nodes, best.first)
+        return likelihood.log(n, cost), gain
 
-def _likelihood(window: Window, op: Op, found: ArxFound) -> Likelihood:
-    """Of the one-step errors, with the search's orders and every dead time near its own.
-
-    All ``b`` that the regression can hold are in it: a stick band and a dead time trade against
-    each other, and what may be either must not be held.
-    """
-    own = found.regression.orders
-    shorter = (_MOST_B - own.nb + 1) // 2
-    orders = replace(own, nb=_MOST_B, dead_time=max(1, own.dead_time - shorter))
-    variance = found.best.cost / found.regression.count
-    regressions: dict[int, ArxRegression] = {}
-
-    def likelihood(part: Op, nodes: Array, first: float) -> tuple[Array, Array]:
-        n = part.u.size
-        if n not in regressions:
-            regressions[n] = ArxRegression(window.y[:n], window.good[:n], orders)
-        cost, gain = one_step_costs(part, regressions[n].tables, nodes, first)
-        if n < op.u.size:
-            # too short to tell how large the errors are
-            return -0.5 * cost / variance, gain
-        return -0.5 * regressions[n].count * np.log(cost), gain
-
-    return likelihood
+    return explore(evaluate, best)
 
 
 def _simulated(window: Window, fit: ArxFit, stem: Array, orders: ArxOrders) -> Array:

@@ -10,9 +10,12 @@ import numpy as np
 from estimator._kernels import Array, Mask
 from estimator._listing import slip_patterns
 from estimator._one_step import one_step_costs, refine_one_step
-from estimator._slips import Op, first_leads
+from estimator._slips import FirstSlips, Op, first_slips
 from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.candidate import Candidate
+from estimator.listed import NARROW, judged_again, listed_posterior
+from estimator.one_step_likelihood import OneStepLikelihood
+from estimator.posterior import Posterior
 
 __all__ = ["VALVE_PARAMETERS", "ArxFound", "arx_search"]
 
@@ -51,17 +54,29 @@ _LOOKS = (
 )
 _WIDEST = 0.3
 """How wide in J a listed set may be, as a share of S."""
-_COUNTS, _SHRINK = np.array([3, 5, 3]), np.array([0.5, 0.45, 0.5])
 _PASSES = 5
+_BOXES, _SHRINK = np.array([[3, 5, 1], [1, 1, 3]]), np.array([0.5, 0.45, 0.5])
+"""S and J are narrowed together; the lead hardly depends on them."""
+_WORTH = 20.0
+"""BIC by which a valve must be better than a healthy one for all around it to be listed."""
+_LISTED = 20
+_FINE = 0.02, 0.02, 0.3
+"""How far a listed valve is refined in S, J and lead: shares of OP's step, of S, of the step."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArxFound:
-    """What the search found: the valve, the regression of its orders, all orders, best first."""
+    """What the search found: the valve, the regression of its orders, all orders, best first.
+
+    ``posterior`` holds the valves that were listed around it, all with a first slip in its
+    direction and stick bands around ``middle``; None where none were.
+    """
 
     best: Candidate
     regression: ArxRegression
     ranked: tuple[ArxOrders, ...]
+    posterior: Posterior | None
+    middle: float
 
     @property
     def bic(self) -> float:
@@ -73,26 +88,29 @@ class ArxFound:
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """OP, its median step per sample and the leads of its first slips by their direction."""
+    """OP, its median step per sample and the first slips by their direction."""
 
     op: Op
     step: float
-    leads: dict[float, Array]
+    starts: dict[float, FirstSlips]
 
     @classmethod
     def of(cls, op: Op) -> _Course:
         step = float(np.median(np.abs(np.diff(op.u))))
-        return cls(op, step, {first: first_leads(op.u, first) for first in (1.0, -1.0)})
+        return cls(op, step, {first: first_slips(op.u, first) for first in (1.0, -1.0)})
 
     def leads_near(self, seed: Candidate) -> Array:
         """The seed's lead, and those that move the first slip by some samples."""
-        leads = self.leads[seed.first]
-        at = int(np.searchsorted(leads, seed.lead))
-        return np.append(leads[max(0, at - _NEAR) : at + _NEAR + 1], seed.lead)
+        every = self.starts[seed.first]
+        at = every.of(seed.lead)
+        before, after = every.leads[max(0, at - _NEAR) : at], every.leads[at + 1 : at + 1 + _NEAR]
+        return np.concatenate([before, [seed.lead], after])
 
 
-def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> ArxFound:
-    """Valve and orders that predict PV best.
+def arx_search(
+    op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...], healthy: float
+) -> ArxFound:
+    """Valve and orders that predict PV best; ``healthy`` is the BIC that a healthy valve reaches.
 
     The seeds are refined with orders fixed; the best choose their own orders, those of the lowest
     BIC are refined again, and the lowest BIC wins.
@@ -116,7 +134,7 @@ def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> Ar
     judged.sort(key=lambda pair: pair[0][0].bic)
     least = judged[0][0][0].bic + _BEHIND
     found = [
-        _settled(course, y, good, candidate, ranked)
+        _settled(course, y, good, candidate, ranked, healthy)
         for ranked, candidate in judged[:_FINALISTS]
         if ranked[0].bic <= least
     ]
@@ -124,27 +142,61 @@ def arx_search(op: Op, y: Array, good: Mask, seeds: tuple[Candidate, ...]) -> Ar
 
 
 def _settled(
-    course: _Course, y: Array, good: Mask, best: Candidate, ranked: list[ArxOrders]
+    course: _Course, y: Array, good: Mask, best: Candidate, ranked: list[ArxOrders], healthy: float
 ) -> ArxFound:
     """Orders (``ranked``) for the valve, and the valve for these orders, until both agree."""
+    op = course.op
+    posterior, middle = None, 0.0
+    worth = ranked[0].bic < healthy - _WORTH
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
+        variance = regression.variance(best.stem(op))
         best = replace(best, cost=np.inf, dead_time=orders.dead_time)
-        for look in _LOOKS:
+        if worth:
+            likelihood = OneStepLikelihood(y, good, orders, variance)
+            if posterior is None:
+                best = best.anchored(op)
+                posterior, middle = listed_posterior(op, likelihood, best, NARROW), best.band
+            else:
+                posterior = judged_again(op, likelihood, best.first, posterior)
+        if posterior is not None:
+            best = _listed(course, regression, best, posterior)
+        listed = best.first
+        # a listing has seen what the wider look would
+        for look in _LOOKS if posterior is None else _LOOKS[1:]:
             best = _restarted(course, regression, _looked(course, regression, best, look))
-            best = _jumped(course.op, regression, best)
-        ranked = select_orders(y, good, best.stem(course.op))
+            best = _jumped(op, regression, best)
+        best = best.anchored(op)
+        if best.first != listed:
+            posterior = None
+        ranked = select_orders(y, good, best.stem(op))
         chosen = ranked[0]
         if (chosen.na, chosen.nb, chosen.dead_time) == (orders.na, orders.nb, orders.dead_time):
             break
-    return ArxFound(best, regression, tuple(ranked))
+    return ArxFound(best, regression, tuple(ranked), posterior, middle)
+
+
+def _listed(
+    course: _Course, regression: ArxRegression, best: Candidate, posterior: Posterior
+) -> Candidate:
+    """The best listed valve for these orders, refined."""
+    likely = np.argsort(-posterior.log_likelihood, kind="stable")[:_LISTED]
+    nodes = np.ascontiguousarray(posterior.nodes[likely])
+    cost, _ = one_step_costs(course.op, regression.tables, nodes, best.first)
+    j = int(cost.argmin())
+    state = best.state(cost[j])
+    state[1:4] = nodes[j]
+    half = np.array([course.step, best.band, course.step]) * _FINE
+    refine_one_step(course.op, regression.tables, state, half, _BOXES, _PASSES, _SHRINK)
+    refined, band, jump, lead = (float(v) for v in state[:4])
+    return replace(best, cost=refined, band=band, jump=jump, lead=lead)
 
 
 def _restarted(course: _Course, regression: ArxRegression, best: Candidate) -> Candidate:
     """The best first slip for the valve; those that follow hardly depend on it."""
     for first in (1.0, -1.0):
-        leads = course.leads[first]
+        leads = course.starts[first].leads
         if leads.size == 0:
             continue
         nodes = np.column_stack([*np.full((2, leads.size), ((best.band,), (best.jump,))), leads])
@@ -173,15 +225,17 @@ def _looked(course: _Course, regression: ArxRegression, seed: Candidate, look: _
     j1 = min(1.1, more * seed.jump, seed.jump + look.jumps * step)
     regions = np.tile(np.array([s0, s1, j0, j1]), (leads.size, 1))
     least = step * np.array(look.least)
-    regions, of = slip_patterns(op, regions, starts, least, _WIDEST * seed.band, _MOST)
-    middle = np.minimum(0.5 * (regions[:, 2] + regions[:, 3]), regions[:, 1])
-    nodes = np.column_stack([regions[:, 1], middle, starts[of, 0]])
-    nodes = np.ascontiguousarray(np.vstack([nodes, seed.valve[:3]]))
-    cost, _ = one_step_costs(op, regression.tables, nodes, seed.first)
-    best = int(cost.argmin())
-    state = seed.state(cost[best])
-    state[1:4] = nodes[best]
-    half = np.array([least[0], 0.5 * _WIDEST * seed.band, 0.5 * step])
-    refine_one_step(op, regression.tables, state, half, _COUNTS, _PASSES, _SHRINK)
+    widest = _WIDEST * seed.band
+    # regions are told apart within limits, so that their valves need not slip quite like them
+    _, nodes, _, costs, _ = slip_patterns(
+        op, regression.tables, regions, starts, least, widest, _MOST, exact=True
+    )
+    own, _ = one_step_costs(op, regression.tables, seed.valve[None, :3], seed.first)
+    state = seed.state(own[0])
+    if costs.size and costs.min() < own[0]:
+        best = int(costs.argmin())
+        state[0], state[1:4] = costs[best], nodes[best]
+    half = np.array([least[0], 0.5 * widest, 0.5 * step])
+    refine_one_step(op, regression.tables, state, half, _BOXES, _PASSES, _SHRINK)
     refined, band, jump, lead = (float(v) for v in state[:4])
     return replace(seed, cost=refined, band=band, jump=jump, lead=lead)

@@ -20,7 +20,7 @@ import numpy as np
 from estimator._kernels import Array, Index, Mask, complete
 from estimator._listing import OneStepRows, Sets, list_sets, list_sets_at, sets_of
 from estimator._past import past_of, slip_table, unexplained
-from estimator._slips import Op, first_leads, op_of, step_of, usual_span
+from estimator._slips import Op, first_slips, op_of, step_of, usual_span
 from estimator.candidate import Candidate
 from estimator.structures import COARSE
 
@@ -40,7 +40,7 @@ _STROKE = 0.3
 _LISTINGS = (6, (0.12, 0.4)), (12, (0.2, 0.65))
 """How many strokes are listed first, and the slip jumps of the listing as shares of the middle of a
 stick band: once each way, because few strokes are ambiguous and many are listed coarsely."""
-_OTHER, _DECIDED = 0.02, 50.0
+_OTHER, _DECIDED = 0.02, 12.0
 """A stick band is another one from this share on; how much less likely the likeliest of these must
 be (in the logarithm) for the first listing to be enough."""
 _ZERO = 1e-9
@@ -148,7 +148,7 @@ def _first_length(u: Array, span: float, most: int) -> int:
 
 def _leads(u: Array, first: float) -> Array:
     """Leads of all samples at which a first slip in this direction can happen."""
-    leads = first_leads(u, first)
+    leads = first_slips(u, first).leads
     if leads.size > _MOST_STARTS:
         leads = leads[np.linspace(0, leads.size - 1, _MOST_STARTS).astype(int)]
     return leads

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from estimator._slips import Op
-from estimator.arx import select_orders
+from estimator.arx import ArxOrders
 from estimator.arx_search import ArxFound
 from estimator.candidate import Candidate
 from estimator.noise import effective_samples
@@ -14,7 +14,6 @@ from estimator.outside import Outside
 from estimator.regression import Regression
 from estimator.verdict import simulated_evidence
 from estimator.whitened import whitened_bic
-from estimator.window import Window
 
 __all__ = ["OneStepTest", "against_outside", "healthy_bic", "one_step_test", "simulated_test"]
 
@@ -102,8 +101,10 @@ def one_step_test(
     return OneStepTest(oe, arx.bic / arx.regression.count, healthy, regression.count)
 
 
-def healthy_bic(window: Window, op: Op, regression: Regression, healthy: Candidate) -> float:
-    """BIC per sample of the one-step errors with a healthy valve: the better noise model's."""
-    orders = select_orders(window.y, window.good, window.u)[0]
+def healthy_bic(op: Op, regression: Regression, healthy: Candidate, orders: ArxOrders) -> float:
+    """BIC per sample of the one-step errors with a healthy valve: the better noise model's.
+
+    ``orders`` are the best ones of an ARX model with OP in place of the stem.
+    """
     whitened = whitened_bic(op, regression, healthy, healthy=True)
     return min(orders.bic / orders.rows, whitened / regression.count)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
 from estimator._slips import Op, op_of
+from estimator.arx import ArxOrders, select_orders
 from estimator.arx_estimate import arx_estimate
 from estimator.arx_search import ArxFound, arx_search
 from estimator.candidate import Candidate
@@ -138,10 +139,12 @@ def _assess(
             f"OP's moves are too few to move a sticky valve twice (healthy fit {share:.3f})",
         )
         return _not_assessable(window, (reason,), criterion, confidence)
-    arx = arx_search(op, window.y, window.good, seeds)
-    arx, nearby = _agreed(window, op, regression, arx, healthy)
+    straight = select_orders(window.y, window.good, window.u)[0]
+    arx = arx_search(op, window.y, window.good, seeds, straight.bic)
+    arx, nearby = _agreed(window, op, regression, arx, healthy, straight)
+    without = healthy_bic(op, regression, healthy, straight)
     found, simulated, samples, test = _searched(
-        window, op, regression, healthy, seeds, arx, nearby, criterion
+        op, regression, healthy, seeds, arx, nearby, criterion, without
     )
     best = found[0]
     stem = (best if simulated > 0.0 else arx.best).stem(op)
@@ -210,7 +213,12 @@ def _assess(
 
 
 def _agreed(
-    window: Window, op: Op, regression: Regression, arx: ArxFound, healthy: Candidate
+    window: Window,
+    op: Op,
+    regression: Regression,
+    arx: ArxFound,
+    healthy: Candidate,
+    straight: ArxOrders,
 ) -> tuple[ArxFound, Candidate]:
     """The one-step criterion's valve under the simulation criterion, and what both agree upon.
 
@@ -222,14 +230,13 @@ def _agreed(
         return arx, nearby
     short = shortened(op, regression, nearby, _FAR_LATER)
     if short.cost < nearby.cost:
-        again = arx_search(op, window.y, window.good, (short,))
+        again = arx_search(op, window.y, window.good, (short,), straight.bic)
         if again.bic / again.regression.count < arx.bic / arx.regression.count:
             arx = again
     return arx, short
 
 
 def _searched(
-    window: Window,
     op: Op,
     regression: Regression,
     healthy: Candidate,
@@ -237,6 +244,7 @@ def _searched(
     arx: ArxFound,
     nearby: Candidate,
     criterion: str,
+    bic: float,
 ) -> tuple[tuple[Candidate, ...], float, float, OneStepTest]:
     """The simulation criterion's valves, best first; what both tests say of them.
 
@@ -246,7 +254,6 @@ def _searched(
     simulation) serves the other one even better than itself. The effective samples that the
     simulated test counts come back between both.
     """
-    bic = healthy_bic(window, op, regression, healthy)
     found: tuple[Candidate, ...] = (nearby,)
     simulated, samples = simulated_test(op, regression, found[0], healthy)
     if criterion != "oe" and simulated > _CLEAR:

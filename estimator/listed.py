@@ -9,39 +9,69 @@ thousand evaluations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from estimator._kernels import Array, Index
 from estimator._listing import slip_patterns
-from estimator._slips import Op, first_leads, op_of, slips, step_of
+from estimator._one_step import OneStep, one_step_costs
+from estimator._slips import Op, first_slips, op_of, slips, step_of
 from estimator.candidate import Candidate
 from estimator.posterior import Posterior
 
-__all__ = ["listed_posterior"]
+__all__ = [
+    "NARROW",
+    "WIDE",
+    "Likelihood",
+    "Reach",
+    "cut_short",
+    "judged_again",
+    "listed_posterior",
+    "reaching",
+]
 
-Likelihood = Callable[[Op, Array, float], tuple[Array, Array]]
-"""The first samples of OP, nodes ``(m, 3)`` of S, J and lead, and the direction of the first slip,
-to log-likelihood and gain, ``(m,)`` each."""
 
-_AROUND = 0.15
-"""How far in S is listed, as a share of it; J from nothing to all."""
+class Reach(NamedTuple):
+    """How far in S is listed, as a share of it (J from nothing to all), and how many boxes stay."""
+
+    around: float
+    kept: int
+
+
+WIDE, NARROW = Reach(0.15, 600), Reach(0.1, 300)
 _LEAST_JUMP = 0.02
 _NEAR = 3
 """First slips tried around that of the best valve, each way."""
-_FIRST, _GROWTH = 8, 2.2
+_FIRST, _GROWTH = 5, 2.2
 _STEPS = (0.12, 0.05, 0.02, 0.01)
 """Sets of slips are told apart down to these shares of OP's step per sample, stage by stage."""
 _WIDEST = (0.15, 0.1, 0.07, 0.05)
 """The widest box in J, as a share of S."""
 _DROP, _LOST = 14.0, 3.0
-_MOST, _KEPT = 30_000, 600
+_MOST = 30_000
+_INSIDE, _EDGE = 0.98, 0.02
+"""Share of the probability that must be inside of what is listed, and how far, as a share of S."""
 _LEADS, _JUMPS = 2, 3
 """Valves tried in each box that is left."""
 
 
-def listed_posterior(op: Op, likelihood: Likelihood, best: Candidate) -> Posterior | None:
+class Likelihood(Protocol):
+    """What one-step costs of the first samples of a window mean."""
+
+    def tables(self, samples: int) -> OneStep:
+        """What the compiled sums need."""
+        ...
+
+    def log(self, samples: int, cost: Array) -> Array:
+        """Log-likelihoods of costs, ``(m,)``."""
+        ...
+
+
+def listed_posterior(
+    op: Op, likelihood: Likelihood, best: Candidate, reach: Reach = WIDE
+) -> Posterior | None:
     """The likelihood around a valve of the search, anchored (`Candidate.anchored`).
 
     None where the sets of slips are too many to be listed finely: none comes near to the valve.
@@ -50,44 +80,64 @@ def listed_posterior(op: Op, likelihood: Likelihood, best: Candidate) -> Posteri
     step = step_of(op.u)
     band = best.band
     # a stick band beyond OP's span never turns
-    widest_band = max(1.005 * band, min(1.0, (1.0 + _AROUND) * band))
-    box = np.array([(1.0 - _AROUND) * band, widest_band, _LEAST_JUMP * band, widest_band])
+    widest_band = max(1.005 * band, min(1.0, (1.0 + reach.around) * band))
+    box = np.array([(1.0 - reach.around) * band, widest_band, _LEAST_JUMP * band, widest_band])
     regions, at = np.tile(box, (starts.size, 1)), np.arange(starts.size)
     for stage, length in enumerate(_lengths(op, best)):
         part = op if length == op.u.size else op_of(op.u[:length])
         least = step * np.array([_STEPS[min(stage, len(_STEPS) - 1)], 0.3])
         widest = band * _WIDEST[min(stage, len(_WIDEST) - 1)]
         leads = np.column_stack([starts[at], np.full(at.size, best.first)])
-        found, of = slip_patterns(part, regions, leads, least, widest, _MOST)
+        listed, _, of, cost, _ = slip_patterns(
+            part, likelihood.tables(length), regions, leads, least, widest, _MOST, exact=False
+        )
         if of.size == 0:
             return None
-        jump = np.minimum(0.5 * (found[:, 2] + found[:, 3]), found[:, 1])
-        nodes = np.ascontiguousarray(np.column_stack([found[:, 1], jump, leads[of, 0]]))
-        log, _ = likelihood(part, nodes, best.first)
-        alive = _most_likely(log)
+        alive = _most_likely(likelihood.log(length, cost), reach.kept)
         if alive.size == 0:
             return None
-        regions, at = found[alive], at[of[alive]]
-    posterior = _filled(op, likelihood, best, regions, feet[at], gaps[at])
-    log = posterior.log_likelihood
-    return None if log[:-1].max() < log[-1] - _LOST else posterior
+        regions, at = listed[alive], at[of[alive]]
+    found = _filled(op, likelihood, best.first, regions, feet[at], gaps[at])
+    return reaching(op, likelihood, best, found)
 
 
-def _most_likely(log: Array) -> Index:
-    found: Index = np.argsort(-log, kind="stable")[:_KEPT]
+def reaching(op: Op, likelihood: Likelihood, best: Candidate, found: Posterior) -> Posterior | None:
+    """What was listed with another valve beside it; None where none of it comes near that one."""
+    own = np.array([[best.band, best.jump, best.lead]])
+    log, gain = _judged(op, likelihood, own, best.first)
+    if found.log_likelihood.max() < log[0] - _LOST:
+        return None
+    return found.joined(Posterior(own, own[:, :2], own[:, :2], np.zeros(1), log, gain))
+
+
+def cut_short(found: Posterior, middle: float, reach: Reach) -> bool:
+    """Whether likely valves may be missing: too far from the stick band ``middle``, or too many."""
+    if found.nodes.shape[0] > reach.kept * _LEADS * _JUMPS:
+        return True
+    band, side = found.interval(1.0, 0.0, _INSIDE), reach.around - _EDGE
+    return band.low < (1.0 - side) * middle or band.high > (1.0 + side) * middle
+
+
+def judged_again(op: Op, likelihood: Likelihood, first: float, found: Posterior) -> Posterior:
+    """The same valves under another likelihood; ``first`` is the direction of their first slips."""
+    log, gain = _judged(op, likelihood, found.nodes, first)
+    return replace(found, log_likelihood=log, gain=gain)
+
+
+def _most_likely(log: Array, kept: int) -> Index:
+    found: Index = np.argsort(-log, kind="stable")[:kept]
     likely: Index = found[log[found] > log.max() - _DROP]
     return likely
 
 
 def _first_slips(op: Op, best: Candidate) -> tuple[Array, Array, Array]:
     """One lead for each first slip near that of ``best``, the least such lead, and their range."""
-    leads = first_leads(op.u, best.first)
-    if leads.size == 0:
+    every = first_slips(op.u, best.first)
+    if every.leads.size == 0:
         return np.array([best.lead]), np.array([best.lead]), np.array([1e-6])
-    records = np.unique(np.maximum.accumulate(best.first * (op.u - op.u[0])))
-    at = int(np.searchsorted(leads, best.lead))
+    at = every.of(best.lead)
     near = slice(max(0, at - _NEAR), at + _NEAR + 1)
-    return leads[near], records[:-1][near], np.diff(records)[near]
+    return every.leads[near], every.feet[near], every.gaps[near]
 
 
 def _lengths(op: Op, best: Candidate) -> list[int]:
@@ -103,9 +153,9 @@ def _lengths(op: Op, best: Candidate) -> list[int]:
 
 
 def _filled(
-    op: Op, likelihood: Likelihood, best: Candidate, regions: Array, feet: Array, gaps: Array
+    op: Op, likelihood: Likelihood, first: float, regions: Array, feet: Array, gaps: Array
 ) -> Posterior:
-    """Several slip jumps and leads of each box, the best valve with them."""
+    """Several slip jumps and leads of each box."""
     each = _LEADS * _JUMPS
     low, high = (
         np.repeat(regions[:, [0, 2]], each, axis=0),
@@ -120,9 +170,13 @@ def _filled(
     gap = np.repeat(gaps, each)
     lead = np.repeat(feet, each) + inside * gap
     nodes = np.column_stack([high[:, 0], 0.5 * (low[:, 1] + high[:, 1]), lead])
-    own = np.array([best.band, best.jump, best.lead])
-    nodes = np.ascontiguousarray(np.vstack([nodes, own]))
-    log, gain = likelihood(op, nodes, best.first)
-    volume = np.append((high[:, 0] - low[:, 0]) * width * gap, 0.0)
-    low, high = np.vstack([low, own[:2]]), np.vstack([high, own[:2]])
-    return Posterior(nodes, low, high, np.maximum(volume, 0.0), log, gain)
+    log, gain = _judged(op, likelihood, nodes, first)
+    volume = np.maximum((high[:, 0] - low[:, 0]) * width * gap, 0.0)
+    return Posterior(nodes, low, high, volume, log, gain)
+
+
+def _judged(op: Op, likelihood: Likelihood, nodes: Array, first: float) -> tuple[Array, Array]:
+    """Log-likelihoods and gains of valves over the whole window."""
+    n = op.u.size
+    cost, gain = one_step_costs(op, likelihood.tables(n), np.ascontiguousarray(nodes), first)
+    return likelihood.log(n, cost), gain

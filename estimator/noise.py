@@ -40,12 +40,11 @@ def autoregression(residual: Array, weight: Array, max_order: int = 10) -> tuple
     max_order = max(1, min(max_order, int(weight.sum()) // 20))
     usable = complete(weight > 0.0, max_order)
     usable[:max_order] = False
-    past = lagged(residual, 1, max_order, usable.astype(np.float64))
-    # orders are nested: one Cholesky factor tells what each of them leaves
-    rows = np.vstack([past, np.where(usable, residual, 0.0)])
+    rows = lagged(residual, 0, max_order + 1, usable.astype(np.float64))
+    # orders are nested: one Cholesky factor, the residual itself last, tells what each leaves
+    gram = np.roll(rows @ rows.T, -1, axis=(0, 1))
     count = max(1, int(usable.sum()))
-    gram = rows @ rows.T
-    gram[np.diag_indices_from(gram)] += 1e-13 * np.trace(gram) + 1e-300
+    gram.flat[:: max_order + 2] += 1e-13 * np.trace(gram) + 1e-300
     root = np.linalg.cholesky(gram)
     straight = root[-1, :-1]
     left = gram[-1, -1] - np.concatenate([[0.0], np.cumsum(np.square(straight))])

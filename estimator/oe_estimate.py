@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimator._kernels import Array
+from estimator._response import least_squares
 from estimator._simulated import simulated_costs
 from estimator._slips import Op, step_of
 from estimator.arx import ArxRegression, select_orders
@@ -135,20 +136,20 @@ def _information(regression: Regression, stem: Array, structure: Structure, lag:
     """
 
     def response(one: Structure) -> Array:
-        return delayed(one.response(np.ascontiguousarray(stem[:, None])), lag)
+        return delayed(one.response(stem), lag)
 
     own = response(structure)
-    columns = [structure.columns(regression.size), regression.extra]
+    others = [structure.columns(regression.size), regression.extra]
     for name in ("slow", "fast"):
         pole = getattr(structure, name)
         if 0.0 < pole < 1.0:
-            columns.append(response(replace(structure, **{name: pole ** (1.0 + _NUDGE)})) - own)
-    others = regression.whiten(np.hstack(columns)) * regression.weight[:, None]
-    own = regression.whiten(own) * regression.weight[:, None]
-    size = np.sqrt(np.square(others).sum(axis=0))
-    basis, _ = np.linalg.qr(others[:, size > 0.0] / size[size > 0.0])
-    own = own - basis @ (basis.T @ own)
-    return float(np.square(own).sum())
+            others.append(
+                response(replace(structure, **{name: pole ** (1.0 + _NUDGE)}))[None] - own
+            )
+    _, left = least_squares(
+        regression.weighted(np.vstack(others)), regression.weighted(own[None])[0]
+    )
+    return float(left @ left)
 
 
 def _samples(op: Op, regression: Regression, best: Candidate) -> float:

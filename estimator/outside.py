@@ -66,5 +66,5 @@ def _peak(u: Array) -> float:
 
 def _with_sinusoid(regression: Regression, cycles: float) -> Regression:
     angle = 2.0 * np.pi * cycles * np.arange(regression.size) / regression.size
-    columns = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    columns = np.stack([np.sin(angle), np.cos(angle)])
     return Regression(regression.y, regression.good, regression.taps, regression.min_lag, columns)

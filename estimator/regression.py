@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator._kernels import Array, Mask, complete, fir
-from estimator._response import Basis, Simulated, orthonormal, simulated_tables
+from estimator._kernels import Array, Mask, complete, weighted
+from estimator._response import Basis, Simulated, least_squares, orthonormal, simulated_tables
 from estimator.structures import Structure, shared_columns
 
 __all__ = ["MAX_LAG", "LinearFit", "Regression", "delayed"]
@@ -40,7 +40,7 @@ class Regression:
 
     ``taps`` is the whitening filter of the noise, ``(1,)`` for plain simulation errors; it is
     applied to PV and to every column alike (generalised least squares). ``min_lag`` and ``max_lag``
-    bound the dead time of a search; ``extra`` are further columns for PV, shape ``(n, k)``.
+    bound the dead time of a search; ``extra`` are further signals in PV, shape ``(k, n)``.
     """
 
     def __init__(
@@ -61,8 +61,8 @@ class Regression:
         self.count = float(self.weight.sum())
         self.y = y
         self.good = good
-        self.extra = np.empty((y.size, 0)) if extra is None else extra
-        self._target = self.whiten(y[:, None])[:, 0] * self.weight
+        self.extra = np.empty((0, y.size)) if extra is None else extra
+        self._target: Array = self.weighted(y[None])[0]
         level, slope = self._shared()
         self.basis = Basis(np.ascontiguousarray(self._target), level, slope, self.weight, self.taps)
 
@@ -72,11 +72,10 @@ class Regression:
         mean = self._target.sum() / self.count
         return float(((self._target - mean * self.weight) ** 2).sum())
 
-    def whiten(self, signal: Array) -> Array:
-        """Apply the noise filter along the first axis of ``signal``, shape ``(n, m)``."""
-        if self.taps.size == 1:
-            return signal
-        return fir(np.ascontiguousarray(signal), self.taps)
+    def weighted(self, rows: Array) -> Array:
+        """Signals ``(k, n)`` through the noise filter, zero where a sample does not count."""
+        through: Array = weighted(rows, self.taps, self.weight)
+        return through
 
     def tables(self, structure: Structure) -> Simulated:
         """What the compiled sums need of one process."""
@@ -87,20 +86,16 @@ class Regression:
 
     def solve(self, stem: Array, structure: Structure, dead_time: int) -> LinearFit:
         """The linear part for one stem, shape ``(n,)``, not whitened."""
-        response = delayed(structure.response(np.ascontiguousarray(stem[:, None])), dead_time)
-        raw = np.hstack([response, structure.columns(self.size), self.extra])
-        design = self.whiten(raw) * self.weight[:, None]
-        size = np.sqrt(np.einsum("ij,ij->j", design, design))
-        size[size == 0.0] = 1.0
-        basis, root = np.linalg.qr(design / size)
-        solution, *_ = np.linalg.lstsq(root, basis.T @ self._target, rcond=1e-10)
-        solution = solution / size
+        response = delayed(structure.response(stem), dead_time)
+        # the response last: what the other columns explain is not the stem's
+        raw = np.vstack([structure.columns(self.size), self.extra, response])
+        design = self.weighted(raw)
+        solution, residual = least_squares(design, self._target)
         # what has died away before the first sample that counts must not be drawn from it backwards
-        told = size > _TOLD * np.sqrt(np.einsum("ij,ij->j", raw, raw))
+        told = np.einsum("ij,ij->i", design, design) > _TOLD**2 * np.einsum("ij,ij->i", raw, raw)
         known = np.where(told, solution, 0.0)
-        prediction = np.where(self.weight > 0.0, raw @ solution, raw @ known)
-        residual = np.where(self.weight > 0.0, self._target - design @ solution, 0.0)
-        return LinearFit(float(solution[0]), solution[1:], prediction, residual)
+        prediction = np.where(self.weight > 0.0, solution @ raw, known @ raw)
+        return LinearFit(float(solution[-1]), solution[:-1], prediction, residual)
 
     def _shared(self) -> tuple[Array, Array]:
         """Orthonormal columns that all candidates share, whitened and weighted, one a row.
@@ -108,13 +103,14 @@ class Regression:
         Without and with the straight line of an integrating process, which is the last row.
         """
         straight = shared_columns(self.size, integrating=True)
-        columns = self.whiten(np.hstack([np.delete(straight, 1, 1), self.extra, straight[:, 1:2]]))
-        rows: Array = orthonormal(np.ascontiguousarray((columns * self.weight[:, None]).T))
+        rows: Array = orthonormal(
+            self.weighted(np.vstack([np.delete(straight, 1, 0), self.extra, straight[1:2]]))
+        )
         return np.ascontiguousarray(rows[:-1]), rows
 
 
 def delayed(signal: Array, samples: int) -> Array:
-    """``signal`` (shape ``(n, m)``) later by ``samples``; the first value is held before it."""
+    """``signal`` (shape ``(n,)``) later by ``samples``; the first value is held before it."""
     if samples == 0:
         return signal
-    return np.vstack([np.repeat(signal[:1], samples, axis=0), signal[:-samples]])
+    return np.concatenate([np.full(samples, signal[0]), signal[:-samples]])

@@ -58,8 +58,18 @@ _SENT, _BETTER = 4, 0.9
 _FAR = 2.0
 """What a wide look leaves above the limit by this factor, a close one does not bring below it."""
 _SHRINK = np.array([0.5, 0.6, 0.5, 0.6])
-_ROUGH, _FEW = np.array([7, 1, 3]), np.array([7, 3, 5])
-_SOME, _MANY = np.array([9, 5, 7]), np.array([11, 5, 9])
+
+
+def _planes(band: int, jump: int, lead: int) -> Index:
+    """A box of so many stick bands, slip jumps and leads, plane by plane: hardly less, far sooner.
+
+    Valves of one pair of parameters are looked at with the third where it was best so far.
+    """
+    return np.array([[band, jump, 1], [band, 1, lead], [1, jump, lead]])
+
+
+_ROUGH, _FEW = np.array([[7, 1, 3]]), np.array([[7, 3, 1], [1, 3, 5]])
+_SOME, _MANY = _planes(9, 5, 7), _planes(11, 5, 9)
 
 
 @cache
@@ -129,7 +139,8 @@ def adopted(op: Op, regression: Regression, other: Candidate) -> Candidate:
         return replace(other, cost=np.inf)
     place = np.unravel_index(int(part.argmin()), part.shape)
     structure, dead_time = COARSE[int(place[0])], near.start + int(place[1])
-    return polished(op, regression, replace(other, structure=structure, dead_time=dead_time))
+    seed = replace(other, structure=structure, dead_time=dead_time)
+    return _refined(op, regression, seed, _CLOSE, _SOME, 4)
 
 
 def restructured(op: Op, regression: Regression, best: Candidate) -> tuple[Candidate, ...]:
@@ -233,7 +244,7 @@ def _refined(
     regression: Regression,
     candidate: Candidate,
     half: tuple[float, ...],
-    counts: Index,
+    boxes: Index,
     passes: int,
     longest: int | None = None,
 ) -> Candidate:
@@ -242,9 +253,9 @@ def _refined(
     state[5] = min(max(state[5], regression.min_lag), limit)
     if follows(op, candidate):
         # there is no valve to be told, and every evaluation costs hundreds of slips
-        counts, passes = _ROUGH, min(passes, 2)
+        boxes, passes = _ROUGH, min(passes, 2)
     search = Search(passes, regression.min_lag, limit, 2, _SHRINK)
-    refine_simulated(op, regression.basis, state, np.array(half), counts, search)
+    refine_simulated(op, regression.basis, state, np.array(half), boxes, search)
     return Candidate.of_state(state)
 
 

@@ -56,13 +56,13 @@ class Structure:
         return 3 + sum(0.0 < p < 1.0 for p in (self.slow, self.fast)) + int(self.integrating)
 
     def response(self, signal: Array) -> Array:
-        """Unit-gain response to ``signal``, shape ``(n, m)``."""
+        """Unit-gain response to ``signal``, shape ``(n,)``."""
         for pole in self.poles:
             signal = lag(signal, pole)
         return signal
 
     def columns(self, n: int) -> Array:
-        """Signals of unknown size besides the response, shape ``(n, k)``.
+        """Signals of unknown size besides the response, shape ``(k, n)``.
 
         The offset; a slow drift, one half-wave of a cosine per ``_DRIFT_SAMPLES``; what is left of
         the unknown state before the window (it decays with the slow pole); for an integrating
@@ -71,13 +71,13 @@ class Structure:
         columns = shared_columns(n, integrating=self.integrating)
         pole = self.fast if self.integrating else self.slow
         if pole > 0.3:
-            columns = np.column_stack([columns, pole ** np.arange(n)])
+            columns = np.vstack([columns, pole ** np.arange(n)])
         return columns
 
 
 @lru_cache(maxsize=8)
 def shared_columns(n: int, *, integrating: bool) -> Array:
-    """Offset, drift and, for an integrating process, the straight line; shape ``(n, k)``.
+    """Offset, drift and, for an integrating process, the straight line; shape ``(k, n)``.
 
     Not to be written to: windows of one length share them.
     """
@@ -87,7 +87,7 @@ def shared_columns(n: int, *, integrating: bool) -> Array:
     if integrating:
         columns.append(k / n - 0.5)
     columns += [np.cos(np.pi * wave * (k + 0.5) / n) for wave in waves]
-    stacked = np.stack(columns, axis=1)
+    stacked = np.stack(columns)
     stacked.flags.writeable = False
     return stacked
 

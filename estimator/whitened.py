@@ -45,7 +45,7 @@ def whitened_bic(op: Op, regression: Regression, found: Candidate, *, healthy: b
     """
     candidate = replace(found, dead_time=max(1, found.dead_time))
     # a sinusoid's frequency is a parameter as well
-    extra = regression.extra.shape[1] + (1 if regression.extra.size else 0)
+    extra = regression.extra.shape[0] + (1 if regression.extra.size else 0)
     used = regression
     lowest = math.inf
     for last in (*([False] * _ROUNDS), True):

@@ -8,6 +8,7 @@ import pytest
 from estimator._kernels import complete
 from estimator._listing import list_sets, list_sets_at, sets_of
 from estimator._one_step import one_step_costs
+from estimator._response import least_squares
 from estimator._simulated import simulated_costs, simulated_steps
 from estimator._slips import Op, op_of
 from estimator.arx import ArxFit, ArxOrders, ArxRegression, select_orders
@@ -56,12 +57,26 @@ def test_simulation_cost_equals_least_squares(
     for j, node in enumerate(NODES):
         stem = stem_of(op, *node, first)
         for d in (0, 3, 7):
-            response = delayed(structure.response(stem[:, None]), d)
-            columns = np.hstack([response, structure.columns(y.size)])
-            design = regression.whiten(columns)[rows]
-            solution, rss, *_ = np.linalg.lstsq(design, regression.whiten(y[:, None])[rows, 0])
+            response = delayed(structure.response(stem), d)
+            columns = np.vstack([response, structure.columns(y.size)])
+            design = regression.weighted(columns)[:, rows].T
+            solution, rss, *_ = np.linalg.lstsq(design, regression.weighted(y[None])[0, rows])
             np.testing.assert_allclose(costs[d, j], rss[0], rtol=1e-7)
             np.testing.assert_allclose(gains[d, j], solution[0], rtol=1e-5, atol=1e-7)
+
+
+def test_least_squares_gives_a_row_that_others_span_no_share() -> None:
+    rng = np.random.default_rng(5)
+    rows, target = rng.normal(size=(4, 60)), rng.normal(size=60)
+    shares, left = least_squares(rows, target)
+    expected, rss, *_ = np.linalg.lstsq(rows.T, target)
+    np.testing.assert_allclose(shares, expected, atol=1e-10)
+    np.testing.assert_allclose(left @ left, rss[0])
+    twice = np.vstack([rows, rows[1] - 2.0 * rows[3]])
+    again, same = least_squares(twice, target)
+    assert again[4] == 0.0
+    np.testing.assert_allclose(again[:4], expected, atol=1e-10)
+    np.testing.assert_allclose(same, left, atol=1e-10)
 
 
 def test_simulation_cost_of_any_stem_is_that_of_its_steps() -> None:

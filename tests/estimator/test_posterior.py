@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from estimator._one_step import one_step_costs
+from estimator._one_step import OneStep, one_step_costs
 from estimator._slips import Op, op_of, slips
 from estimator.arx import ArxOrders, ArxRegression
 from estimator.candidate import Candidate, stem_of
@@ -77,15 +77,17 @@ def test_listing_agrees_with_plain_integration() -> None:
     op, y, best, regression = _window(0.06)
     everything = np.ones(y.size, dtype=np.bool_)
 
-    def likelihood(part: Op, nodes: Array, first: float) -> tuple[Array, Array]:
-        n = part.u.size
-        tables = ArxRegression(y[:n], everything[:n], ArxOrders(1, 1, 1)).tables
-        cost, gain = one_step_costs(part, tables, nodes, first)
-        if n < op.u.size:
-            return -0.5 * cost / 0.06**2, gain
-        return -0.5 * regression.count * np.log(cost), gain
+    class Likelihood:
+        def tables(self, samples: int) -> OneStep:
+            part = ArxRegression(y[:samples], everything[:samples], ArxOrders(1, 1, 1))
+            return part.tables
 
-    listed = listed_posterior(op, likelihood, best)
+        def log(self, samples: int, cost: Array) -> Array:
+            if samples < y.size:
+                return -0.5 * cost / 0.06**2
+            return -0.5 * regression.count * np.log(cost)
+
+    listed = listed_posterior(op, Likelihood(), best)
     assert listed is not None
     rng = np.random.default_rng(0)
     low, high = 0.85 * best.band, 1.15 * best.band
@@ -96,7 +98,8 @@ def test_listing_agrees_with_plain_integration() -> None:
             rng.uniform(best.lead - 0.06, best.lead + 0.06, 150_000),
         ]
     )
-    log, _ = likelihood(op, np.ascontiguousarray(nodes), best.first)
+    cost, _ = one_step_costs(op, regression.tables, nodes, best.first)
+    log = Likelihood().log(y.size, cost)
     weight = np.exp(0.5 * (log - log[np.isfinite(log)].max())) / nodes[:, 0] ** 3
     for axis, found in enumerate(
         (listed.interval(1.0, 0.0, 0.9), listed.interval(0.0, 1.0, 0.9)),

@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator._listing import slip_patterns
+from estimator._one_step import one_step_costs
 from estimator._slips import Op, op_of, slips
+from estimator.arx import ArxOrders, ArxRegression
 from estimator.candidate import Candidate, stem_of
 from estimator.structures import COARSE
 from loop_model import ValveModel
@@ -57,9 +59,21 @@ def test_a_lead_told_by_the_slip_that_comes_first_makes_the_same_stem(
 def test_every_set_of_slips_is_listed(seed: int, band: float, ratio: float) -> None:
     op, jump = _op(seed, 80), band * ratio
     starts = np.array([[0.1, 1.0]])
-    regions, of = slip_patterns(
-        op, np.array([[0.2, 0.6, 0.02, 0.6]]), starts, np.zeros(2), 1.0, 100_000
+    y = np.random.default_rng(seed).normal(size=80)
+    tables = ArxRegression(y, np.ones(80, dtype=np.bool_), ArxOrders(1, 2, 1)).tables
+    regions, nodes, of, cost, gain = slip_patterns(
+        op,
+        tables,
+        np.array([[0.2, 0.6, 0.02, 0.6]]),
+        starts,
+        np.zeros(2),
+        1.0,
+        100_000,
+        exact=True,
     )
+    each = one_step_costs(op, tables, nodes, 1.0)
+    np.testing.assert_allclose(cost, each[0])
+    np.testing.assert_allclose(gain, each[1])
     at, step = slips(op, band, jump, 0.1, 1.0)
     if at.size == 0 or step[0] < 0.0:
         return  # the first slip is not the one that is asked for
