@@ -152,11 +152,11 @@ def _settled(
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
         variance = regression.variance(best.stem(op))
-        best = replace(best, cost=np.inf, dead_time=orders.dead_time)
+        best = _costed(op, regression, replace(best, dead_time=orders.dead_time))
         if worth:
             likelihood = OneStepLikelihood(y, good, orders, variance)
             if posterior is None:
-                best = best.anchored(op)
+                best = _restarted(course, regression, best).anchored(op)
                 posterior, middle = listed_posterior(op, likelihood, best, NARROW), best.band
             else:
                 posterior = judged_again(op, likelihood, best.first, posterior)
@@ -191,6 +191,12 @@ def _listed(
     refine_one_step(course.op, regression.tables, state, half, _BOXES, _PASSES, _SHRINK)
     refined, band, jump, lead = (float(v) for v in state[:4])
     return replace(best, cost=refined, band=band, jump=jump, lead=lead)
+
+
+def _costed(op: Op, regression: ArxRegression, candidate: Candidate) -> Candidate:
+    """The candidate with its cost for these orders."""
+    cost, _ = one_step_costs(op, regression.tables, candidate.valve[None, :3], candidate.first)
+    return replace(candidate, cost=float(cost[0]))
 
 
 def _restarted(course: _Course, regression: ArxRegression, best: Candidate) -> Candidate:
@@ -230,9 +236,9 @@ def _looked(course: _Course, regression: ArxRegression, seed: Candidate, look: _
     _, nodes, _, costs, _ = slip_patterns(
         op, regression.tables, regions, starts, least, widest, _MOST, exact=True
     )
-    own, _ = one_step_costs(op, regression.tables, seed.valve[None, :3], seed.first)
-    state = seed.state(own[0])
-    if costs.size and costs.min() < own[0]:
+    own = _costed(op, regression, seed).cost
+    state = seed.state(own)
+    if costs.size and costs.min() < own:
         best = int(costs.argmin())
         state[0], state[1:4] = costs[best], nodes[best]
     half = np.array([least[0], 0.5 * widest, 0.5 * step])
