@@ -23,7 +23,7 @@ VALVE_PARAMETERS = 3
 _SEED_ORDERS = 3, 2
 _HOPELESS = 1.25
 """Seeds whose cost in the listing is above the best one's by this factor are not looked at."""
-_JUDGED, _FINALISTS = 6, 2
+_JUDGED, _FINALISTS = 10, 2
 _BEHIND = 25.0
 """BIC by which a finalist may be worse before it is refined."""
 _ROUNDS = 3
