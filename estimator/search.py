@@ -41,8 +41,8 @@ _FOLLOWS = 6
 """A valve that slips at every sixth sample follows OP: a healthy one is near enough."""
 _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
-_LIKELY = 20
-_BEGUN, _SURVIVORS, _FINALISTS = 14, 5, 3
+_LIKELY = 8
+_BEGUN, _SURVIVORS, _FINALISTS = 14, 4, 2
 HOPELESS = 0.98
 """Where no valve leaves less than this share of what a healthy one leaves, none is zoomed in on."""
 _APART = 0.03
