@@ -41,7 +41,7 @@ _FOLLOWS = 6
 """A valve that slips at every sixth sample follows OP: a healthy one is near enough."""
 _LAG_GROUPS = ((0, 1), (2, 4), (5, 8), (9, 14), (15, 17), (18, 20))
 _STRATA = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2)
-_LIKELY = 8
+_LIKELY = 20
 _BEGUN, _SURVIVORS, _FINALISTS = 14, 4, 2
 HOPELESS = 0.98
 """Where no valve leaves less than this share of what a healthy one leaves, none is zoomed in on."""
@@ -68,7 +68,9 @@ def _planes(band: int, jump: int, lead: int) -> Index:
     return np.array([[band, jump, 1], [band, 1, lead], [1, jump, lead]])
 
 
-_ROUGH, _FEW = np.array([[7, 1, 3]]), np.array([[7, 3, 1], [1, 3, 5]])
+_ROUGH, _FIRST = np.array([[7, 1, 3]]), np.array([[7, 3, 5]])
+"""For a valve that follows OP; for the first look at a seed, a whole box: its way is not known."""
+_FEW = np.array([[7, 3, 1], [1, 3, 5]])
 _SOME, _MANY = _planes(9, 5, 7), _planes(11, 5, 9)
 
 
@@ -96,7 +98,7 @@ def valve_search(
     seeds.sort(key=lambda pair: pair[0].cost)
     hardly = replace(healthy, band=_HARDLY, jump=0.5 * _HARDLY, lead=0.5 * _HARDLY)
     seeds = [*seeds[:_BEGUN], (hardly, _CLOSE)]
-    alive = [_refined(op, regression, seed, half, _FEW, 1) for seed, half in seeds]
+    alive = [_refined(op, regression, seed, half, _FIRST, 1) for seed, half in seeds]
     alive.sort(key=lambda candidate: candidate.cost)
     kept = _diverse(alive, _SURVIVORS)
     alive = [_refined(op, regression, c, _CLOSE, _FEW, 3) for c in kept]
