@@ -80,6 +80,7 @@ def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -
         period=site.loops[scene.loop].period,
         criterion=settings.criterion,
         confidence=settings.confidence,
+        surface=True,
     )
     course = _course(performance.end.truth, performance.slots)
     save(course, outcome.report.with_name("run.png"))

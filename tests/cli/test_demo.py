@@ -38,6 +38,7 @@ def test_the_oscillation_is_found_and_taken_away(fieldlink: Run, tmp_path: Path)
     assert found["requests"] > 1000
     page = Path(found["report"]).read_text()
     assert page.count("<svg") == 2
+    assert "not searched" not in page
     # Opens without a network: nothing is fetched, no script runs.
     assert not re.search(r"<(script|link|img|iframe)|@import|url\((?!#)", page)
     assert (tmp_path / "out" / "run.png").read_bytes()[:4] == b"\x89PNG"
