@@ -127,11 +127,6 @@ class ArxRegression:
             residual=self._target - design @ solution,
         )
 
-    def variance(self, stem: Array) -> float:
-        """Mean square of the errors with one stem, shape ``(n,)``."""
-        residual = self.solve(stem).residual
-        return float(residual @ residual) / self.count
-
     def _design(self, stem: Array) -> Array:
         """Regressors, ``(n, 1 + na + nb)``: the intercept, PV's past and the stem's."""
         late = lagged(stem, self.orders.dead_time, self.orders.nb, self.weight)

@@ -23,7 +23,7 @@ VALVE_PARAMETERS = 3
 _SEED_ORDERS = 3, 2
 _HOPELESS = 1.25
 """Seeds whose cost in the listing is above the best one's by this factor are not looked at."""
-_JUDGED, _FINALISTS = 10, 2
+_FINALISTS = 2
 _BEHIND = 25.0
 """BIC by which a finalist may be worse before it is refined."""
 _ROUNDS = 3
@@ -112,12 +112,12 @@ def arx_search(
 ) -> ArxFound:
     """Valve and orders that predict PV best; ``healthy`` is the BIC that a healthy valve reaches.
 
-    The seeds are refined with orders fixed; the best choose their own orders, those of the lowest
+    The seeds are refined with orders fixed; each chooses its own orders, those of the lowest
     BIC are refined again, and the lowest BIC wins.
     """
     course = _Course.of(op)
     regressions: dict[int, ArxRegression] = {}
-    rough: list[tuple[Candidate, ArxRegression]] = []
+    judged: list[tuple[list[ArxOrders], Candidate]] = []
     limit = _HOPELESS * min(seed.cost for seed in seeds)
     for seed in seeds:
         if seed.cost > limit and seed is not seeds[0]:
@@ -125,12 +125,8 @@ def arx_search(
         delay = max(1, seed.dead_time)
         if delay not in regressions:
             regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
-        rough.append((_looked(course, regressions[delay], seed, _LOOKS[0]), regressions[delay]))
-    # costs of regressions with other dead times count other rows: compared per row
-    rough.sort(key=lambda pair: pair[0].cost / pair[1].count)
-    judged = [
-        (select_orders(y, good, candidate.stem(op)), candidate) for candidate, _ in rough[:_JUDGED]
-    ]
+        candidate = _looked(course, regressions[delay], seed, _LOOKS[0])
+        judged.append((select_orders(y, good, candidate.stem(op)), candidate))
     judged.sort(key=lambda pair: pair[0][0].bic)
     least = judged[0][0][0].bic + _BEHIND
     found = [
@@ -151,10 +147,9 @@ def _settled(
     for _ in range(_ROUNDS):
         orders = ranked[0]
         regression = ArxRegression(y, good, orders)
-        variance = regression.variance(best.stem(op))
         best = _costed(op, regression, replace(best, dead_time=orders.dead_time))
         if worth:
-            likelihood = OneStepLikelihood(y, good, orders, variance)
+            likelihood = OneStepLikelihood(y, good, orders, best.cost / regression.count)
             if posterior is None:
                 best = _restarted(course, regression, best).anchored(op)
                 posterior, middle = listed_posterior(op, likelihood, best, NARROW), best.band
@@ -189,8 +184,7 @@ def _listed(
     state[1:4] = nodes[j]
     half = np.array([course.step, best.band, course.step]) * _FINE
     refine_one_step(course.op, regression.tables, state, half, _BOXES, _PASSES, _SHRINK)
-    refined, band, jump, lead = (float(v) for v in state[:4])
-    return replace(best, cost=refined, band=band, jump=jump, lead=lead)
+    return Candidate.of_state(state)
 
 
 def _costed(op: Op, regression: ArxRegression, candidate: Candidate) -> Candidate:
@@ -243,5 +237,4 @@ def _looked(course: _Course, regression: ArxRegression, seed: Candidate, look: _
         state[0], state[1:4] = costs[best], nodes[best]
     half = np.array([least[0], 0.5 * widest, 0.5 * step])
     refine_one_step(op, regression.tables, state, half, _BOXES, _PASSES, _SHRINK)
-    refined, band, jump, lead = (float(v) for v in state[:4])
-    return replace(seed, cost=refined, band=band, jump=jump, lead=lead)
+    return Candidate.of_state(state)
