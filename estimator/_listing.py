@@ -277,20 +277,20 @@ def slip_patterns(
     widest: float,
     most: int,
     exact: bool,
-) -> tuple[Array, Array, Index, Array, Array]:
+) -> tuple[Array, Array, Index, Array]:
     """All valves of regions that slip differently, as smaller regions, each judged by one of them.
 
     Arguments as of :func:`list_sets`. A region slips like its valve of the widest stick band,
     except for differences within ``least``; it is no wider than ``widest`` in J, because the stem
     still depends on J. At most ``most`` come back: ends of S and of J ``(m, 4)``; S, J and lead of
-    the valve that stands for it ``(m, 3)``; the row of ``regions`` it belongs to; the one-step cost
-    of the valve, infinite where it slips once only, and its gain, ``(m,)`` each. Unless these are
-    to be ``exact``, the valve is taken to slip like its region, which saves another walk along OP.
+    the valve that stands for it ``(m, 3)``; the row of ``regions`` it belongs to, and the one-step
+    cost of the valve, infinite where it slips once only, ``(m,)`` each. Unless that is to be
+    ``exact``, the valve is taken to slip like its region, which saves another walk along OP.
     """
     at, way, turn = np.empty(op.u.size, np.int64), np.empty(op.u.size), np.empty(op.u.size)
     step, sums = np.empty(op.u.size), np.empty(3 * tables.rows)
     found, nodes, of = np.empty((most, 4)), np.empty((most, 3)), np.empty(most, np.int64)
-    cost, gain = np.full(most, np.inf), np.zeros(most)
+    cost = np.full(most, np.inf)
     stack, region = np.empty((_DEEP, 4)), np.empty(4)
     count = 0
     for i in range(starts.shape[0]):
@@ -315,6 +315,6 @@ def slip_patterns(
                     for m in range(slips):
                         step[m] = way[m] - turn[m] * friction
                 if slips > 1:
-                    cost[count], gain[count] = cost_of_slips(tables, at, step, slips, sums)
+                    cost[count], _ = cost_of_slips(tables, at, step, slips, sums)
                 count += 1
-    return found[:count], nodes[:count], of[:count], cost[:count], gain[:count]
+    return found[:count], nodes[:count], of[:count], cost[:count]

@@ -21,10 +21,11 @@ from estimator._past import past_of, slip_table, unexplained
 from estimator.window import Window
 from loop_model import ProcessModel
 
-__all__ = ["ArxFit", "ArxOrders", "ArxRegression", "select_orders"]
+__all__ = ["MAX_NB", "ArxFit", "ArxOrders", "ArxRegression", "select_orders"]
 
+MAX_NB = 3
+"""The most coefficients on the stem that are tried."""
 _MAX_NA = 6
-_MAX_NB = 3
 _MAX_DEAD_TIME = 20
 _RANKED = 12
 
@@ -156,18 +157,18 @@ def select_orders(y: Array, good: Mask, stem: Array) -> list[ArxOrders]:
     """
     n = y.size
     longest = min(_MAX_DEAD_TIME, n // 12)
-    lead = max(_MAX_NA, longest + _MAX_NB)
+    lead = max(_MAX_NA, longest + MAX_NB)
     usable = complete(good, _MAX_NA)
     usable[:lead] = False
     weight = usable.astype(np.float64)
     past = past_of(y, _MAX_NA, weight)
     design = np.vstack(
-        [past, lagged(stem, 1, longest + _MAX_NB - 1, weight), np.where(usable, y, 0.0)]
+        [past, lagged(stem, 1, longest + MAX_NB - 1, weight), np.where(usable, y, 0.0)]
     )
     count = int(usable.sum())
     gram = design @ design.T
-    rss = residual_sums(gram, _MAX_NA, _MAX_NB, longest)
-    na, nb, d = np.ogrid[1 : _MAX_NA + 1, 1 : _MAX_NB + 1, 1 : longest + 1]
+    rss = residual_sums(gram, _MAX_NA, MAX_NB, longest)
+    na, nb, d = np.ogrid[1 : _MAX_NA + 1, 1 : MAX_NB + 1, 1 : longest + 1]
     # parameters: coefficients, intercept, dead time
     bic = count * np.log(rss / count) + (na + nb + 2 + 0 * d) * math.log(count)
     best = np.argsort(bic, axis=None, kind="stable")[:_RANKED]

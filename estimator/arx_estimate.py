@@ -14,7 +14,7 @@ from estimator.arx import ArxFit, ArxOrders
 from estimator.arx_search import ArxFound
 from estimator.candidate import stem_of
 from estimator.estimate import MISFIT, Estimate
-from estimator.listed import NARROW, cut_short, listed_posterior, reaching
+from estimator.listed import cut_short, listed_posterior, reaching
 from estimator.noise import errs_at_slips
 from estimator.one_step_likelihood import OneStepLikelihood
 from estimator.posterior import Posterior
@@ -26,8 +26,8 @@ from loop_model import ProcessModel
 __all__ = ["arx_estimate", "arx_posterior"]
 
 _RUNNERS_UP = 4
-_BLUR = 0.01, 0.05
-"""S and J are told to these shares of OP's step per sample where every slip can be listed."""
+_BLUR = 0.005
+"""S is told to this share of OP's step per sample: half of what sets of slips are told apart by."""
 
 
 def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> Estimate:
@@ -40,10 +40,7 @@ def arx_estimate(window: Window, op: Op, found: ArxFound, confidence: float) -> 
     fit = regression.solve(stem)
     errs = errs_at_slips(fit.residual, regression.weight, stem, regression.orders.dead_time)
     step, misfit = step_of(op.u), MISFIT if errs else (0.0, 0.0)
-    blur = (
-        math.hypot(_BLUR[0] * step, misfit[0] * band),
-        math.hypot(_BLUR[1] * step, misfit[1] * band),
-    )
+    blur = math.hypot(_BLUR * step, misfit[0] * band), misfit[1] * band
     intervals = Estimate.intervals(posterior, confidence, blur, band, jump)
     deviation = regression.gain_deviation(fit, stem)
     gain = posterior.gain_interval(confidence, deviation).around(fit.gain)
@@ -76,7 +73,7 @@ def arx_posterior(window: Window, op: Op, found: ArxFound) -> Posterior:
     )
     # what the search has listed will do, unless its refinement went on to another valve
     listed = None
-    if found.posterior is not None and not cut_short(found.posterior, found.middle, NARROW):
+    if found.posterior is not None and not cut_short(found.posterior, found.middle, best.band):
         listed = reaching(op, likelihood, best, found.posterior)
     if listed is None:
         listed = listed_posterior(op, likelihood, best)

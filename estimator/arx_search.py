@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from estimator._one_step import one_step_costs, refine_one_step
 from estimator._slips import FirstSlips, Op, first_slips
 from estimator.arx import ArxOrders, ArxRegression, select_orders
 from estimator.candidate import Candidate
-from estimator.listed import NARROW, judged_again, listed_posterior
+from estimator.listed import judged_again, listed_posterior
 from estimator.one_step_likelihood import OneStepLikelihood
 from estimator.posterior import Posterior
 
@@ -24,6 +25,8 @@ _SEED_ORDERS = 3, 2
 _HOPELESS = 1.25
 """Seeds whose cost in the listing is above the best one's by this factor are not looked at."""
 _FINALISTS = 2
+_APART = 0.1
+"""Share by which their stick bands differ: what is nearer, the listing around one sees."""
 _BEHIND = 25.0
 """BIC by which a finalist may be worse before it is refined."""
 _ROUNDS = 3
@@ -81,23 +84,37 @@ class ArxFound:
     @property
     def bic(self) -> float:
         """BIC of its one-step errors, the valve's three parameters counted."""
-        count = self.regression.count
-        free = self.regression.orders.na + self.regression.orders.nb + 2 + VALVE_PARAMETERS
-        return count * math.log(self.best.cost / count) + free * math.log(count)
+        return self.regression.count * _bic(self.regression, self.best.cost)
 
 
-@dataclass(frozen=True, slots=True)
+def _bic(regression: ArxRegression, cost: float) -> float:
+    """BIC of a valve per sample: orders differ in how many samples they predict."""
+    count, orders = regression.count, regression.orders
+    free = orders.na + orders.nb + 2 + VALVE_PARAMETERS
+    return math.log(cost / count) + free * math.log(count) / count
+
+
 class _Course:
-    """OP, its median step per sample and the first slips by their direction."""
+    """A window's OP, its median step per sample and its first slips by direction; regressions."""
 
-    op: Op
-    step: float
-    starts: dict[float, FirstSlips]
+    def __init__(self, op: Op, y: Array, good: Mask) -> None:
+        self.op, self.y, self.good = op, y, good
+        self.step = float(np.median(np.abs(np.diff(op.u))))
+        self.starts: dict[float, FirstSlips] = {
+            first: first_slips(op.u, first) for first in (1.0, -1.0)
+        }
+        self._regressions: dict[tuple[int, int, int], ArxRegression] = {}
 
-    @classmethod
-    def of(cls, op: Op) -> _Course:
-        step = float(np.median(np.abs(np.diff(op.u))))
-        return cls(op, step, {first: first_slips(op.u, first) for first in (1.0, -1.0)})
+    def regression(self, orders: ArxOrders) -> ArxRegression:
+        """That of these orders, made once."""
+        key = orders.na, orders.nb, orders.dead_time
+        if key not in self._regressions:
+            self._regressions[key] = ArxRegression(self.y, self.good, orders)
+        return self._regressions[key]
+
+    def ranked(self, candidate: Candidate) -> list[ArxOrders]:
+        """Orders for a valve, best first."""
+        return select_orders(self.y, self.good, candidate.stem(self.op))
 
     def leads_near(self, seed: Candidate) -> Array:
         """The seed's lead, and those that move the first slip by some samples."""
@@ -112,47 +129,68 @@ def arx_search(
 ) -> ArxFound:
     """Valve and orders that predict PV best; ``healthy`` is the BIC that a healthy valve reaches.
 
-    The seeds are refined with orders fixed; each chooses its own orders, those of the lowest
-    BIC are refined again, and the lowest BIC wins.
+    The seeds are refined with orders fixed; each chooses its own orders, those of the lowest BIC
+    among which no two are alike are refined again, and the lowest BIC wins.
     """
-    course = _Course.of(op)
-    regressions: dict[int, ArxRegression] = {}
-    judged: list[tuple[list[ArxOrders], Candidate]] = []
+    course = _Course(op, y, good)
+    judged: list[_Judged] = []
     limit = _HOPELESS * min(seed.cost for seed in seeds)
     for seed in seeds:
         if seed.cost > limit and seed is not seeds[0]:
             continue
-        delay = max(1, seed.dead_time)
-        if delay not in regressions:
-            regressions[delay] = ArxRegression(y, good, ArxOrders(*_SEED_ORDERS, delay))
-        candidate = _looked(course, regressions[delay], seed, _LOOKS[0])
-        judged.append((select_orders(y, good, candidate.stem(op)), candidate))
-    judged.sort(key=lambda pair: pair[0][0].bic)
-    least = judged[0][0][0].bic + _BEHIND
-    found = [
-        _settled(course, y, good, candidate, ranked, healthy)
-        for ranked, candidate in judged[:_FINALISTS]
-        if ranked[0].bic <= least
-    ]
-    return min(found, key=lambda one: one.bic / one.regression.count)
+        regression = course.regression(ArxOrders(*_SEED_ORDERS, max(1, seed.dead_time)))
+        looked = _looked(course, regression, seed, _LOOKS[0])
+        judged.append(_judged(course, _restarted(course, regression, looked)))
+    judged.sort(key=lambda one: one.bic)
+    finalists: list[_Judged] = []
+    for one in judged:
+        if len(finalists) < _FINALISTS and all(one.apart(other) for other in finalists):
+            finalists.append(one)
+    least = judged[0].bic + _BEHIND / op.u.size
+    found = [_settled(course, one, judged, healthy) for one in finalists if one.bic <= least]
+    return min(found, key=lambda one: _bic(one.regression, one.best.cost))
 
 
-def _settled(
-    course: _Course, y: Array, good: Mask, best: Candidate, ranked: list[ArxOrders], healthy: float
-) -> ArxFound:
-    """Orders (``ranked``) for the valve, and the valve for these orders, until both agree."""
-    op = course.op
+class _Judged(NamedTuple):
+    """A valve with the orders that suit it, and its BIC per sample."""
+
+    bic: float
+    best: Candidate
+    ranked: list[ArxOrders]
+
+    def apart(self, other: _Judged) -> bool:
+        """Whether a listing around one valve would hardly see the other."""
+        here, there = self.best, other.best
+        return here.dead_time != there.dead_time or abs(here.band - there.band) > _APART * here.band
+
+
+def _judged(course: _Course, candidate: Candidate) -> _Judged:
+    ranked = course.ranked(candidate)
+    regression = course.regression(ranked[0])
+    best = _costed(course.op, regression, replace(candidate, dead_time=ranked[0].dead_time))
+    return _Judged(_bic(regression, best.cost), best, ranked)
+
+
+def _settled(course: _Course, start: _Judged, judged: list[_Judged], healthy: float) -> ArxFound:
+    """Orders for the valve, and the valve for these orders, until both agree.
+
+    First slips of all that were ``judged`` are tried.
+    """
+    op, best, ranked = course.op, start.best, start.ranked
     posterior, middle = None, 0.0
     worth = ranked[0].bic < healthy - _WORTH
     for _ in range(_ROUNDS):
         orders = ranked[0]
-        regression = ArxRegression(y, good, orders)
+        regression = course.regression(orders)
         best = _costed(op, regression, replace(best, dead_time=orders.dead_time))
         if worth:
-            likelihood = OneStepLikelihood(y, good, orders, best.cost / regression.count)
+            variance = best.cost / regression.count
+            likelihood = OneStepLikelihood(course.y, course.good, orders, variance)
             if posterior is None:
                 best = _restarted(course, regression, best).anchored(op)
-                posterior, middle = listed_posterior(op, likelihood, best, NARROW), best.band
+                others = [one.best.anchored(op) for one in judged]
+                leads = [one.lead for one in others if one.first == best.first]
+                posterior, middle = listed_posterior(op, likelihood, best, leads), best.band
             else:
                 posterior = judged_again(op, likelihood, best.first, posterior)
         if posterior is not None:
@@ -165,7 +203,7 @@ def _settled(
         best = best.anchored(op)
         if best.first != listed:
             posterior = None
-        ranked = select_orders(y, good, best.stem(op))
+        ranked = course.ranked(best)
         chosen = ranked[0]
         if (chosen.na, chosen.nb, chosen.dead_time) == (orders.na, orders.nb, orders.dead_time):
             break
@@ -227,7 +265,7 @@ def _looked(course: _Course, regression: ArxRegression, seed: Candidate, look: _
     least = step * np.array(look.least)
     widest = _WIDEST * seed.band
     # regions are told apart within limits, so that their valves need not slip quite like them
-    _, nodes, _, costs, _ = slip_patterns(
+    _, nodes, _, costs = slip_patterns(
         op, regression.tables, regions, starts, least, widest, _MOST, exact=True
     )
     own = _costed(op, regression, seed).cost

@@ -9,8 +9,10 @@ thousand evaluations.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -21,35 +23,24 @@ from estimator._slips import Op, first_slips, op_of, slips, step_of
 from estimator.candidate import Candidate
 from estimator.posterior import Posterior
 
-__all__ = [
-    "NARROW",
-    "WIDE",
-    "Likelihood",
-    "Reach",
-    "cut_short",
-    "judged_again",
-    "listed_posterior",
-    "reaching",
-]
+__all__ = ["Likelihood", "cut_short", "judged_again", "listed_posterior", "reaching"]
 
-
-class Reach(NamedTuple):
-    """How far in S is listed, as a share of it (J from nothing to all), and how many boxes stay."""
-
-    around: float
-    kept: int
-
-
-WIDE, NARROW = Reach(0.15, 600), Reach(0.1, 300)
+_AROUND = 0.2
+"""How far in S is listed, as a share of it; J from nothing to all."""
+_KEPT, _LEFT = 400, 1200
+"""Boxes that stay of a part of the window, the more the shorter it is (times its share: the first
+slips tell little, and to look at them costs little), and those that are left of the whole."""
 _LEAST_JUMP = 0.02
 _NEAR = 3
 """First slips tried around that of the best valve, each way."""
-_FIRST, _GROWTH = 5, 2.2
+_FIRST, _GROWTH, _LAST = 5, 1.6, 0.6
+"""Slips in the first part, how many times as long the next is, and the share before the whole."""
 _STEPS = (0.12, 0.05, 0.02, 0.01)
 """Sets of slips are told apart down to these shares of OP's step per sample, stage by stage."""
+_STEP_OF_JUMP = 0.3
 _WIDEST = (0.15, 0.1, 0.07, 0.05)
 """The widest box in J, as a share of S."""
-_DROP, _LOST = 14.0, 3.0
+_DROP, _LOST = 12.0, 3.0
 _MOST = 30_000
 _INSIDE, _EDGE = 0.98, 0.02
 """Share of the probability that must be inside of what is listed, and how far, as a share of S."""
@@ -70,30 +61,31 @@ class Likelihood(Protocol):
 
 
 def listed_posterior(
-    op: Op, likelihood: Likelihood, best: Candidate, reach: Reach = WIDE
+    op: Op, likelihood: Likelihood, best: Candidate, leads: Sequence[float] = ()
 ) -> Posterior | None:
     """The likelihood around a valve of the search, anchored (`Candidate.anchored`).
 
-    None where the sets of slips are too many to be listed finely: none comes near to the valve.
+    First slips are tried near its own, and those of other valves' ``leads`` in its direction. None
+    where the sets of slips are too many to be listed finely: none comes near to the valve.
     """
-    starts, feet, gaps = _first_slips(op, best)
+    starts, feet, gaps = _first_slips(op, best, leads)
     step = step_of(op.u)
     band = best.band
     # a stick band beyond OP's span never turns
-    widest_band = max(1.005 * band, min(1.0, (1.0 + reach.around) * band))
-    box = np.array([(1.0 - reach.around) * band, widest_band, _LEAST_JUMP * band, widest_band])
+    widest_band = max(1.005 * band, min(1.0, (1.0 + _AROUND) * band))
+    box = np.array([(1.0 - _AROUND) * band, widest_band, _LEAST_JUMP * band, widest_band])
     regions, at = np.tile(box, (starts.size, 1)), np.arange(starts.size)
     for stage, length in enumerate(_lengths(op, best)):
         part = op if length == op.u.size else op_of(op.u[:length])
-        least = step * np.array([_STEPS[min(stage, len(_STEPS) - 1)], 0.3])
+        least = step * np.array([_STEPS[min(stage, len(_STEPS) - 1)], _STEP_OF_JUMP])
         widest = band * _WIDEST[min(stage, len(_WIDEST) - 1)]
-        leads = np.column_stack([starts[at], np.full(at.size, best.first)])
-        listed, _, of, cost, _ = slip_patterns(
-            part, likelihood.tables(length), regions, leads, least, widest, _MOST, exact=False
+        begun = np.column_stack([starts[at], np.full(at.size, best.first)])
+        listed, _, of, cost = slip_patterns(
+            part, likelihood.tables(length), regions, begun, least, widest, _MOST, exact=False
         )
         if of.size == 0:
             return None
-        alive = _most_likely(likelihood.log(length, cost), reach.kept)
+        alive = _likely(likelihood.log(length, cost), op.u.size / length)
         if alive.size == 0:
             return None
         regions, at = listed[alive], at[of[alive]]
@@ -110,12 +102,12 @@ def reaching(op: Op, likelihood: Likelihood, best: Candidate, found: Posterior) 
     return found.joined(Posterior(own, own[:, :2], own[:, :2], np.zeros(1), log, gain))
 
 
-def cut_short(found: Posterior, middle: float, reach: Reach) -> bool:
-    """Whether likely valves may be missing: too far from the stick band ``middle``, or too many."""
-    if found.nodes.shape[0] > reach.kept * _LEADS * _JUMPS:
-        return True
-    band, side = found.interval(1.0, 0.0, _INSIDE), reach.around - _EDGE
-    return band.low < (1.0 - side) * middle or band.high > (1.0 + side) * middle
+def cut_short(found: Posterior, middle: float, band: float) -> bool:
+    """Whether a listing around ``band`` may hold likely valves that one around ``middle`` lacks."""
+    if abs(band - middle) < _EDGE * middle:
+        return False
+    likely, side = found.interval(1.0, 0.0, _INSIDE), _AROUND - _EDGE
+    return likely.low < (1.0 - side) * middle or likely.high > (1.0 + side) * middle
 
 
 def judged_again(op: Op, likelihood: Likelihood, first: float, found: Posterior) -> Posterior:
@@ -124,20 +116,23 @@ def judged_again(op: Op, likelihood: Likelihood, first: float, found: Posterior)
     return replace(found, log_likelihood=log, gain=gain)
 
 
-def _most_likely(log: Array, kept: int) -> Index:
+def _likely(log: Array, shorter: float) -> Index:
+    """Boxes that stay, by what they say of a part ``shorter`` than the window by this factor."""
+    kept = int(_KEPT * shorter) if shorter > 1.0 else _LEFT
     found: Index = np.argsort(-log, kind="stable")[:kept]
-    likely: Index = found[log[found] > log.max() - _DROP]
+    likely: Index = found[log[found] > log.max() - _DROP * math.sqrt(shorter)]
     return likely
 
 
-def _first_slips(op: Op, best: Candidate) -> tuple[Array, Array, Array]:
-    """One lead for each first slip near that of ``best``, the least such lead, and their range."""
+def _first_slips(op: Op, best: Candidate, leads: Sequence[float]) -> tuple[Array, Array, Array]:
+    """One lead for each first slip that is tried, the least such lead, and their range."""
     every = first_slips(op.u, best.first)
     if every.leads.size == 0:
         return np.array([best.lead]), np.array([best.lead]), np.array([1e-6])
     at = every.of(best.lead)
-    near = slice(max(0, at - _NEAR), at + _NEAR + 1)
-    return every.leads[near], every.feet[near], every.gaps[near]
+    near = range(max(0, at - _NEAR), min(at + _NEAR + 1, every.leads.size))
+    tried = sorted({*near, *(every.of(lead) for lead in leads)})
+    return every.leads[tried], every.feet[tried], every.gaps[tried]
 
 
 def _lengths(op: Op, best: Candidate) -> list[int]:
@@ -146,7 +141,7 @@ def _lengths(op: Op, best: Candidate) -> list[int]:
     n = op.u.size
     length = int(at[min(_FIRST, at.size - 1)]) + n // 50
     found = []
-    while length < n // 2:
+    while length < _LAST * n:
         found.append(length)
         length = int(_GROWTH * length)
     return [*found, n]

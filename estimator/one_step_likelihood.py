@@ -8,11 +8,9 @@ import numpy as np
 
 from estimator._kernels import Array, Mask
 from estimator._one_step import OneStep
-from estimator.arx import ArxOrders, ArxRegression
+from estimator.arx import MAX_NB, ArxOrders, ArxRegression
 
 __all__ = ["OneStepLikelihood"]
-
-_MOST_B = 3
 
 
 class OneStepLikelihood:
@@ -24,9 +22,9 @@ class OneStepLikelihood:
     """
 
     def __init__(self, y: Array, good: Mask, orders: ArxOrders, variance: float) -> None:
-        shorter = (_MOST_B - orders.nb + 1) // 2
+        shorter = (MAX_NB - orders.nb + 1) // 2
         self._y, self._good = y, good
-        self._orders = replace(orders, nb=_MOST_B, dead_time=max(1, orders.dead_time - shorter))
+        self._orders = replace(orders, nb=MAX_NB, dead_time=max(1, orders.dead_time - shorter))
         self._variance = variance
         self._regressions: dict[int, ArxRegression] = {}
 

@@ -90,7 +90,7 @@ def test_listing_agrees_with_plain_integration() -> None:
     listed = listed_posterior(op, Likelihood(), best)
     assert listed is not None
     rng = np.random.default_rng(0)
-    low, high = 0.85 * best.band, 1.15 * best.band
+    low, high = 0.8 * best.band, 1.2 * best.band
     nodes = np.column_stack(
         [
             rng.uniform(low, high, 150_000),

@@ -61,7 +61,7 @@ def test_every_set_of_slips_is_listed(seed: int, band: float, ratio: float) -> N
     starts = np.array([[0.1, 1.0]])
     y = np.random.default_rng(seed).normal(size=80)
     tables = ArxRegression(y, np.ones(80, dtype=np.bool_), ArxOrders(1, 2, 1)).tables
-    regions, nodes, of, cost, gain = slip_patterns(
+    regions, nodes, of, cost = slip_patterns(
         op,
         tables,
         np.array([[0.2, 0.6, 0.02, 0.6]]),
@@ -71,9 +71,7 @@ def test_every_set_of_slips_is_listed(seed: int, band: float, ratio: float) -> N
         100_000,
         exact=True,
     )
-    each = one_step_costs(op, tables, nodes, 1.0)
-    np.testing.assert_allclose(cost, each[0])
-    np.testing.assert_allclose(gain, each[1])
+    np.testing.assert_allclose(cost, one_step_costs(op, tables, nodes, 1.0)[0])
     at, step = slips(op, band, jump, 0.1, 1.0)
     if at.size == 0 or step[0] < 0.0:
         return  # the first slip is not the one that is asked for
