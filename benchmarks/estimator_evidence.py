@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -59,16 +60,17 @@ class Criterion:
 def _jobs(quick: bool, images: Path | None) -> list[tuple[Callable[..., int], list[str]]]:
     """Every benchmark with its command line."""
     pictures = [] if images is None else ["--images", str(images)]
-    compared = "1" if quick else "2"
-    repeated = "2" if quick else "60"
+    compared = "1" if quick else "20"
+    repeated = "2" if quick else "120"
     linear = "2" if quick else "20"
     loops = "10" if quick else "200"
+    side_by_side = ["--jobs", str(os.cpu_count() or 1)]
     search = ["--methods", "search", "oracle", "--name", "paper_repeated"]
     return [
         (estimator_speed.main, []),
         (industrial.main, [*pictures, *(["--starts", "0"] if quick else [])]),
-        (paper.main, ["--runs", compared, "--criteria", "auto"]),
-        (paper.main, ["--runs", repeated, *search]),
+        (paper.main, ["--runs", compared, "--criteria", "auto", *side_by_side]),
+        (paper.main, ["--runs", repeated, *search, *side_by_side]),
         (robustness.main, ["--runs", loops]),
         (linear_part.main, ["--runs", linear]),
     ]
