@@ -65,7 +65,7 @@ def _jobs(quick: bool, images: Path | None) -> list[tuple[Callable[..., int], li
     linear = "2" if quick else "20"
     loops = "10" if quick else "200"
     side_by_side = ["--jobs", str(os.cpu_count() or 1)]
-    search = ["--methods", "search", "oracle", "--name", "paper_repeated"]
+    search = ["--methods", "search", "truth", "oracle", "--name", "paper_repeated"]
     return [
         (estimator_speed.main, []),
         (industrial.main, [*pictures, *(["--starts", "0"] if quick else [])]),

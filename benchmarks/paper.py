@@ -1,7 +1,7 @@
 """Examples 1 and 2 of the paper: the search, the paper's optimisation and its grid in one run.
 
     python -m benchmarks.paper [--runs 3] [--out docs/benchmarks]
-    python -m benchmarks.paper --runs 120 --methods search oracle
+    python -m benchmarks.paper --runs 120 --methods search truth oracle
 
 Every method gets the same windows: 1,000 samples under the paper's unaware MPC, its noise levels,
 begun in mid-cycle, with set-point changes as in the paper's data, and the same loops at constant
@@ -10,8 +10,9 @@ set-point, where J and the gain are harder to tell. All costs are in one currenc
 rule for all. The grid and the optimisation minimise that cost themselves, with the paper's own
 first positions; they are told the orders and the dead time, which the search has to find.
 
-The oracle is told the samples at which the true valve moves, and fits the rest by least squares:
-what remains of its errors is what the data leave open. With one move of the stem a stroke the gain
+A search that leaves a higher cost than the true valve has missed its optimum. The oracle is told
+the samples at which the true valve moves, and fits the rest by least squares: what remains of its
+errors is what the data leave open. With one move of the stem a stroke the gain
 and J trade against each other through the size of the moves, and with a free intercept nothing
 else settles the gain. The paper's model has no intercept, OP and PV share one zero: then the means
 of stem and PV settle it, as the second oracle shows. A plant rarely grants that.

@@ -30,8 +30,8 @@ __all__ = ["METHODS", "Band", "Estimate", "estimates", "free_start_cost"]
 
 Band = tuple[float, float]
 
-METHODS = ("search", "oracle", "nlp", "polish", "grid")
-"""``search`` is `identify`; ``oracle`` knows when the true valve moves: nobody can do better."""
+METHODS = ("search", "truth", "oracle", "nlp", "polish", "grid")
+"""``search`` is `identify`; ``truth`` is told the true valve, ``oracle`` when it moves."""
 
 _ORDERS: dict[str, Any] = {"na": 3, "nb": 3, "dead_time": 1}
 _POSITIONS = 41
@@ -135,8 +135,11 @@ def estimates(
     currency = ArxWindow.of(window.op, window.pv, ArxStructure(**_ORDERS))
     found = [_of_search(window, currency, criterion, confidence) for criterion in criteria]
     op, pv = window.op, window.pv
+    truth = HeValve(example.valve.stick_band, example.valve.slip_jump)
+    if "truth" in methods:
+        told = currency.fit(truth, float(window.stem[0]))
+        found.append(_of_fit("the true valve", told, currency, math.nan))
     if "oracle" in methods:
-        truth = HeValve(example.valve.stick_band, example.valve.slip_jump)
         for intercept in (True, False):
             told = ArxWindow.of(window.op, window.pv, ArxStructure(**_ORDERS, intercept=intercept))
             known = best_with_same_moves(told, told.fit(truth, float(window.stem[0])))
