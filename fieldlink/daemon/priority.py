@@ -15,9 +15,10 @@ from pathlib import Path
 
 __all__ = ["NICENESS", "stand_back"]
 
-NICENESS = 10
-"""About a tenth of what a process of normal priority gets on the same core: a worker that got less
-would run out of its window's time on a machine that has other work."""
+NICENESS = 5
+"""About a third of what a process of normal priority gets on the same core. With 10, a tenth on
+paper, a worker on a machine whose cores were all taken got a hundredth, and ran out of its window's
+time."""
 
 
 def stand_back() -> None:

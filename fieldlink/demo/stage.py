@@ -21,8 +21,9 @@ __all__ = ["Course", "Performance", "Step", "perform"]
 AFTER = 400
 """Cycles that the compensated loop is watched for, after it has settled."""
 
-PATIENCE = 90.0
-"""Wall seconds after which a demonstration that does not come to its end is given up."""
+PATIENCE = 180.0
+"""Wall seconds after which a demonstration that does not come to its end is given up: several times
+what it needs, because a machine that has other work is slower."""
 
 BEAT = 0.1
 
@@ -185,4 +186,5 @@ class _Director:
             said.append(" ".join(("last estimate:", estimate.message, *reasons)).strip())
         if (attempt := loop.last_attempt) is not None:
             said.append(f"last write-back: {attempt.outcome.code}, {attempt.outcome.advice}")
+        said.append("on a machine with other work, try again when that is done")
         return "; ".join(said)

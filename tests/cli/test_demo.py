@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import re
 from pathlib import Path
 
 import pytest
 
+from fieldlink.demo import stage
+from fieldlink.demo.scene import DemoError, simulated_scene
 from tests.cli.conftest import Run
 
 
@@ -59,6 +62,16 @@ def test_a_recording_goes_through_real_registers(
     row = re.search(r"<td>stick_band</td><td>([0-9.]+) OP</td>", page)
     assert row is not None
     assert float(row.group(1)) == pytest.approx(found["stick_band"]["value"], rel=1e-6)
+
+
+def test_a_demo_that_comes_to_no_end_says_so_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stage, "PATIENCE", 1.0)
+    with pytest.raises(DemoError, match=r"no parameter block .* within 1 s; .* try again"):
+        stage.perform(simulated_scene(tmp_path, seed=1), lambda _: None)
+    assert multiprocessing.active_children() == []
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_a_folder_that_cannot_be_written_is_named(fieldlink: Run, tmp_path: Path) -> None:
