@@ -54,7 +54,8 @@ def identification_table(result: Identification) -> Table:
     parameters = ", ".join(f"{name} {number(v)}" for name, v in process.parameters.items())
     table.add_row("process", f"{process.structure}: {parameters}")
     table.add_row("gain", interval_text(process.gain_interval))
-    table.add_row("dead time", f"{process.dead_time_samples} samples")
+    late = process.dead_time_samples
+    table.add_row("dead time", f"{late} sample" if late == 1 else f"{late} samples")
     fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
     table.add_row("share of PV explained", fit)
     why = f": {result.criterion_reason}" if result.criterion_reason else ""

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.paper import main
-from benchmarks.paper_methods import Estimate, free_start_cost
+from benchmarks.paper_methods import Estimate, estimates, free_start_cost
 from benchmarks.paper_summary import held, published, summarise
 from estimator.paper_fit import ArxStructure, ArxWindow
 from loop_model import LoopModel, ProcessModel, ValveModel
@@ -96,6 +96,18 @@ def test_the_first_position_is_free_for_every_valve():
     assert free == pytest.approx(started_true, rel=0.02)
     assert free_start_cost(currency, 11.0, 3.0, [float(window.stem[0])]) <= started_true + 1e-12
     assert np.isfinite(free)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 16, 64, 71])
+def test_the_search_does_not_end_above_the_true_valve(seed):
+    """Windows whose likelihood has a second peak: the way to the right one is narrow."""
+    example = EXAMPLES[1]
+    told, search = estimates(
+        example, example_window(example, seed), methods=("truth",), criteria=("auto",)
+    )[::-1]
+    assert told.method == "the true valve"
+    assert search.cost <= 1.001 * told.cost
+    assert search.stick_band == pytest.approx(example.valve.stick_band, rel=0.03)
 
 
 @pytest.mark.slow

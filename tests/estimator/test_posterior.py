@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from estimator._one_step import OneStep, one_step_costs
-from estimator._slips import Op, op_of, slips
+from estimator._slips import Op, first_slips, op_of, slips
 from estimator.arx import ArxOrders, ArxRegression
 from estimator.candidate import Candidate, stem_of
 from estimator.listed import listed_posterior
@@ -73,21 +73,26 @@ def _window(noise: float, n: int = 240) -> tuple[Op, Array, Candidate, ArxRegres
     return op, y, best, regression
 
 
+class _Likelihood:
+    """Of ARX(1, 1) with errors of a known size while the window is not whole."""
+
+    def __init__(self, y: Array, noise: float) -> None:
+        self._y, self._noise = y, noise
+
+    def tables(self, samples: int) -> OneStep:
+        everything = np.ones(samples, dtype=np.bool_)
+        return ArxRegression(self._y[:samples], everything, ArxOrders(1, 1, 1)).tables
+
+    def log(self, samples: int, cost: Array) -> Array:
+        if samples < self._y.size:
+            return -0.5 * cost / self._noise**2
+        return -0.5 * (samples - 1) * np.log(cost)
+
+
 def test_listing_agrees_with_plain_integration() -> None:
     op, y, best, regression = _window(0.06)
-    everything = np.ones(y.size, dtype=np.bool_)
-
-    class Likelihood:
-        def tables(self, samples: int) -> OneStep:
-            part = ArxRegression(y[:samples], everything[:samples], ArxOrders(1, 1, 1))
-            return part.tables
-
-        def log(self, samples: int, cost: Array) -> Array:
-            if samples < y.size:
-                return -0.5 * cost / 0.06**2
-            return -0.5 * regression.count * np.log(cost)
-
-    listed = listed_posterior(op, Likelihood(), best)
+    likelihood = _Likelihood(y, 0.06)
+    listed = listed_posterior(op, likelihood, best)
     assert listed is not None
     rng = np.random.default_rng(0)
     low, high = 0.8 * best.band, 1.2 * best.band
@@ -99,7 +104,7 @@ def test_listing_agrees_with_plain_integration() -> None:
         ]
     )
     cost, _ = one_step_costs(op, regression.tables, nodes, best.first)
-    log = Likelihood().log(y.size, cost)
+    log = likelihood.log(y.size, cost)
     weight = np.exp(0.5 * (log - log[np.isfinite(log)].max())) / nodes[:, 0] ** 3
     for axis, found in enumerate(
         (listed.interval(1.0, 0.0, 0.9), listed.interval(0.0, 1.0, 0.9)),
@@ -109,6 +114,21 @@ def test_listing_agrees_with_plain_integration() -> None:
         plain = np.interp([0.05, 0.5, 0.95], share, nodes[order, axis])
         width = plain[2] - plain[0]
         assert np.abs(np.array([found.low, found.value, found.high]) - plain).max() < 0.2 * width
+
+
+def test_first_slips_of_other_valves_are_listed_too() -> None:
+    op, y, best, _ = _window(0.06)
+    every = first_slips(op.u, best.first)
+    far = every.of(best.lead) + 4
+    low, high = float(every.feet[far]), float(every.feet[far] + every.gaps[far])
+
+    def listed(*leads: float) -> bool:
+        found = listed_posterior(op, _Likelihood(y, 0.06), best, leads)
+        assert found is not None
+        return bool(((low <= found.nodes[:, 2]) & (found.nodes[:, 2] <= high)).any())
+
+    assert not listed()
+    assert listed(float(every.leads[far]))
 
 
 def test_zooming_agrees_with_listing() -> None:
