@@ -18,7 +18,7 @@ __all__ = ["HEADER", "LIMITS", "Limit", "Summary", "held", "published", "summari
 _NO_WORSE = 1e-3
 """A cost is no worse within this share: a tenth of a percent, to which the search refines S."""
 
-_FEWEST = 20
+_FEWEST = 60
 """Windows that a coverage needs to be held against its limits."""
 
 HEADER = (

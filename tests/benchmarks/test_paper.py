@@ -53,7 +53,7 @@ def test_summary_of_two_windows():
 
 def test_the_search_is_held_to_its_limits():
     one = [_estimate("search, auto", 10.2, 2.0, 1.0, 0.1, (9.0, 11)), _estimate("g", 11, 3, 2, 5)]
-    windows = [one] * 20
+    windows = [one] * 60
     rows = {
         name: (value, limit, met)
         for _, name, value, limit, met in held(summarise("made up", TRUTH, windows))
@@ -62,7 +62,7 @@ def test_the_search_is_held_to_its_limits():
     assert rows["median error of J, % (auto)"][2] == "yes"
     assert rows["S in its 90 % interval, % of windows (auto)"] == (100.0, "80 to 97", "**no**")
     assert rows["J in its 90 % interval, % of windows (auto)"][2] == "not measured"
-    few = held(summarise("made up", TRUTH, windows[:19]))
+    few = held(summarise("made up", TRUTH, windows[:59]))
     assert {met for _, name, _, _, met in few if "interval" in name} == {"too few windows"}
 
 
