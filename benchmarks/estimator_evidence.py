@@ -64,12 +64,12 @@ def _jobs(quick: bool, images: Path | None) -> list[tuple[Callable[..., int], li
     repeated = "2" if quick else "120"
     linear = "2" if quick else "20"
     loops = "10" if quick else "200"
-    side_by_side = ["--jobs", str(os.cpu_count() or 1)]
+    side_by_side = ["--criteria", "auto", "--jobs", str(os.cpu_count() or 1)]
     search = ["--methods", "search", "truth", "oracle", "--name", "paper_repeated"]
     return [
         (estimator_speed.main, []),
         (industrial.main, [*pictures, *(["--starts", "0"] if quick else [])]),
-        (paper.main, ["--runs", compared, "--criteria", "auto", *side_by_side]),
+        (paper.main, ["--runs", compared, *side_by_side]),
         (paper.main, ["--runs", repeated, *search, *side_by_side]),
         (robustness.main, ["--runs", loops]),
         (linear_part.main, ["--runs", linear]),
