@@ -28,7 +28,7 @@ __all__ = ["Likelihood", "cut_short", "judged_again", "listed_posterior", "reach
 _AROUND = 0.2
 """How far in S is listed, as a share of it; J from nothing to all."""
 _KEPT, _LEFT = 400, 1200
-"""Boxes that stay of a part of the window, the more the shorter it is (times its share: the first
+"""Boxes that stay of a part of the window, times how much shorter it is than the whole (the first
 slips tell little, and to look at them costs little), and those that are left of the whole."""
 _LEAST_JUMP = 0.02
 _NEAR = 3
@@ -41,6 +41,8 @@ _STEP_OF_JUMP = 0.3
 _WIDEST = (0.15, 0.1, 0.07, 0.05)
 """The widest box in J, as a share of S."""
 _DROP, _LOST = 12.0, 3.0
+"""How much less likely than the best a box may be (logarithm; of a part times the root of the same
+factor), and than the valve of the search the best of all boxes."""
 _MOST = 30_000
 _INSIDE, _EDGE = 0.98, 0.02
 """Share of the probability that must be inside of what is listed, and how far, as a share of S."""
