@@ -137,8 +137,8 @@ def estimates(
     op, pv = window.op, window.pv
     truth = HeValve(example.valve.stick_band, example.valve.slip_jump)
     if "truth" in methods:
-        told = currency.fit(truth, float(window.stem[0]))
-        found.append(_of_fit("the true valve", told, currency, math.nan))
+        fit = currency.fit(truth, float(window.stem[0]))
+        found.append(_of_fit("the true valve", fit, currency, math.nan))
     if "oracle" in methods:
         for intercept in (True, False):
             told = ArxWindow.of(window.op, window.pv, ArxStructure(**_ORDERS, intercept=intercept))

@@ -13,7 +13,7 @@ from estimator._listing import slip_patterns
 from estimator._one_step import one_step_costs, refine_one_step
 from estimator._slips import FirstSlips, Op, first_slips
 from estimator.arx import ArxOrders, ArxRegression, select_orders
-from estimator.candidate import Candidate
+from estimator.candidate import Candidate, first_apart
 from estimator.listed import judged_again, listed_posterior
 from estimator.one_step_likelihood import OneStepLikelihood
 from estimator.posterior import Posterior
@@ -84,11 +84,15 @@ class ArxFound:
     @property
     def bic(self) -> float:
         """BIC of its one-step errors, the valve's three parameters counted."""
-        return self.regression.count * _bic(self.regression, self.best.cost)
+        return self.regression.count * self.bic_per_sample
+
+    @property
+    def bic_per_sample(self) -> float:
+        """The same per sample, for comparing: orders differ in how many samples they predict."""
+        return _bic_per_sample(self.regression, self.best.cost)
 
 
-def _bic(regression: ArxRegression, cost: float) -> float:
-    """BIC of a valve per sample: orders differ in how many samples they predict."""
+def _bic_per_sample(regression: ArxRegression, cost: float) -> float:
     count, orders = regression.count, regression.orders
     free = orders.na + orders.nb + 2 + VALVE_PARAMETERS
     return math.log(cost / count) + free * math.log(count) / count
@@ -142,13 +146,14 @@ def arx_search(
         looked = _looked(course, regression, seed, _LOOKS[0])
         judged.append(_judged(course, _restarted(course, regression, looked)))
     judged.sort(key=lambda one: one.bic)
-    finalists: list[_Judged] = []
-    for one in judged:
-        if len(finalists) < _FINALISTS and all(one.apart(other) for other in finalists):
-            finalists.append(one)
     least = judged[0].bic + _BEHIND / op.u.size
-    found = [_settled(course, one, judged, healthy) for one in finalists if one.bic <= least]
-    return min(found, key=lambda one: _bic(one.regression, one.best.cost))
+    others = [one.best.anchored(op) for one in judged]
+    found = [
+        _settled(course, one, others, healthy)
+        for one in first_apart(judged, _FINALISTS, _Judged.apart)
+        if one.bic <= least
+    ]
+    return min(found, key=lambda one: one.bic_per_sample)
 
 
 class _Judged(NamedTuple):
@@ -168,13 +173,13 @@ def _judged(course: _Course, candidate: Candidate) -> _Judged:
     ranked = course.ranked(candidate)
     regression = course.regression(ranked[0])
     best = _costed(course.op, regression, replace(candidate, dead_time=ranked[0].dead_time))
-    return _Judged(_bic(regression, best.cost), best, ranked)
+    return _Judged(_bic_per_sample(regression, best.cost), best, ranked)
 
 
-def _settled(course: _Course, start: _Judged, judged: list[_Judged], healthy: float) -> ArxFound:
+def _settled(course: _Course, start: _Judged, others: list[Candidate], healthy: float) -> ArxFound:
     """Orders for the valve, and the valve for these orders, until both agree.
 
-    First slips of all that were ``judged`` are tried.
+    The first slips of all ``others``, anchored, are tried with it.
     """
     op, best, ranked = course.op, start.best, start.ranked
     posterior, middle = None, 0.0
@@ -188,7 +193,6 @@ def _settled(course: _Course, start: _Judged, judged: list[_Judged], healthy: fl
             likelihood = OneStepLikelihood(course.y, course.good, orders, variance)
             if posterior is None:
                 best = _restarted(course, regression, best).anchored(op)
-                others = [one.best.anchored(op) for one in judged]
                 leads = [one.lead for one in others if one.first == best.first]
                 posterior, middle = listed_posterior(op, likelihood, best, leads), best.band
             else:

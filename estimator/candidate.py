@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from estimator._kernels import Array
 from estimator._slips import Op, slips
 from estimator.structures import Structure
 
-__all__ = ["Candidate", "stem_of"]
+__all__ = ["Candidate", "first_apart", "stem_of"]
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,17 @@ class Candidate:
         return Candidate(
             self.cost, self.band, self.jump, lead, -self.first, self.structure, self.dead_time
         )
+
+
+def first_apart(ranked: Iterable[_T], count: int, apart: Callable[[_T, _T], bool]) -> list[_T]:
+    """The first ones that are ``apart`` from all of those before them, at most ``count``."""
+    found: list[_T] = []
+    for one in ranked:
+        if len(found) == count:
+            break
+        if all(apart(one, other) for other in found):
+            found.append(one)
+    return found
 
 
 def stem_of(op: Op, band: float, jump: float, lead: float, first: float) -> Array:

@@ -98,7 +98,7 @@ def one_step_test(
     oe = math.inf
     if simulated > 0.0:
         oe = whitened_bic(op, regression, best, healthy=False) / regression.count
-    return OneStepTest(oe, arx.bic / arx.regression.count, healthy, regression.count)
+    return OneStepTest(oe, arx.bic_per_sample, healthy, regression.count)
 
 
 def healthy_bic(op: Op, regression: Regression, healthy: Candidate, orders: ArxOrders) -> float:

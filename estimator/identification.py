@@ -231,7 +231,7 @@ def _agreed(
     short = shortened(op, regression, nearby, _FAR_LATER)
     if short.cost < nearby.cost:
         again = arx_search(op, window.y, window.good, (short,), straight.bic)
-        if again.bic / again.regression.count < arx.bic / arx.regression.count:
+        if again.bic_per_sample < arx.bic_per_sample:
             arx = again
     return arx, short
 

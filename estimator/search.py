@@ -12,7 +12,7 @@ from estimator._kernels import Array, Index
 from estimator._refine import Search, refine_process, refine_simulated
 from estimator._simulated import simulated_coarse
 from estimator._slips import Op, slips
-from estimator.candidate import Candidate
+from estimator.candidate import Candidate, first_apart
 from estimator.regression import Regression
 from estimator.structures import COARSE
 
@@ -263,14 +263,8 @@ def _refined(
 
 def _diverse(ranked: list[Candidate], count: int) -> list[Candidate]:
     """The first ones whose stick bands are apart, at most ``count``."""
-    found: list[Candidate] = []
-    for candidate in ranked:
-        if not np.isfinite(candidate.cost):
-            continue
-        if all(abs(candidate.band - other.band) > _APART for other in found):
-            found.append(candidate)
-            if len(found) == count:
-                break
+    finite = (candidate for candidate in ranked if np.isfinite(candidate.cost))
+    found = first_apart(finite, count, lambda one, other: abs(one.band - other.band) > _APART)
     return found or ranked[:1]
 
 

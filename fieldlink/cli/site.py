@@ -44,6 +44,8 @@ def schema() -> None:
 
 
 def _print(console: Console, report: CheckReport) -> None:
+    from fieldlink.cli.tables import counted
+
     console.print(f"[bold]site {report.name}[/bold]  {report.file}")
     console.print(f"  data in {report.data_dir}; historian {report.historian}")
     for device in report.devices:
@@ -58,20 +60,18 @@ def _print(console: Console, report: CheckReport) -> None:
         (report.requests_per_scan, "request"),
         (len(report.warnings), "warning"),
     )
-    devices, loops, requests, warnings = (_count(*pair) for pair in counts)
+    devices, loops, requests, warnings = (counted(*pair) for pair in counts)
     console.print(f"\n[green]ok[/green] {devices}, {loops}, {requests} per scan, {warnings}")
 
 
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")
-
-
 def _print_device(console: Console, device: DeviceReport) -> None:
+    from fieldlink.cli.tables import counted
+
     where = f" {device.address}" if device.address else ""
     console.print(f"\n[bold]device {device.name}[/bold]  {device.link}{where}")
     console.print(
-        f"  {_count(device.tags, 'tag')}, byte order {device.order}, "
-        f"{_count(len(device.requests), 'request')} per scan"
+        f"  {counted(device.tags, 'tag')}, byte order {device.order}, "
+        f"{counted(len(device.requests), 'request')} per scan"
     )
     for request in device.requests:
         console.print(

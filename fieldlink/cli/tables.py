@@ -11,7 +11,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from estimator import Identification, Interval
 
-__all__ = ["identification_table", "interval_text", "number", "verdict_text"]
+__all__ = ["counted", "identification_table", "interval_text", "number", "verdict_text"]
 
 _COLOUR = {"stiction": "bold red", "no_stiction": "bold green", "not_assessable": "bold yellow"}
 _WORDS = {
@@ -24,6 +24,11 @@ _WORDS = {
 def number(value: float, digits: int = 4) -> str:
     """Return a number for a person, a dash where there is none."""
     return f"{value:.{digits}g}" if math.isfinite(value) else "-"
+
+
+def counted(count: int, noun: str) -> str:
+    """Return ``1 loop``, ``2 loops``."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
 def interval_text(interval: Interval) -> str:
@@ -54,8 +59,7 @@ def identification_table(result: Identification) -> Table:
     parameters = ", ".join(f"{name} {number(v)}" for name, v in process.parameters.items())
     table.add_row("process", f"{process.structure}: {parameters}")
     table.add_row("gain", interval_text(process.gain_interval))
-    late = process.dead_time_samples
-    table.add_row("dead time", f"{late} sample" if late == 1 else f"{late} samples")
+    table.add_row("dead time", counted(process.dead_time_samples, "sample"))
     fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
     table.add_row("share of PV explained", fit)
     why = f": {result.criterion_reason}" if result.criterion_reason else ""
