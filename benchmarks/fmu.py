@@ -29,7 +29,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from benchmarks.report import heading, keep, machine, table
-from fieldlink.plc import VirtualPlc
+from fieldlink.lab.plc import VirtualPlc
 from fieldlink.site import load_site
 from fmu_models import collect_windows, fmu_path, open_plant
 

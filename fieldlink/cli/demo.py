@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.panel import Panel
 
-    from fieldlink.demo.outcome import DemoOutcome
-    from fieldlink.demo.stage import Course
+    from fieldlink.lab.demo.outcome import DemoOutcome
+    from fieldlink.lab.demo.stage import Course
     from fieldlink.site import Site
 
 __all__ = ["demo"]
@@ -44,10 +44,10 @@ def demo(
     from rich.console import Console
 
     from fieldlink.daemon import configure_logging
-    from fieldlink.demo.outcome import DemoOutcome
-    from fieldlink.demo.report import write_report
-    from fieldlink.demo.scene import recorded_scene, simulated_scene
-    from fieldlink.demo.stage import perform
+    from fieldlink.lab.demo.outcome import DemoOutcome
+    from fieldlink.lab.demo.report import write_report
+    from fieldlink.lab.demo.scene import recorded_scene, simulated_scene
+    from fieldlink.lab.demo.stage import perform
 
     configure_logging(logging.WARNING)
     if recording is None:
@@ -82,7 +82,7 @@ def demo(
 def _print(console: Console, loop: str, outcome: DemoOutcome) -> None:
     from rich.table import Table
 
-    from fieldlink.demo.report import outcome_tables
+    from fieldlink.lab.demo.report import outcome_tables
 
     table = Table(title=f"loop {loop}", title_justify="left", show_header=False)
     for justify in ("left", "right", "right", "right"):

@@ -13,7 +13,7 @@ from fieldlink.cli.site import SiteFile
 
 if TYPE_CHECKING:
     from fieldlink.daemon import DaemonStatus
-    from fieldlink.plc import PlcServer
+    from fieldlink.lab.plc import PlcServer
     from fieldlink.site import Site
 
 __all__ = ["plant", "run"]
@@ -35,7 +35,7 @@ def plant(
 ) -> None:
     """Serve the site's simulated loops as a Modbus PLC."""
     from fieldlink.daemon import configure_logging, stop_on_signals
-    from fieldlink.plc import serve
+    from fieldlink.lab.plc import serve
     from fieldlink.site import load_site
 
     configure_logging()
@@ -115,7 +115,7 @@ async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonSt
 
 
 def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
-    import fieldlink.plc  # noqa: F401  (makes link = "fmu" known)
+    import fieldlink.lab.plc  # noqa: F401  (makes link = "fmu" known)
     from fieldlink.daemon import LockstepRun, stop_on_signals
 
     endless = any(site.devices[loop.device].link == "fmu" for loop in site.loops.values())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from fieldlink.fmu import FmuMap, RunResult
+    from fieldlink.lab.fmu import FmuMap, RunResult
     from fmu_models import FmuSummary
 
 __all__ = ["app"]
@@ -157,8 +157,8 @@ def run(
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
     """Run an FMU: its own default experiment, or as map, inputs and options say."""
-    from fieldlink.fmu import FmuMap, RunSettings, load_map, run_fmu, write_table
-    from fieldlink.fmu.inputs import read_inputs
+    from fieldlink.lab.fmu import FmuMap, RunSettings, load_map, run_fmu, write_table
+    from fieldlink.lab.fmu.inputs import read_inputs
     from fmu_models import summarise
 
     if snapshot_at is not None and save_state is None:
@@ -187,13 +187,13 @@ def run(
         write_table(result, out)
         typer.echo(f"table: {out}")
     if plot is not None:
-        from fieldlink.fmu.pictures import run_figure
+        from fieldlink.lab.fmu.pictures import run_figure
         from fieldlink.pictures import save
 
         save(run_figure(result), plot)
         typer.echo(f"picture: {plot}")
     if result.failure is not None:
-        from fieldlink.fmu import FmuError
+        from fieldlink.lab.fmu import FmuError
 
         raise FmuError(f"it ended early, at {result.time[-1]:g} s: {result.failure}")
 
@@ -282,7 +282,7 @@ def sweep(
     ] = False,
 ) -> None:
     """Run a plant with its controller inside many times; goes on where it was interrupted."""
-    from fieldlink.fmu.sweeping import sweep_to_file
+    from fieldlink.lab.fmu.sweeping import sweep_to_file
     from fmu_models import Sweep
 
     values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}

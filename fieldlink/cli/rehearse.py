@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fieldlink.rehearse import Defect, Rehearsal, ScenarioFile
+    from fieldlink.lab.rehearse import Defect, Rehearsal, ScenarioFile
 
 __all__ = ["rehearse"]
 
@@ -42,7 +42,7 @@ def rehearse(
     from rich.console import Console
 
     from fieldlink.daemon import configure_logging
-    from fieldlink.rehearse import find_scenario, load_scenario, shipped_scenarios
+    from fieldlink.lab.rehearse import find_scenario, load_scenario, shipped_scenarios
 
     configure_logging(logging.ERROR)
     console = Console(highlight=False)
@@ -81,7 +81,7 @@ def _runs(
 ) -> list[Rehearsal]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from fieldlink.rehearse import rehearse as run_scenario
+    from fieldlink.lab.rehearse import rehearse as run_scenario
 
     defects = (inject, *(file.scenario.scenario.defects if self_test else ()))
     done = []
@@ -99,7 +99,7 @@ def _runs(
         if not as_json:
             _print(run, console)
         if report is not None:
-            from fieldlink.rehearse.report import write_report
+            from fieldlink.lab.rehearse.report import write_report
 
             several = file.name if defect is None else f"{file.name}-{defect}"
             written = write_report(run, report / several)
@@ -172,7 +172,7 @@ def _list(files: Sequence[ScenarioFile], console: Console, as_json: bool) -> Non
 
 
 def _defect(name: str | None) -> Defect | None:
-    from fieldlink.rehearse import Defect
+    from fieldlink.lab.rehearse import Defect
 
     if name is None:
         return None
@@ -188,7 +188,7 @@ def _defect(name: str | None) -> Defect | None:
 def _list_defects(console: Console) -> None:
     from rich.table import Table
 
-    from fieldlink.rehearse import Defect
+    from fieldlink.lab.rehearse import Defect
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for head in ("defect", "what it does"):

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.demo import stage
-from fieldlink.demo.scene import DemoError, simulated_scene
+from fieldlink.lab.demo import stage
+from fieldlink.lab.demo.scene import DemoError, simulated_scene
 from tests.cli.conftest import Run
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fieldlink.compensate.service import CompensateError, CompensateService, Step, Verdict
-from fieldlink.plc import PlcServer, serve
+from fieldlink.lab.plc import PlcServer, serve
 from fieldlink.registers import (
     Bank,
     DataType,

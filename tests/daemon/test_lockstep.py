@@ -133,7 +133,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.slow
 async def test_a_simulated_plc_gets_its_block_the_same_way_every_time() -> None:
     # Importing the simulated PLC makes link = "fmu" known.
-    from fieldlink.plc import LockstepLink
+    from fieldlink.lab.plc import LockstepLink
 
     site = load_site(ROOT / "site_configs" / "demo.toml").with_device("plc", link="fmu")
     runs = []

@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from fieldlink.cli.fmu import app
-from fieldlink.fmu import FmuMap
+from fieldlink.lab.fmu import FmuMap
 from fmu_models import catalogue
 
 TEXT = (Path(__file__).parents[2] / "docs" / "fmu.md").read_text(encoding="utf-8")

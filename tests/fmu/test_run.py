@@ -11,8 +11,8 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
-from fieldlink.fmu import FmuError, FmuMap, RunSettings, load_map, run_fmu
-from fieldlink.fmu.inputs import read_inputs
+from fieldlink.lab.fmu import FmuError, FmuMap, RunSettings, load_map, run_fmu
+from fieldlink.lab.fmu.inputs import read_inputs
 from fmu_models import PlantInputError, fmu_path, open_plant, summarise
 
 Minis = dict[str, Path]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.fmu import FmuError, conversion
+from fieldlink.lab.fmu import FmuError, conversion
 from fmu_models import fmu_path, summarise
 
 Minis = dict[str, Path]

@@ -16,6 +16,10 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.framer import FramerType
 from pymodbus.transport import CommParams, CommType
 
+from fieldlink.lab.plc import Listening
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.lab.plc.listening import listen
+from fieldlink.lab.plc.modbus import modbus_device, other_units
 from fieldlink.links import SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.frames import (
@@ -29,10 +33,6 @@ from fieldlink.links.frames import (
 )
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.wire import Wire, WireLostError, WrongReplyError
-from fieldlink.plc import Listening
-from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.listening import listen
-from fieldlink.plc.modbus import modbus_device, other_units
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
 from tests.wire_bytes import crc

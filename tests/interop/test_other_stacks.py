@@ -13,7 +13,7 @@ import pytest
 import pytest_asyncio
 
 from benchmarks.libmodbus import LibModbus
-from fieldlink.plc import PlcServer, VirtualPlc
+from fieldlink.lab.plc import PlcServer, VirtualPlc
 from fieldlink.registers import (
     BLOCK_FIELDS,
     BLOCK_REGISTERS,

@@ -18,12 +18,12 @@ from typing import Any
 import pytest
 
 from benchmarks.libmodbus import LibModbus
+from fieldlink.lab.plc import Listening
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.lab.plc.listening import listen
+from fieldlink.lab.plc.modbus import modbus_device
 from fieldlink.links import LinkState, SystemClock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
-from fieldlink.plc import Listening
-from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.listening import listen
-from fieldlink.plc.modbus import modbus_device
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldlink.plc import Listening
-from fieldlink.plc.listening import listen
+from fieldlink.lab.plc import Listening
+from fieldlink.lab.plc.listening import listen
 
 __all__ = ["served_in_a_thread"]
 

@@ -10,9 +10,9 @@ from typer.testing import CliRunner, Result
 
 from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
-from fieldlink.plc import Listening
-from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.modbus import modbus_device
+from fieldlink.lab.plc import Listening
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.lab.plc.modbus import modbus_device
 from fieldlink.registers import Table
 from tests.links.serving import served_in_a_thread
 

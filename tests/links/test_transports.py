@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
+from fieldlink.lab.plc import Listening, serve
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.lab.plc.listening import listen
+from fieldlink.lab.plc.modbus import modbus_device
 from fieldlink.links import LinkState, LinkUnreachableError, SystemClock, open_link
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.transports import TlsFilesError
-from fieldlink.plc import Listening, serve
-from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.listening import listen
-from fieldlink.plc.modbus import modbus_device
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device, Tls, load_site
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.plc import VirtualPlc
+from fieldlink.lab.plc import VirtualPlc
 from fieldlink.registers import (
     Bank,
     ExchangeLayout,

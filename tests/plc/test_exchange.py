@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from fieldlink.plc import PlcError, VirtualPlc
-from fieldlink.plc.image import RequestRefusedError
+from fieldlink.lab.plc import PlcError, VirtualPlc
+from fieldlink.lab.plc.image import RequestRefusedError
 from fieldlink.registers import (
     ACCEPTED,
     BLOCK_REGISTERS,

@@ -12,8 +12,8 @@ import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
 from compensator import PiController, PiSettings
-from fieldlink.plc import VirtualPlc, serve
-from fieldlink.plc.sources import ClientState
+from fieldlink.lab.plc import VirtualPlc, serve
+from fieldlink.lab.plc.sources import ClientState
 from fieldlink.registers import DataType, Table, decode, encode
 from fieldlink.site import Site, SiteError, load_site
 
@@ -153,7 +153,7 @@ def test_an_operator_in_manual_is_no_silent_client(make_outside: MakeSite) -> No
 
 
 def test_a_refused_write_is_no_sign_of_life(make_outside: MakeSite) -> None:
-    from fieldlink.plc.image import RequestRefusedError
+    from fieldlink.lab.plc.image import RequestRefusedError
 
     with VirtualPlc(make_outside("timeout = 3.0"), "plc") as plc:
         for _ in range(5):

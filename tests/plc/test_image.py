@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fieldlink.plc.image import ExceptionCode, RegisterImage, RequestRefusedError
+from fieldlink.lab.plc.image import ExceptionCode, RegisterImage, RequestRefusedError
 from fieldlink.registers.types import Table
 
 HOLDING, COIL = Table.HOLDING, Table.COIL

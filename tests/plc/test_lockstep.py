@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from fieldlink.lab.plc import LockstepLink
 from fieldlink.links import (
     ExceptionReplyError,
     LinkState,
@@ -16,7 +17,6 @@ from fieldlink.links import (
     VirtualClock,
     open_link,
 )
-from fieldlink.plc import LockstepLink
 from fieldlink.registers import (
     ACCEPTED,
     Bank,

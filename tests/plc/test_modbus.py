@@ -10,9 +10,9 @@ import pytest_asyncio
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.pdu import ModbusPDU
 
-from fieldlink.plc.image import RegisterImage
-from fieldlink.plc.listening import Listening, PortError, listen
-from fieldlink.plc.modbus import modbus_device, other_units
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.lab.plc.listening import Listening, PortError, listen
+from fieldlink.lab.plc.modbus import modbus_device, other_units
 from fieldlink.registers.types import Table
 
 HOST = "127.0.0.1"

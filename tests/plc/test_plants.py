@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from fieldlink.plc import HostedPlant, VirtualPlc, serve
-from fieldlink.plc.plants import step_all
+from fieldlink.lab.plc import HostedPlant, VirtualPlc, serve
+from fieldlink.lab.plc.plants import step_all
 from fieldlink.registers import DataType, Table, decode
 from fieldlink.site import Site, load_site
 from fmu_models import PlantCrashError, PlantInfo, catalogue

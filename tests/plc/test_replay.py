@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldlink.plc import VirtualPlc
+from fieldlink.lab.plc import VirtualPlc
 from fieldlink.registers import DataType, Table, decode
 from fieldlink.site import Site
 

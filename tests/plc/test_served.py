@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from fieldlink.plc import PlcError, PlcServer, PortError, VirtualPlc, serve
-from fieldlink.plc.server import ServedUnit
+from fieldlink.lab.plc import PlcError, PlcServer, PortError, VirtualPlc, serve
+from fieldlink.lab.plc.server import ServedUnit
 from fieldlink.registers import (
     ACCEPTED,
     Bank,

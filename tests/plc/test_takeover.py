@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from compensator import SupervisorState, WithdrawReason
-from fieldlink.plc import Truth, VirtualPlc
+from fieldlink.lab.plc import Truth, VirtualPlc
 from fieldlink.registers import Fallback, ParameterBlock, Status
 from fieldlink.site import Site
 from loop_model import LoopModel, ProcessModel, ValveModel

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldlink.plc import PlcError, VirtualPlc
-from fieldlink.plc.image import ExceptionCode, RequestRefusedError
-from fieldlink.plc.truth import CycleRecord, TruthLog
+from fieldlink.lab.plc import PlcError, VirtualPlc
+from fieldlink.lab.plc.image import ExceptionCode, RequestRefusedError
+from fieldlink.lab.plc.truth import CycleRecord, TruthLog
 from fieldlink.registers import DataType, Table, decode, encode
 from fieldlink.site import Site, load_site
 from fmu_models import catalogue

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.rehearse import ScenarioFile, load_scenario
+from fieldlink.lab.rehearse import ScenarioFile, load_scenario
 
 SMALL = """\
 {first}

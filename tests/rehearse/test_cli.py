@@ -14,7 +14,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
-from fieldlink.rehearse import ScenarioError
+from fieldlink.lab.rehearse import ScenarioError
 
 SCRIPT = Path(sys.executable).with_name("fieldlink")
 FAILING = '[[expect]]\nkind = "samples"\nof = "missed"\nat_least = 1\n'

@@ -13,9 +13,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from fieldlink.rehearse import Defect, load_scenario, shipped_scenarios
-from fieldlink.rehearse import models as m
-from fieldlink.rehearse.expected import END, Expectation
+from fieldlink.lab.rehearse import Defect, load_scenario, shipped_scenarios
+from fieldlink.lab.rehearse import models as m
+from fieldlink.lab.rehearse.expected import END, Expectation
 
 PAGE = (Path(__file__).parents[2] / "docs" / "rehearse.md").read_text(encoding="utf-8")
 

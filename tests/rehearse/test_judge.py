@@ -11,10 +11,10 @@ from pydantic import TypeAdapter
 
 from estimator import Interval
 from fieldlink.daemon.pipeline import LoopCounts
-from fieldlink.rehearse.expected import Expectation
-from fieldlink.rehearse.judge import judge
-from fieldlink.rehearse.outcome import RunCourse, Window, track_of
-from fieldlink.rehearse.stage import Trend
+from fieldlink.lab.rehearse.expected import Expectation
+from fieldlink.lab.rehearse.judge import judge
+from fieldlink.lab.rehearse.outcome import RunCourse, Window, track_of
+from fieldlink.lab.rehearse.stage import Trend
 from fieldlink.store import EventRecord, WritebackRecord
 
 ADAPTER: TypeAdapter[Expectation] = TypeAdapter(Expectation)

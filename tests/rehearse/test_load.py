@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.rehearse import ScenarioError, find_scenario, load_scenario, shipped_scenarios
+from fieldlink.lab.rehearse import ScenarioError, find_scenario, load_scenario, shipped_scenarios
 from fieldlink.site import SiteError
 
 WriteScenario = Callable[..., Path]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.rehearse import Defect, load_scenario, rehearse, shipped_scenarios
+from fieldlink.lab.rehearse import Defect, load_scenario, rehearse, shipped_scenarios
 
 SHIPPED = {path.stem: path for path in shipped_scenarios()}
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldlink.plc import PlcError
-from fieldlink.rehearse import (
+from fieldlink.lab.plc import PlcError
+from fieldlink.lab.rehearse import (
     Rehearsal,
     ScenarioError,
     ScenarioFile,
     load_scenario,
     rehearse,
 )
-from fieldlink.rehearse.course import over
+from fieldlink.lab.rehearse.course import over
 from fmu_models import fmu_path
 from fmu_models.packing import build_source
 

@@ -1,0 +1,132 @@
+"""The simulated PLC in a process of its own, as a real one would be: its only way out is Modbus.
+
+What really happened inside comes back through a pipe when it ends, for judging.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+from collections.abc import Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import structlog
+
+from fieldlink.errors import FieldlinkError
+from fieldlink.lab.demo.scene import DEVICE, DemoError
+from fieldlink.lab.plc import PlcServer, Truth, serve
+from fieldlink.site import load_site
+
+__all__ = ["PlcEnd", "PlcProcess"]
+
+START_TIMEOUT = 60.0
+STOP_TIMEOUT = 20.0
+
+_log = structlog.get_logger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class PlcEnd:
+    """What a PLC tells when it stops: the loop's true course, and its own late scans."""
+
+    truth: Truth
+    late_scans: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Failed:
+    message: str
+
+
+class PlcProcess:
+    """Starts ``fieldlink plant`` on a free port in a child process; a context manager."""
+
+    def __init__(self, site_file: Path, loop: str) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_run, args=(theirs, site_file, loop), name="fieldlink-demo-plc", daemon=False
+        )
+        self._theirs = theirs
+
+    def start(self) -> int:
+        """Start it and return the port that it listens on.
+
+        Raises:
+            DemoError: it does not start.
+        """
+        self._process.start()
+        self._theirs.close()
+        answer = self._receive(START_TIMEOUT, "start")
+        assert isinstance(answer, int)
+        return answer
+
+    def stop(self) -> PlcEnd:
+        """End it and return what happened in it.
+
+        Raises:
+            DemoError: it ended before or does not answer.
+        """
+        try:
+            self._pipe.send("stop")
+        except OSError as error:
+            raise DemoError(f"the simulated PLC has gone away: {error}") from error
+        answer = self._receive(STOP_TIMEOUT, "stop")
+        assert isinstance(answer, PlcEnd)
+        self._process.join(STOP_TIMEOUT)
+        return answer
+
+    def close(self) -> None:
+        """Make sure that it is gone."""
+        self._pipe.close()
+        if self._process.pid is None:
+            return
+        self._process.join(2.0)
+        if self._process.is_alive():
+            _log.warning("the simulated PLC did not end by itself", pid=self._process.pid)
+            self._process.kill()
+            self._process.join()
+
+    def _receive(self, timeout: float, step: str) -> object:
+        try:
+            if not self._pipe.poll(timeout):
+                raise DemoError(f"the simulated PLC did not {step} within {timeout:g} s")
+            answer = self._pipe.recv()
+        except EOFError as error:
+            self._process.join(2.0)
+            raise DemoError(
+                f"the simulated PLC ended with status {self._process.exitcode}; what it said "
+                "stands above"
+            ) from error
+        if isinstance(answer, _Failed):
+            raise DemoError(answer.message)
+        return answer
+
+
+def _run(pipe: Connection, site_file: Path, loop: str) -> None:
+    """Serve until told to stop, or until whoever started this is gone."""
+    try:
+        asyncio.run(_serve(pipe, site_file, loop))
+    except FieldlinkError as error:
+        pipe.send(_Failed(str(error)))
+
+
+async def _serve(pipe: Connection, site_file: Path, loop: str) -> None:
+    stop = asyncio.Event()
+
+    def ready(servers: Sequence[PlcServer]) -> None:
+        pipe.send(servers[0].port)
+        # Readable means "stop", or that the other end is closed: both end the run.
+        asyncio.get_running_loop().add_reader(pipe.fileno(), stop.set)
+
+    servers = await serve(load_site(site_file), port=0, ready=ready, stop=stop)
+    unit = servers[0].units[0]
+    assert unit.plc.device == DEVICE
+    try:
+        if pipe.poll():
+            pipe.recv()
+    except EOFError:
+        return  # whoever started this has given up: there is nobody to tell
+    pipe.send(PlcEnd(unit.plc.truth(loop), unit.late))

@@ -1,0 +1,19 @@
+"""Anybody's FMU: map its variables to tags, run it, sweep it, begin one of your own."""
+
+from fieldlink.lab.fmu.errors import FmuError
+from fieldlink.lab.fmu.mapping import FmuMap, load_map
+from fieldlink.lab.fmu.recorder import RunResult, write_table
+from fieldlink.lab.fmu.runner import RunSettings, run_fmu
+from fieldlink.lab.fmu.units import Conversion, conversion
+
+__all__ = [
+    "Conversion",
+    "FmuError",
+    "FmuMap",
+    "RunResult",
+    "RunSettings",
+    "conversion",
+    "load_map",
+    "run_fmu",
+    "write_table",
+]

@@ -1,0 +1,100 @@
+"""How a loop's program reaches the register image: tags by value, the exchange area by rule."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState, Table, Tag
+
+__all__ = ["ExchangePort", "TagPort"]
+
+
+class TagPort:
+    """One tag of the image in engineering units; its registers exist from here on."""
+
+    def __init__(self, image: RegisterImage, tag: Tag) -> None:
+        self._image = image
+        self._tag = tag
+        self._written = False
+        low, high = tag.data_type.bounds
+        self._modulus = None if tag.data_type.is_float else int(high) - max(0, int(low)) + 1
+        image.define(
+            tag.table,
+            tag.address,
+            tag.count,
+            writable=tag.writable,
+            check=self._check if tag.writable else None,
+        )
+
+    @property
+    def writable(self) -> bool:
+        """Whether a client may write it."""
+        return self._tag.writable
+
+    def take_written(self) -> bool:
+        """Whether a client has written it, the same value included, since this was asked last."""
+        written, self._written = self._written, False
+        return written
+
+    def show(self, value: float) -> None:
+        """Store a value, saturated at what the type holds.
+
+        NaN goes into a float as it is; integers have no such value and keep what they hold.
+        """
+        if math.isnan(value) and not self._tag.data_type.is_float:
+            return
+        if self._tag.bit is not None:
+            word = self._image.get(self._tag.table, self._tag.address, 1)[0]
+            self._put([self._tag.with_bit(word, value != 0.0)])
+            return
+        self._put(self._tag.encode(value, clamp=True))
+
+    def count(self, number: int) -> None:
+        """Store a counter, which begins again at 0 behind the largest number of its type."""
+        self._put(self._tag.encode(number if self._modulus is None else number % self._modulus))
+
+    def value(self) -> float:
+        """Return what the registers say, whoever wrote them; NaN when that is no number."""
+        words = self._image.get(self._tag.table, self._tag.address, self._tag.count)
+        return self._tag.decode(words).value
+
+    def _put(self, words: Sequence[int]) -> None:
+        self._image.put(self._tag.table, self._tag.address, words)
+
+    def _check(self, words: Sequence[int]) -> str | None:
+        reading = self._tag.decode(words)
+        if reading.quality.is_good:
+            self._written = True
+            return None
+        return f"{self._tag.name} = {reading.value:g}: {reading.quality.value}"
+
+
+class ExchangePort:
+    """The exchange area of one loop, enabled until the operator says otherwise."""
+
+    def __init__(self, image: RegisterImage, layout: ExchangeLayout, reader: BlockReader) -> None:
+        self._image = image
+        self._layout = layout
+        self._reader = reader
+        if layout == ExchangeLayout.at(layout.enable):
+            # The compact layout is one run of registers; those between its parts read 0.
+            last = max(last for _, _, last in layout.spans())
+            image.define(Table.HOLDING, layout.enable, last - layout.enable + 1)
+        fieldlinks = {"heartbeat", "commit", "bank_a", "bank_b"}
+        for part, first, last in layout.spans():
+            image.define(Table.HOLDING, first, last - first + 1, writable=part in fieldlinks)
+        self.enable(True)
+
+    def enable(self, allowed: bool) -> None:
+        """Set or clear the enable register."""
+        self._image.put(Table.HOLDING, self._layout.enable, [int(allowed)])
+
+    def scan(self, now: float) -> ReaderState:
+        """Read the area once at ``now`` PLC seconds, acknowledge, return what is in force."""
+        words = self._layout.view(lambda first, n: self._image.get(Table.HOLDING, first, n))
+        state = self._reader.scan(words, now)
+        for address, word in state.reply(self._layout).items():
+            self._image.put(Table.HOLDING, address, [word])
+        return state

@@ -1,0 +1,59 @@
+"""Finds and reads scenario files: shipped ones by name, anybody's by path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from fieldlink.lab.rehearse.errors import ScenarioError
+from fieldlink.lab.rehearse.models import Scenario
+from fieldlink.site.errors import nearest
+from fieldlink.site.toml_source import TomlSource
+from fieldlink.site.validation import validated
+
+__all__ = ["ScenarioFile", "find_scenario", "load_scenario", "shipped_scenarios"]
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioFile:
+    """A checked scenario and where it comes from."""
+
+    name: str
+    path: Path
+    scenario: Scenario
+
+
+def shipped_scenarios() -> tuple[Path, ...]:
+    """Return the scenarios that come with fieldlink, in order of name."""
+    folder = Path(str(files("fieldlink.lab.rehearse") / "scenarios"))
+    return tuple(sorted(folder.glob("*.toml")))
+
+
+def find_scenario(name: str) -> Path:
+    """Return the file that a user means: one that exists, else a shipped one of that name.
+
+    Raises:
+        ScenarioError: there is neither.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = {file.stem: file for file in shipped_scenarios()}
+    if name in shipped:
+        return shipped[name]
+    if path.suffix == ".toml" or path.parent != Path():
+        raise ScenarioError(f"there is no scenario file {path}; correct the path")
+    raise ScenarioError(
+        f"no scenario that is shipped is named {name!r}; {nearest(name, shipped)} "
+        "The path of a file of your own ends in .toml"
+    )
+
+
+def load_scenario(path: Path) -> ScenarioFile:
+    """Read a scenario file.
+
+    Raises:
+        SiteError: with every problem found, its line, key, value and remedy.
+    """
+    return ScenarioFile(path.stem, path, validated(TomlSource(path), Scenario))
