@@ -1,0 +1,1 @@
+"""Simulated control loops with known valves: one family to choose numbers by, one to report by."""
