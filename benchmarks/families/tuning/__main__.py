@@ -44,7 +44,9 @@ def plot_sheet(loops: list[RecordedLoop], file: Path, samples: int) -> None:
         twin.plot(loop.pv[:samples], lw=0.6, color="tab:red")
         twin.tick_params(labelsize=6)
         phase.plot(loop.op[:samples], loop.pv[:samples], lw=0.4, color="black")
-        truth = f"S {loop.stick_band:.1f} J {loop.slip_jump:.1f}" if loop.law != "none" else "healthy"
+        truth = (
+            f"S {loop.stick_band:.1f} J {loop.slip_jump:.1f}" if loop.law != "none" else "healthy"
+        )
         doubt = "" if loop.assessable else " NOT ASSESSABLE"
         time.set_title(
             f"{loop.name} {loop.law} {truth} n {len(loop.op)} strokes {loop.strokes}{doubt}\n"

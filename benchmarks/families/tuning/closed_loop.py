@@ -1,7 +1,7 @@
 """The closed loop: PI or PID controllers at their scan, process and valve at inner steps.
 
-One kernel runs a single loop, two loops that interact, or a cascade. Loop 0 is the recorded one; in a
-cascade it is the inner loop, and loop 1 writes its set point.
+One kernel runs a single loop, two loops that interact, or a cascade. Loop 0 is the recorded one;
+in a cascade it is the inner loop, and loop 1 writes its set point.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ INNER_STEPS = 8
 class Valve:
     """A valve law with its band and jump in percent of OP.
 
-    `curvature` a bends the installed characteristic: flow = 100 (exp(a d / 100) - 1) / a for a stem d
-    percent above mid-travel; ln 50 is equal percentage, a negative value quick opening, 0 linear.
+    `curvature` a bends the installed characteristic: flow = 100 (exp(a d / 100) - 1) / a for a stem
+    d percent above mid-travel; ln 50 is equal percentage, a negative value quick opening, 0 linear.
     """
 
     law: str = "none"
@@ -41,7 +41,7 @@ class Valve:
 
 @dataclass(frozen=True)
 class Controller:
-    """Velocity form, derivative on the filtered PV; times in scans, gain in percent per unit of PV."""
+    """Velocity form, derivative on filtered PV; times in scans, gain in percent per PV unit."""
 
     gain: float
     integral_time: float
@@ -171,7 +171,9 @@ def simulate(
     controls = [part.controller for part in parts]
     set_points = np.zeros((len(parts), len(sp)))
     set_points[1 if cascade else 0] = sp
-    values = [valve_parameters(p.valve.stick_band, p.valve.slip_jump, p.valve.pressure_lag) for p in parts]
+    values = [
+        valve_parameters(p.valve.stick_band, p.valve.slip_jump, p.valve.pressure_lag) for p in parts
+    ]
     out = _run(
         cascade,
         np.array(coupling),
@@ -181,9 +183,13 @@ def simulate(
         np.array([round(p.process.dead_time * INNER_STEPS) for p in parts]),
         np.array([LAWS.index(p.valve.law) for p in parts]),
         np.array(values),
-        np.array([valve_state(p.controller.rest, v[1]) for p, v in zip(parts, values, strict=True)]),
+        np.array(
+            [valve_state(p.controller.rest, v[1]) for p, v in zip(parts, values, strict=True)]
+        ),
         np.array([p.valve.curvature for p in parts]),
-        np.array([[c.gain, c.integral_time, c.derivative_time, c.rest, c.low, c.high] for c in controls]),
+        np.array(
+            [[c.gain, c.integral_time, c.derivative_time, c.rest, c.low, c.high] for c in controls]
+        ),
         set_points,
         np.array([p.load for p in parts]),
         np.array([p.noise for p in parts]),

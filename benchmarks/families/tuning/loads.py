@@ -81,7 +81,7 @@ def _steps(rng: np.random.Generator, scans: int, size: float, scale: float) -> F
 
 @njit(cache=True)
 def find_strokes(stem, threshold):  # type: ignore[no-untyped-def]
-    """Indices at which the strokes of a stem start: travels beyond `threshold` percent between reversals."""
+    """Where the stem's strokes start: travels beyond `threshold` percent between reversals."""
     starts = np.empty(len(stem), dtype=np.int64)
     count = 0
     direction = 0
@@ -90,9 +90,9 @@ def find_strokes(stem, threshold):  # type: ignore[no-untyped-def]
     for k in range(1, len(stem)):
         value = stem[k]
         if direction == 0:
-            if value < low:
+            if value <= low:
                 low, low_at = value, k
-            if value > high:
+            if value >= high:
                 high, high_at = value, k
             if high - low > threshold:
                 direction = 1 if high_at > low_at else -1

@@ -1,8 +1,8 @@
 """Linear processes with a sensor, and the controllers that an engineer would give them.
 
-Times are in scans of the controller. A process is two lags, an integrator with a lag, or an under-damped
-second-order system; a sensor lag follows. Tunings are SIMC's (Skogestad 2003), made faster or slower, and
-then kept at a given gain margin.
+Times are in scans of the controller. A process is two lags, an integrator with a lag, or an
+under-damped second-order system; a sensor lag follows. Tunings are SIMC's (Skogestad 2003), made
+faster or slower, and then kept at a given gain margin.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ SHORTEST_LAG = 0.05
 class Process:
     """Gain in PV per percent; `form` is "lags", "integrating" or "oscillatory".
 
-    `lag` is the first lag, the integrating time, or 1 / natural frequency; `second` the second lag, or
-    the damping ratio of an oscillatory process.
+    `lag` is the first lag, the integrating time, or 1 / natural frequency; `second` the second lag,
+    or the damping ratio of an oscillatory process.
     """
 
     form: str
@@ -35,7 +35,7 @@ class Process:
     dead_time: float
 
     def _matrices(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """A and B of the three states; the last is the sensor's reading, the middle the true value."""
+        """A and B of three states; the last is the sensor's reading, the middle the true value."""
         sensor = 1.0 / max(self.sensor_lag, SHORTEST_LAG)
         a = np.zeros((3, 3))
         b = np.zeros(3)
@@ -107,7 +107,9 @@ def tune(
         * process.respond(frequency)
     )
     # Gain at each crossing of -180 degrees: imaginary part changes sign on the negative real side.
-    crosses = (np.sign(open_loop.imag[1:]) != np.sign(open_loop.imag[:-1])) & (open_loop.real[1:] < 0.0)
+    crosses = (np.sign(open_loop.imag[1:]) != np.sign(open_loop.imag[:-1])) & (
+        open_loop.real[1:] < 0.0
+    )
     largest = float(np.max(-open_loop.real[1:][crosses])) if crosses.any() else 0.0
     factor = 1.0
     if largest > 0.0 and (exact or largest * margin > 1.0):
