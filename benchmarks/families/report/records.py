@@ -1,0 +1,90 @@
+"""What a historian makes of a signal: holding, compression, decimation, gaps, coarse converters."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["hold_by_exception", "lose_samples", "quantise", "store_box_car", "store_swinging_door"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Rng = np.random.Generator
+
+
+def quantise(signal: Array, step: float) -> Array:
+    """``signal`` as a converter with ``step`` reads it."""
+    return np.asarray(np.round(signal / step) * step)
+
+
+@numba.njit(cache=True)
+def hold_by_exception(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
+    """The last stored value until the signal leaves it by ``band`` or ``longest`` samples pass.
+
+    Returns the record and which samples were stored, shape ``(n,)`` each.
+    """
+    out, kept = np.empty(signal.size), np.zeros(signal.size, dtype=np.bool_)
+    last, since = signal[0], 0
+    kept[0] = True
+    for k in range(signal.size):
+        since += 1
+        if abs(signal[k] - last) > band or since >= longest:
+            last, since = signal[k], 0
+            kept[k] = True
+        out[k] = last
+    return out, kept
+
+
+@numba.njit(cache=True)
+def store_swinging_door(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
+    """Swinging-door compression (Bristol, 1990), read back by straight lines.
+
+    A sample is stored when no line from the last stored one stays within ``band`` of all between.
+    """
+    n = signal.size
+    kept = np.zeros(n, dtype=np.bool_)
+    kept[0] = kept[n - 1] = True
+    pivot = 0
+    steepest, flattest = -np.inf, np.inf
+    for k in range(1, n):
+        run = k - pivot
+        low = (signal[k] - band - signal[pivot]) / run
+        high = (signal[k] + band - signal[pivot]) / run
+        steepest, flattest = max(steepest, low), min(flattest, high)
+        if (steepest > flattest or run > longest) and k - 1 > pivot:
+            pivot = k - 1
+            kept[pivot] = True
+            steepest = signal[k] - band - signal[pivot]
+            flattest = signal[k] + band - signal[pivot]
+    knots = np.flatnonzero(kept)
+    return np.interp(np.arange(n), knots, signal[knots]), kept
+
+
+@numba.njit(cache=True)
+def store_box_car(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
+    """Box-car compression: store when the value leaves the last stored one by ``band``; lines back.
+
+    The value before the exception is stored too, as most historians do.
+    """
+    n = signal.size
+    kept = np.zeros(n, dtype=np.bool_)
+    kept[0] = kept[n - 1] = True
+    last = 0
+    for k in range(1, n):
+        if abs(signal[k] - signal[last]) > band or k - last >= longest:
+            kept[k] = True
+            if k - 1 > last:
+                kept[k - 1] = True
+            last = k
+    knots = np.flatnonzero(kept)
+    return np.interp(np.arange(n), knots, signal[knots]), kept
+
+
+def lose_samples(rng: Rng, n: int, share: float) -> Flags:
+    """Which of ``n`` samples are lost: about ``share``, single ones and bursts; shape ``(n,)``."""
+    lost = rng.random(n) < share * rng.uniform(0.1, 0.9)
+    while lost.mean() < share:
+        start = int(rng.integers(0, n))
+        lost[start : start + int(rng.geometric(0.08))] = True
+    return np.asarray(lost)
