@@ -142,14 +142,22 @@ def _record(
         return None
     op, pv, sp = (s[:end:every].copy() for s in (signals.op, signals.pv, signals.sp))
     notes = _describe(part, scene, noise_share)
-    assessable = len(op) / max(strokes, 1) >= KNOTS_PER_STROKE
+    assessable = not sticky or len(op) >= KNOTS_PER_STROKE * strokes
     if kind in ("held", "interpolated"):
-        sizes = [log_uniform(rng, 0.1, 1.0) * float(np.std(s)) for s in (op, pv)]
+        # A straight line follows a cycle longer than a held value, at the same deviation.
+        reach = (0.05, 0.6) if kind == "held" else (0.01, 0.3)
+        shaking = float(np.std(part.noise)) * np.array([abs(part.controller.gain), 1.0])
+        # A deviation below the noise would store every sample.
+        sizes = [
+            max(log_uniform(rng, *reach) * float(np.std(s)), float(shake))
+            for s, shake in zip((op, pv), shaking, strict=True)
+        ]
         if kind == "held":
             op, pv = (np.asarray(hold(s, d)) for s, d in zip((op, pv), sizes, strict=True))
         else:
             op, pv = (np.asarray(compress(s, d, 120)) for s, d in zip((op, pv), sizes, strict=True))
-        knots = min(count_knots(op), count_knots(pv)) // (2 if kind == "held" else 1)
+        # A held value bends twice per stored point: before its step and at it.
+        knots = (count_knots(op) + count_knots(pv)) // (4 if kind == "held" else 2)
         assessable = knots >= max(KNOTS_PER_STROKE * strokes, LEAST_KNOTS)
         notes += f", {knots} stored points"
     if kind == "missing":

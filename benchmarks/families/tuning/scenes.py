@@ -21,6 +21,9 @@ __all__ = ["Scene", "draw_scene", "log_uniform"]
 SHORTEST_WINDOW, LONGEST_WINDOW = 500, 1500
 """Samples of a record."""
 
+LONGEST_PHYSICAL_WINDOW = 900
+"""Samples; the fine steps of physical friction make a draw slow."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -126,7 +129,10 @@ def draw_scene(kind: str, sticky: bool, rng: np.random.Generator) -> Scene:
         samples = LONGEST_WINDOW
     valve = _draw_valve(kind, sticky, rng)
     process = _draw_process(kind, every, rng)
-    warm = int(min(1500.0, 200.0 + 8.0 * process.lag))
+    longest_warm = 1500.0
+    if valve.law in ("karnopp", "lugre") and kind != "few-strokes":
+        samples, longest_warm = min(samples, LONGEST_PHYSICAL_WINDOW), 300.0
+    warm = int(min(longest_warm, 200.0 + 8.0 * process.lag))
     scans = warm + samples * every
     part = _draw_part(kind, process, valve, rng, scans)
     size = valve.stick_band * rng.uniform(0.3, 1.8) if sticky else log_uniform(rng, 1.5, 12.0)

@@ -48,8 +48,8 @@ STRIBECK_VELOCITY = 0.1
 """Percent per scan: below the speed of OP in a cycle, or the stem would creep and never slip; above
 the speed at which bristles give way before it, or the stem would break away below fS."""
 
-FINE_STEPS = 400
-"""Steps of the physical laws per scan: 0.3 rad of the bristles' own frequency."""
+FINE_STEPS = 240
+"""Steps of the physical laws per scan: 0.5 rad of the bristles' own frequency."""
 
 
 def valve_parameters(
