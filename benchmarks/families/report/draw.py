@@ -13,6 +13,7 @@ from benchmarks.families.loop import RecordedLoop
 from benchmarks.families.report.closed_loop import simulate
 from benchmarks.families.report.kinds import KINDS, Kind
 from benchmarks.families.report.loads import measurement_noise
+from benchmarks.families.report.oracle import log_ratio
 from benchmarks.families.report.records import (
     hold_by_exception,
     lose_samples,
@@ -37,9 +38,13 @@ LONGEST = 1800
 """Samples of a window at most."""
 ATTEMPTS = 10
 """Draws until a loop shows what its kind asks for; the last one is returned as not assessable."""
+LEAST_LOG_RATIO = 10.0
+"""How much better the true stem must predict PV than OP does: the price of searching S and J."""
 LEAST_BAND = 0.02
 """Least stick band as a share of OP's range in the window."""
 LEAST_STROKES = 4
+LEAST_PER_STROKE = 4.0
+"""Samples in a stroke; a loop that is faster than its controller's scan is drawn again."""
 STORED_PER_STROKE = 4.0
 """Own values of PV that a stroke must leave in the record for its shape to be told."""
 
@@ -49,6 +54,7 @@ class _Window:
     op: Array
     pv: Array
     sp: Array
+    stem: Array
     strokes: int
     per_stroke: float
     own_values: float
@@ -117,7 +123,7 @@ def _cut(rng: Rng, kind: Kind, s: Scenario, run: tuple[Array, Array, Array, Arra
     strokes = int((turns < end).sum()) + 1
     part = slice(start, end)
     per_stroke = (end - start) / strokes
-    return _Window(op[part], pv[part], sp[part], strokes, per_stroke, 1.0, s.period, "")
+    return _Window(op[part], pv[part], sp[part], stem[part], strokes, per_stroke, 1.0, s.period, "")
 
 
 def _spread(signal: Array) -> float:
@@ -149,7 +155,9 @@ def _store(rng: Rng, kind: Kind, s: Scenario, w: _Window) -> _Window:
         store = store_swinging_door if rng.random() < 0.6 else store_box_car
         pv, kept = store(pv, band * _spread(pv), longest)
         op = store(op, band * _spread(op) * rng.uniform(0.2, 1.0), longest)[0]
-        return replace(w, op=op, pv=pv, own_values=kept.mean(), notes=f"{store.__name__} {band:.2f}")
+        return replace(
+            w, op=op, pv=pv, own_values=kept.mean(), notes=f"{store.__name__} {band:.2f}"
+        )
     if kind.name == "decimated":
         keep = max(2, int(w.per_stroke / rng.uniform(4.0, 10.0)))
         return replace(
@@ -157,6 +165,7 @@ def _store(rng: Rng, kind: Kind, s: Scenario, w: _Window) -> _Window:
             op=op[::keep],
             pv=pv[::keep],
             sp=w.sp[::keep],
+            stem=w.stem[::keep],
             per_stroke=w.per_stroke / keep,
             period=w.period * keep,
             notes=f"one sample of {keep}",
@@ -226,15 +235,19 @@ def draw(kind: str, sticky: bool, seed: int) -> RecordedLoop:
         if kind == "saturation":
             s = _clamp(rng, s)
         w = _cut(rng, what, s, _simulate(rng, what, s))
-        if w.strokes < LEAST_STROKES or (kind == "decimated" and w.per_stroke < 8.0):
+        enough = w.strokes >= LEAST_STROKES
+        if not enough or w.per_stroke < (8.0 if kind == "decimated" else LEAST_PER_STROKE):
             continue
         w = _store(rng, what, s, w)
         enough = not sticky or s.stick_band >= LEAST_BAND * float(np.nanmax(w.op) - np.nanmin(w.op))
         if enough:
             break
+    shown = enough and w.strokes >= LEAST_STROKES
+    if sticky and shown:
+        samples = (s.plants[0].dead_time + s.plants[0].sensor_lag) * s.period / w.period
+        shown = log_ratio(w.op, w.pv, w.stem, samples) >= LEAST_LOG_RATIO
     op, pv, sp, factor = _in_units(rng, w, s)
     told = w.own_values * w.per_stroke >= STORED_PER_STROKE and _share_at_rails(w) < 0.5
-    shown = enough and w.strokes >= LEAST_STROKES
     keep_sp = what.second or kind in ("setpoint-steps", "curved") or rng.random() < 0.6
     return RecordedLoop(
         name=f"report-{kind}-{'sticky' if sticky else 'healthy'}-{seed}",

@@ -90,9 +90,7 @@ def valve_flow(plant: Plant, x: float) -> float:
 
 
 @numba.njit(cache=True)
-def step_plant(
-    plant: Plant, state: Array, inflow: float, load: float, dt: float
-) -> float:
+def step_plant(plant: Plant, state: Array, inflow: float, load: float, dt: float) -> float:
     """Move the plant by ``dt`` under the (already delayed) ``inflow``; its measured output."""
     if plant.lag > 0.0:
         state[0] += (inflow - state[0]) * (1.0 - math.exp(-dt / plant.lag))
@@ -136,7 +134,7 @@ def _response(plant: Plant, w: Array) -> NDArray[np.complex128]:
 def tune(
     plant: Plant, controller: Controller, gain_margin: float, phase_margin: float
 ) -> Controller:
-    """``controller`` with the gain that leaves ``gain_margin``, slowed until ``phase_margin`` holds.
+    """``controller`` with the gain for ``gain_margin``, made slower until ``phase_margin`` holds.
 
     Margins are those of the linear loop with half an execution of delay for the sampling;
     ``phase_margin`` is in degrees. Only |gain| and the integral time change.
@@ -146,21 +144,19 @@ def tune(
     process = np.abs(plant.gain) / plant.gain * _response(plant, w)
     process = process * np.exp(-s * 0.5 * controller.every) / (1.0 + s * controller.filter_lag)
     integral = controller.integral
-    for _ in range(14):
+    for _ in range(16):
         law = 1.0 + 1.0 / (s * integral) + s * controller.derivative / (1.0 + s)
         loop = process * law
         phase = np.unwrap(np.angle(loop))
         phase = phase - 2.0 * np.pi * np.round((phase[0] + 0.5 * np.pi) / (2.0 * np.pi))
-        beyond = np.flatnonzero(phase < -np.pi + (0.02 if plant.level > 0.0 else 0.0))
-        if plant.level > 0.0:
-            beyond = beyond[w[beyond] > 1.0 / integral]
-        strongest = np.abs(loop)[beyond].max() if beyond.size else 0.5 * np.abs(loop)[-1]
-        gain = 1.0 / (gain_margin * strongest)
-        over = np.flatnonzero(gain * np.abs(loop) > 1.0)
-        margin = 180.0 + np.degrees(phase[over].min()) if over.size else 90.0
+        beyond = (phase < -np.pi) & (w * integral > 1.0)
+        strongest = np.abs(loop)[beyond].max() if beyond.any() else 0.5 * np.abs(loop[-1])
+        gain = 1.0 / (gain_margin * float(strongest))
+        above = gain * np.abs(loop) > 1.0
+        crossings = np.flatnonzero(above[:-1] & ~above[1:])
+        margin = 180.0 + np.degrees(phase[crossings].min()) if crossings.size else 90.0
         if margin >= phase_margin:
             break
-        integral *= 1.4
-    return controller._replace(
-        gain=float(gain * np.sign(plant.gain)), integral=float(integral)
-    )
+        integral *= 1.15
+        gain_margin *= 1.08
+    return controller._replace(gain=float(gain * np.sign(plant.gain)), integral=float(integral))

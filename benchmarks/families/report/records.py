@@ -40,7 +40,8 @@ def hold_by_exception(signal: Array, band: float, longest: int) -> tuple[Array, 
 def store_swinging_door(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
     """Swinging-door compression (Bristol, 1990), read back by straight lines.
 
-    A sample is stored when no line from the last stored one stays within ``band`` of all between.
+    A sample is stored when the line from the last stored one to the sample after it would leave
+    ``band`` around a sample between, so that the record is never further off than that.
     """
     n = signal.size
     kept = np.zeros(n, dtype=np.bool_)
@@ -49,14 +50,13 @@ def store_swinging_door(signal: Array, band: float, longest: int) -> tuple[Array
     steepest, flattest = -np.inf, np.inf
     for k in range(1, n):
         run = k - pivot
-        low = (signal[k] - band - signal[pivot]) / run
-        high = (signal[k] + band - signal[pivot]) / run
-        steepest, flattest = max(steepest, low), min(flattest, high)
-        if (steepest > flattest or run > longest) and k - 1 > pivot:
-            pivot = k - 1
+        slope = (signal[k] - signal[pivot]) / run
+        if (slope < steepest or slope > flattest or run > longest) and k - 1 > pivot:
+            pivot, run = k - 1, 1
             kept[pivot] = True
-            steepest = signal[k] - band - signal[pivot]
-            flattest = signal[k] + band - signal[pivot]
+            steepest, flattest = -np.inf, np.inf
+        steepest = max(steepest, (signal[k] - band - signal[pivot]) / run)
+        flattest = min(flattest, (signal[k] + band - signal[pivot]) / run)
     knots = np.flatnonzero(kept)
     return np.interp(np.arange(n), knots, signal[knots]), kept
 

@@ -21,7 +21,9 @@ Rng = np.random.Generator
 BANDS = (1.0, 12.0)
 """Stick bands, % of OP: from what a maintained valve shows to one ready for repair (own choice)."""
 
-FORCE_STEP = 0.025
+FORCE_LAWS = ("karnopp", "lugre")
+
+FORCE_STEP = 0.02
 """Longest step of a force balance, seconds: a tenth of a stem's run."""
 
 QUICK_STEPS = 6
@@ -54,30 +56,38 @@ def log_uniform(rng: Rng, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _draw_valve(rng: Rng, kind: Kind, period: float) -> tuple[str, Valve, float, float]:
-    law = str(rng.choice(kind.laws))
+def _draw_force_valve(rng: Rng, law: str, dt: float) -> tuple[Valve, float, float]:
+    """A valve with a force balance that does slip, and what a ramp finds of it."""
+    while True:
+        band, share = log_uniform(rng, *BANDS), rng.uniform(0.2, 0.85)
+        viscous = log_uniform(rng, 0.03, 0.15)
+        valve = Valve(
+            LAWS[law],
+            static=band * (1.0 + share) / 2.0,
+            dynamic=band * (1.0 - share) / 2.0,
+            air_lag=log_uniform(rng, 0.15, 1.2),
+            viscous=viscous,
+            inertia=log_uniform(rng, 1e-5, 1e-3),
+            stribeck=rng.uniform(0.08, 0.25) * band * share / viscous,
+            stiffness=log_uniform(rng, 20.0, 150.0),
+        )
+        measured, jump = measure_by_ramp(valve, dt)
+        if 0.5 * band < measured < 1.4 * band and jump > 0.05 * band:
+            return valve, measured, jump
+
+
+def _draw_valve(rng: Rng, kind: Kind, law: str, period: float) -> tuple[Valve, float, float]:
+    if law in FORCE_LAWS:
+        return _draw_force_valve(rng, law, period / _steps(law, period))
     band = log_uniform(rng, *BANDS)
     share = {"pure-slip": 1.0, "dead-band": 0.0}.get(kind.name, 0.05 + 0.95 * rng.beta(1.4, 1.6))
-    if law in ("karnopp", "lugre"):
-        share = min(max(share, 0.1), 0.9)
     jump = band * share
-    static, dynamic = (band + jump) / 2.0, (band - jump) / 2.0
-    if law not in ("karnopp", "lugre"):
-        air = period * rng.uniform(0.1, 1.0) if rng.random() < 0.4 else 0.0
-        return law, Valve(LAWS[law], static, dynamic, air), band, jump
-    viscous = log_uniform(rng, 0.02, 0.15)
-    valve = Valve(
-        LAWS[law],
-        static,
-        dynamic,
-        air_lag=log_uniform(rng, 0.15, 1.2),
-        viscous=viscous,
-        inertia=log_uniform(rng, 1e-5, 1e-3),
-        stribeck=rng.uniform(0.02, 0.15) * jump / viscous,
-        stiffness=log_uniform(rng, 20.0, 150.0),
-    )
-    band, jump = measure_by_ramp(valve, 0.5 * FORCE_STEP)
-    return law, valve, band, jump
+    air = period * rng.uniform(0.1, 1.0) if rng.random() < 0.4 else 0.0
+    return Valve(LAWS[law], (band + jump) / 2.0, (band - jump) / 2.0, air), band, jump
+
+
+def _steps(law: str, period: float) -> int:
+    return max(QUICK_STEPS, int(np.ceil(period / FORCE_STEP))) if law in FORCE_LAWS else QUICK_STEPS
 
 
 def _draw_plant(rng: Rng, kind: Kind) -> Plant:
@@ -258,25 +268,21 @@ def _add_second_loop(rng: Rng, kind: Kind, s: Scenario, sticky: bool) -> Scenari
 
 def draw_scenario(rng: Rng, kind: Kind, sticky: bool, n: int) -> Scenario:
     """A loop of ``kind`` with ``n`` scans of loads and set points."""
-    forces = sticky and set(kind.laws) <= {"karnopp", "lugre"}
-    period = float(rng.choice([0.5, 1.0, 1.0, 2.0] if forces else [1, 1, 2, 5, 10, 15, 30, 60]))
-    law, valve, band, jump = "none", HEALTHY, 0.0, 0.0
-    size = log_uniform(rng, *BANDS)
+    law = str(rng.choice(kind.laws)) if sticky else "none"
+    period = float(
+        rng.choice([0.5, 1, 1, 2] if law in FORCE_LAWS else [1, 1, 2, 5, 10, 15, 30, 60])
+    )
+    valve, band, jump, size = HEALTHY, 0.0, 0.0, log_uniform(rng, *BANDS)
     if sticky:
-        law, valve, band, jump = _draw_valve(rng, kind, period)
+        valve, band, jump = _draw_valve(rng, kind, law, period)
         size = band
-    if law in ("karnopp", "lugre"):
-        period = min(period, 2.0)
     plant = _draw_plant(rng, kind)
     controller = _draw_controller(rng, kind, plant)
-    steps = QUICK_STEPS
-    if law in ("karnopp", "lugre"):
-        steps = max(QUICK_STEPS, int(np.ceil(period / FORCE_STEP)))
     scenario = Scenario(
         plants=(plant, NO_LOOP[0]),
         valves=(valve, HEALTHY),
         controllers=(controller, NO_LOOP[1]),
-        wiring=Wiring(0, 0.0, 0.0, 0.0, steps, period),
+        wiring=Wiring(0, 0.0, 0.0, 0.0, _steps(law, period), period),
         period=period,
         law=law,
         stick_band=band,

@@ -218,9 +218,12 @@ def _ramp_test(valve: Valve, span: float, rate: float, dt: float) -> tuple[float
 def measure_by_ramp(valve: Valve, dt: float) -> tuple[float, float]:
     """Stick band S and slip jump J that a slow ramp of OP up and down finds.
 
-    For the laws of forces this is the truth: Stribeck speed, viscosity and bristles shift both
-    from what the two frictions alone would give.
+    For the laws of forces this is the truth: Stribeck speed, viscosity, bristles and the length
+    ``dt`` of a step shift both from what the two frictions alone would give. The ramp is slow
+    beside a slip and beside the Stribeck speed, so that the stem sticks again after every slip;
+    a valve that glides on it gives 0 for both.
     """
     band = valve.static + valve.dynamic
-    rate = band / max(60.0 * dt, 30.0 * (valve.viscous + math.sqrt(valve.inertia)), 1e-9)
+    slow = band / max(200.0 * dt, 30.0 * (valve.viscous + math.sqrt(valve.inertia)))
+    rate = min(slow, 0.2 * valve.stribeck) if valve.law >= LAWS["karnopp"] else slow
     return _ramp_test(valve._replace(air_lag=0.0), 3.3 * band, rate, dt)
