@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.recorded import Judged, Labelled
 from benchmarks.report import table
 from benchmarks.roc import auc
-from estimator.indices import apparent_stiction, cross_correlation, harris_index, oscillation
+from estimator.monitoring.indices import apparent_stiction, cross_correlation, harris_index, oscillation
 from estimator.outcomes import EstimatorError
 
 __all__ = ["companions"]

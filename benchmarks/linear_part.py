@@ -22,7 +22,7 @@ from benchmarks.examples import EXAMPLES, Example
 from benchmarks.report import heading, keep, machine, table
 from compensator.study import Study, held_stem_std, run
 from compensator.unaware import UnawareMpc
-from estimator.armax import ArmaxFit, ArmaxOrders, armax
+from estimator.processes.armax import ArmaxFit, ArmaxOrders, armax
 
 __all__ = ["main", "order_choice"]
 

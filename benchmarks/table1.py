@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from estimator import grid_search, identify, nlp_paper
-from estimator.paper_fit import PaperFit
+from estimator.published.paper_fit import PaperFit
 
 __all__ = ["CASES", "Case", "Row", "our_rows", "table_of"]
 

@@ -36,6 +36,9 @@ class ReasonCode(StrEnum):
     PV_AT_LIMIT = "pv_at_limit"
     NO_MODEL_EXPLAINS_PV = "no_model_explains_pv"
     TOO_FEW_MOVES = "too_few_moves"
+    BAND_TOO_SMALL = "band_too_small"
+    RECORD_INTERPOLATED = "record_interpolated"
+    UNCERTAIN = "uncertain"
 
     @property
     def advice(self) -> str:
@@ -62,6 +65,11 @@ _ADVICE = {
         "PV does not follow OP in this window: look for disturbances, or record with small steps."
     ),
     ReasonCode.TOO_FEW_MOVES: "Record a longer window or one with a set-point change.",
+    ReasonCode.BAND_TOO_SMALL: "Nothing to do at the valve; watch whether the band grows.",
+    ReasonCode.RECORD_INTERPOLATED: (
+        "Poll the loop: the historian has drawn straight lines where the evidence was."
+    ),
+    ReasonCode.UNCERTAIN: "Judge a longer window, one polled faster, or one with a set-point step.",
 }
 
 

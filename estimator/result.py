@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from estimator._kernels import Array
+from estimator.lanes import Array
 from estimator.outcomes import Reason, Verdict
 from loop_model import LoopModel
 
@@ -106,31 +106,66 @@ class Evidence:
     """What the verdict rests on.
 
     Attributes:
-        simulated: log Bayes factor of a sticky over a healthy valve from simulation errors.
-        whitened: the same from one-step errors, both valves with noise models of their own; 0 where
-            the simulation already favours the healthy valve.
-        effective_samples: independent samples that the residuals are worth.
+        log_bayes_factor: of a sticky over a healthy valve, in nats; both judged on the same rows,
+            every parameter paid for; negative where the healthy valve is likelier.
+        effect: share of PV's variance that the difference between stem and OP makes.
+        process: log Bayes factor of the better hypothesis over a PV that does not follow OP.
+        disturbances: oscillations from outside that the healthy valve needs.
         moves: samples in which the identified stem moves; reversals: changes of direction;
             strokes: runs of moves in one direction.
         band_over_span: stick band over the span of OP in the window.
+        informed: share of samples that are no straight line between others, the lesser of OP's and
+            PV's.
+        gain_sign: sign of the process gain that the controller's action tells, 0 where unclear.
+        law: the valve law that explains the window best.
     """
 
-    simulated: float
-    whitened: float
-    effective_samples: float
+    log_bayes_factor: float
+    effect: float
+    process: float
+    disturbances: int
     moves: int
     reversals: int
     strokes: int
     band_over_span: float
+    informed: float
+    gain_sign: int
+    law: str
+
+    def to_dict(self) -> dict[str, float | int | str | None]:
+        """Plain types, null for no number."""
+        return {
+            "log_bayes_factor": _number(self.log_bayes_factor),
+            "effect": _number(self.effect),
+            "process": _number(self.process),
+            "disturbances": self.disturbances,
+            "moves": self.moves,
+            "reversals": self.reversals,
+            "strokes": self.strokes,
+            "band_over_span": _number(self.band_over_span),
+            "informed": _number(self.informed),
+            "gain_sign": self.gain_sign,
+            "law": self.law,
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class RunnerUp:
-    """A process structure that was tried: the best cost it reached and its distance in BIC."""
+    """Another explanation that was tried: how many nats it is behind the best one."""
 
+    explanation: str
     structure: str
     dead_time_samples: int
-    delta_bic: float
+    behind: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types."""
+        return {
+            "explanation": self.explanation,
+            "structure": self.structure,
+            "dead_time_samples": self.dead_time_samples,
+            "behind": _number(self.behind),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +188,10 @@ class Identification:
     Attributes:
         verdict: the answer.
         reasons: why, each with advice.
-        score: evidence for stiction; 0 when no valve model is better than a healthy valve.
+        uncertain: whether the evidence is so near to the threshold that the other verdict is
+            possible.
+        score: log Bayes factor of a sticky over a healthy valve, in nats; never clipped, so that
+            loops can be ranked by it. NaN when not assessable before a model was tried.
         stick_band, slip_jump: S and J with intervals at ``confidence``.
         static_friction, dynamic_friction: fS = (S + J)/2 and fD = (S - J)/2, likewise.
         process, fit, criterion, evidence: what was identified, and how well.
@@ -187,6 +225,7 @@ class Identification:
     stem: Array
     pv_model: Array
     surface: CostSurface | None
+    uncertain: bool = False
     runners_up: tuple[RunnerUp, ...] = ()
     identifiability: tuple[str, ...] = ()
     criterion_reason: str = ""
@@ -195,6 +234,7 @@ class Identification:
         """The JSON object of ``fieldlink identify --json``: plain types, null for no number."""
         return {
             "verdict": self.verdict.value,
+            "uncertain": self.uncertain,
             "reasons": [reason.text for reason in self.reasons],
             "score": _number(self.score),
             "stick_band": self.stick_band.to_dict(),
@@ -208,4 +248,9 @@ class Identification:
             "samples": self.samples,
             "period_s": self.period_s,
             "seconds": self.seconds,
+            "reason_codes": [reason.code.value for reason in self.reasons],
+            "advice": [reason.advice for reason in self.reasons],
+            "evidence": self.evidence.to_dict(),
+            "identifiability": list(self.identifiability),
+            "runners_up": [one.to_dict() for one in self.runners_up],
         }

@@ -8,19 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator._kernels import Array, Mask
+from estimator.lanes import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
+from estimator.settings import Screening
 
-__all__ = ["MIN_SAMPLES", "Window", "harmonise", "screen"]
+__all__ = ["Window", "harmonise", "screen"]
 
-MIN_SAMPLES = 50
-"""Fewer samples cannot be judged."""
-
-_MAX_BAD = 0.3
-_MIN_AUTO = 0.7
-_MAX_AT_RAIL = 0.5
-_FROZEN = 0.9
 _TINY = 1e-9
+"""Span or deviation, as a share of the value, that is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +53,7 @@ def harmonise(
     sp: ArrayLike | None,
     auto: ArrayLike | None,
     period: float,
+    screening: Screening,
 ) -> Window:
     """Check and scale the raw samples.
 
@@ -75,7 +71,9 @@ def harmonise(
                 f"give every signal of the window with the same number of samples"
             )
     if length < 2:
-        raise EstimatorError(f"a window of {length} samples is no window: give {MIN_SAMPLES}+")
+        raise EstimatorError(
+            f"a window of {length} samples is too short: give {screening.min_samples}+"
+        )
     if not (math.isfinite(period) and period > 0.0):
         raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
     in_auto = np.ones(length, dtype=bool)
@@ -113,41 +111,56 @@ def harmonise(
     )
 
 
-def screen(window: Window) -> tuple[Reason, ...]:
-    """Reasons why the window cannot be judged before any model is tried; empty when it can."""
+def screen(window: Window, informed: float, screening: Screening) -> tuple[Reason, ...]:
+    """Reasons why the window cannot be judged before any model is tried; empty when it can.
+
+    ``informed`` is the share of samples that were measured and not drawn by a historian.
+    """
     reasons: list[Reason] = []
 
     def add(code: ReasonCode, text: str) -> None:
         reasons.append(Reason(code, text))
 
     n, good = window.size, int(window.good.sum())
-    if n < MIN_SAMPLES:
-        add(ReasonCode.TOO_FEW_SAMPLES, f"the window has {n} samples, {MIN_SAMPLES} are needed")
-    if good < (1.0 - _MAX_BAD) * n:
+    if n < screening.min_samples:
+        add(
+            ReasonCode.TOO_FEW_SAMPLES,
+            f"the window has {n} samples, {screening.min_samples} are needed",
+        )
+    if good < (1.0 - screening.max_bad) * n:
         add(
             ReasonCode.TOO_MANY_BAD_SAMPLES,
-            f"{n - good} of {n} samples are bad or missing, {_MAX_BAD:.0%} are tolerated",
+            f"{n - good} of {n} samples are bad or missing, {screening.max_bad:.0%} are tolerated",
         )
-    if window.automatic < _MIN_AUTO:
+    if window.automatic < screening.min_auto:
         add(
             ReasonCode.NOT_IN_AUTOMATIC,
             f"the controller is in automatic for {window.automatic:.0%} of the window, "
-            f"{_MIN_AUTO:.0%} are needed",
+            f"{screening.min_auto:.0%} are needed",
         )
     if window.op_span == 0.0:
         add(ReasonCode.OP_CONSTANT, f"OP stays at {window.op_centre:.6g}")
-    elif (steady := _longest_share(window.u)) > _FROZEN:
+    elif (steady := _longest_share(window.u)) > screening.max_still:
         add(ReasonCode.OP_HARDLY_MOVES, f"OP stands still for {steady:.0%} of the window")
-    elif (share := _rail_share(window.u[window.good])) > _MAX_AT_RAIL:
+    elif (share := _rail_share(window.u[window.good])) > screening.max_at_rail:
         add(ReasonCode.OP_AT_LIMIT, f"OP is at its limit for {share:.0%} of the window")
     if window.pv_scale == 0.0:
         add(ReasonCode.PV_FROZEN, f"PV stays at {window.pv_centre:.6g}")
     else:
         y = window.y[window.good]
-        if (still := _longest_share(y)) > _FROZEN:
-            add(ReasonCode.PV_FROZEN, f"PV does not change for {still:.0%} of the window")
-        elif (share := _rail_share(y)) > _MAX_AT_RAIL:
+        if (still := _longest_share(y)) > screening.max_still:
+            add(
+                ReasonCode.PV_FROZEN,
+                f"PV does not change for {still:.0%} of the window",
+            )
+        elif (share := _rail_share(y)) > screening.max_at_rail:
             add(ReasonCode.PV_AT_LIMIT, f"PV is at its limit for {share:.0%} of the window")
+    if informed < screening.min_informed:
+        add(
+            ReasonCode.RECORD_INTERPOLATED,
+            f"only {informed:.0%} of the samples are no straight line between two others, "
+            f"{screening.min_informed:.0%} are needed",
+        )
     return tuple(reasons)
 
 

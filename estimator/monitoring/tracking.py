@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from estimator.changes import Change, ChangeKind, find_changes
+from estimator.monitoring.changes import Change, ChangeKind, find_changes
+from estimator.monitoring.trend import Trend, smooth_trend
 from estimator.outcomes import EstimatorError
 from estimator.result import Interval
-from estimator.trend import Trend, smooth_trend
 
 __all__ = ["Track", "TrackedSeries", "track"]
 

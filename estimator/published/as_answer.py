@@ -11,13 +11,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator._slips import Op
-from estimator.arx_search import ArxFound
+from estimator.criteria.one_step import choose_orders
 from estimator.estimate import Estimate
-from estimator.grid import grid_search
-from estimator.nlp import nlp_paper, nlp_polish
+from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.outcomes import EstimatorError
-from estimator.paper_fit import PaperFit
+from estimator.published.grid import grid_search
+from estimator.published.nlp import nlp_paper, nlp_polish
+from estimator.published.paper_fit import PaperFit
 from estimator.result import Interval, Process
 from estimator.window import Window
 
@@ -30,7 +30,7 @@ _STEP = 0.04
 """Step of the grid and of the starts as a share of OP's span: 0.5 in the paper's examples."""
 
 
-def published_estimate(window: Window, op: Op, found: ArxFound, method: str) -> Estimate:
+def published_estimate(case: Case, window: Window, found: Hypothesis, method: str) -> Estimate:
     """What a method of the paper finds; it gives no intervals, so that these are unknown.
 
     Raises:
@@ -43,7 +43,7 @@ def published_estimate(window: Window, op: Op, found: ArxFound, method: str) -> 
         )
     u = window.op_centre + window.op_span * window.u
     y = window.pv_centre + window.pv_scale * window.y
-    orders = found.regression.orders
+    orders = choose_orders(case, found.stem)
     na, nb, dead_time = orders.na, orders.nb, orders.dead_time
     step, period = _STEP * window.op_span, window.period
     if method == "grid":
@@ -51,8 +51,9 @@ def published_estimate(window: Window, op: Op, found: ArxFound, method: str) -> 
     elif method == "nlp":
         fit = nlp_paper(u, y, na=na, nb=nb, dead_time=dead_time, step=step, period=period).best
     else:
-        best, span = found.best, window.op_span
-        first = window.op_centre + span * float(best.stem(op)[0])
+        best, span = found.valve, window.op_span
+        assert best is not None
+        first = window.op_centre + span * float(found.stem[0])
         fit = nlp_polish(
             u,
             y,
@@ -78,6 +79,7 @@ def _estimate(window: Window, fit: PaperFit, name: str) -> Estimate:
     scaled = (simulated - window.pv_centre) / window.pv_scale
     return Estimate(
         criterion="arx",
+        reason="the method of the paper, as asked",
         band=_alone(static + dynamic),
         jump=_alone(static - dynamic),
         static=_alone(static),
@@ -86,8 +88,6 @@ def _estimate(window: Window, fit: PaperFit, name: str) -> Estimate:
         simulated=scaled + float((window.y - scaled).mean()),
         process=Process(name, MappingProxyType(parameters), model.dead_time, _alone(model.gain)),
         model=model,
-        bic=math.nan,
-        runners_up=(),
     )
 
 

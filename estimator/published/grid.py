@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimator.outcomes import EstimatorError
-from estimator.paper_fit import ArxStructure, ArxWindow, InitialStem, PaperFit
+from estimator.published.paper_fit import ArxStructure, ArxWindow, InitialStem, PaperFit
 from estimator.valves import HeValve, SlipStickValve, SmoothedValve
 
 __all__ = ["grid_search"]

@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.indices import apparent_stiction
-from estimator.moves import best_with_same_moves
-from estimator.nlp_problem import Programme, Solution, SolverOutcome, require_casadi
-from estimator.nlp_starts import starting_frictions
+from estimator.monitoring.indices import apparent_stiction
 from estimator.outcomes import EstimatorError
-from estimator.paper_fit import ArxStructure, ArxWindow, InitialStem, PaperFit
+from estimator.published.nlp_problem import Programme, Solution, SolverOutcome, require_casadi
+from estimator.published.nlp_starts import starting_frictions
+from estimator.published.paper_fit import ArxStructure, ArxWindow, InitialStem, PaperFit
+from estimator.published.same_moves import best_with_same_moves
 from estimator.valves import HeValve, SmoothedValve
 
 __all__ = ["NlpAttempt", "NlpFit", "SolverOutcome", "nlp_paper", "nlp_polish"]

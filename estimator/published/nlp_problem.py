@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.outcomes import EstimatorError
-from estimator.paper_fit import ArxStructure
+from estimator.published.paper_fit import ArxStructure
 
 __all__ = ["Programme", "Solution", "SolverOutcome", "require_casadi"]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from estimator.paper_fit import ArxWindow, PaperFit
+from estimator.published.paper_fit import ArxWindow, PaperFit
 from estimator.valves import HeValve
 
 __all__ = ["MoveCell", "best_with_same_moves"]

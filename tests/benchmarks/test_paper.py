@@ -12,7 +12,7 @@ from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.paper import main
 from benchmarks.paper_methods import Estimate, estimates, free_start_cost
 from benchmarks.paper_summary import held, published, summarise
-from estimator.paper_fit import ArxStructure, ArxWindow
+from estimator.published.paper_fit import ArxStructure, ArxWindow
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 TRUTH = LoopModel(ValveModel(10.0, 2.0), ProcessModel((-0.5,), (0.5,), 1, 0.0, 1.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from estimator.armax import ArmaxOrders, armax
+from estimator.processes.armax import ArmaxOrders, armax
 from estimator.outcomes import EstimatorError
 from loop_model import ProcessModel
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from estimator._kernels import complete, lag, weighted
+from estimator.lanes import complete, lag, weighted
 
 
 def test_lag_is_a_first_order_filter_started_at_rest() -> None:

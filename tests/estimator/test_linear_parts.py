@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator._kernels import complete
+from estimator.lanes import complete
 from estimator._listing import list_sets, list_sets_at, sets_of
 from estimator._one_step import one_step_costs
 from estimator._response import least_squares

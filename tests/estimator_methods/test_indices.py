@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from estimator.indices import (
+from estimator.monitoring.indices import (
     HorchFinding,
     apparent_stiction,
     cross_correlation,

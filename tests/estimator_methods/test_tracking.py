@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from estimator.changes import ChangeKind, find_changes
+from estimator.monitoring.changes import ChangeKind, find_changes
 from estimator.outcomes import EstimatorError
 from estimator.result import Interval
-from estimator.tracking import track
-from estimator.trend import smooth_trend
+from estimator.monitoring.tracking import track
+from estimator.monitoring.trend import smooth_trend
 
 DAY = 86400.0
 QUANTILE = 1.6448536

@@ -224,6 +224,6 @@ def measure_by_ramp(valve: Valve, dt: float) -> tuple[float, float]:
     a valve that glides on it gives 0 for both.
     """
     band = valve.static + valve.dynamic
-    slow = band / max(200.0 * dt, 30.0 * (valve.viscous + math.sqrt(valve.inertia)))
+    slow = band / max(120.0 * dt, 30.0 * (valve.viscous + math.sqrt(valve.inertia)))
     rate = min(slow, 0.2 * valve.stribeck) if valve.law >= LAWS["karnopp"] else slow
     return _ramp_test(valve._replace(air_lag=0.0), 3.3 * band, rate, dt)

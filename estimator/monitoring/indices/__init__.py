@@ -9,11 +9,15 @@
 All take arrays of shape ``(n,)``; a NaN marks a bad sample and counts for nothing.
 """
 
-from estimator.indices.correlation import CrossCorrelation, HorchFinding, cross_correlation
-from estimator.indices.ellipse import Ellipse, apparent_stiction
-from estimator.indices.harris import harris_index
-from estimator.indices.oscillation import Oscillation, oscillation
-from estimator.indices.wear import ValveWear, valve_wear
+from estimator.monitoring.indices.correlation import (
+    CrossCorrelation,
+    HorchFinding,
+    cross_correlation,
+)
+from estimator.monitoring.indices.ellipse import Ellipse, apparent_stiction
+from estimator.monitoring.indices.harris import harris_index
+from estimator.monitoring.indices.oscillation import Oscillation, oscillation
+from estimator.monitoring.indices.wear import ValveWear, valve_wear
 
 __all__ = [
     "CrossCorrelation",

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.indices._signals import correlation, crossings, detrended, pair
+from estimator.monitoring.indices._signals import correlation, crossings, detrended, pair
 
 __all__ = ["CrossCorrelation", "HorchFinding", "cross_correlation"]
 

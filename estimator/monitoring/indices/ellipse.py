@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
-from estimator.indices._signals import Array, detrended, pair
-from estimator.indices.oscillation import oscillation
+from estimator.monitoring.indices._signals import Array, detrended, pair
+from estimator.monitoring.indices.oscillation import oscillation
 
 __all__ = ["Ellipse", "apparent_stiction"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.indices._signals import vector
+from estimator.monitoring.indices._signals import vector
 from estimator.outcomes import EstimatorError
 
 __all__ = ["harris_index"]

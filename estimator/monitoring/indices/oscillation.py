@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.indices._signals import correlation, crossings, detrended, vector
+from estimator.monitoring.indices._signals import correlation, crossings, detrended, vector
 
 __all__ = ["Oscillation", "oscillation"]
 

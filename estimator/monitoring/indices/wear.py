@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from estimator.indices._signals import vector
+from estimator.monitoring.indices._signals import vector
 from estimator.outcomes import EstimatorError
 
 __all__ = ["ValveWear", "valve_wear"]

@@ -1,0 +1,76 @@
+"""He's curve fitting: does OP swing in triangles (the valve) or in sines (tuning, outside)?
+
+Source: He, Wang, Pottmann and Qin (2007), "A curve fitting method for detecting valve stiction in
+oscillating control loops", Industrial and Engineering Chemistry Research 46, 4549-4560. For a
+self-regulating process the curve is OP; for an integrating one the paper takes PV.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import detrend
+
+from benchmarks.published.finding import Finding
+
+__all__ = ["fit_curve"]
+
+Array = NDArray[np.float64]
+
+STICKY, HEALTHY = 0.6, 0.4
+"""Stiction index above which, and below which, the paper decides."""
+SHORTEST = 6
+"""Samples of a half cycle that can be fitted: a triangle has three unknowns."""
+
+
+def _crossings(curve: Array) -> list[int]:
+    """Samples after which the curve changes sign, noise within 20 % of its deviation ignored."""
+    band = 0.2 * float(curve.std())
+    sides = np.where(curve > band, 1, np.where(curve < -band, -1, 0))
+    found, side, last = [], 0, 0
+    for k, now in enumerate(sides):
+        if now == 0:
+            continue
+        if side and now != side:
+            between = curve[last : k + 1]
+            flips = np.flatnonzero(np.sign(between[:-1]) != np.sign(between[1:]))
+            found.append(last + int(flips[0]) + 1 if flips.size else k)
+        side, last = int(now), k
+    return found
+
+
+def _sine_error(piece: Array) -> float:
+    shape = np.sin(np.pi * (np.arange(piece.size) + 0.5) / piece.size)
+    amplitude = float(shape @ piece) / float(shape @ shape)
+    return float(((piece - amplitude * shape) ** 2).sum())
+
+
+def _triangle_error(piece: Array) -> float:
+    """Least error of two straight lines through both ends that meet at any sample between."""
+    n = piece.size
+    time = np.arange(n) + 0.5
+    best = np.inf
+    for peak in range(1, n):
+        shape = np.where(time < peak, time / peak, (n - time) / (n - peak))
+        height = float(shape @ piece) / float(shape @ shape)
+        best = min(best, float(((piece - height * shape) ** 2).sum()))
+    return best
+
+
+def fit_curve(op: Array, pv: Array, *, integrating: bool = False) -> Finding:
+    """He's stiction index as score: squared error of sines over that of sines and triangles."""
+    curve = detrend(np.asarray(pv if integrating else op, dtype=np.float64))
+    ends = _crossings(curve)
+    pieces = [curve[a:b] for a, b in pairwise(ends) if b - a >= SHORTEST]
+    if len(pieces) < 2:
+        return Finding("undecided", 0.5)
+    sine = sum(_sine_error(piece) for piece in pieces)
+    triangle = sum(_triangle_error(piece) for piece in pieces)
+    if sine + triangle <= 0.0:
+        return Finding("undecided", 0.5)
+    index = sine / (sine + triangle)
+    if index > STICKY:
+        return Finding("stiction", index)
+    return Finding("no_stiction" if index < HEALTHY else "undecided", index)

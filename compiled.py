@@ -1,0 +1,75 @@
+"""How the numeric kernels of `estimator` and `compensator` are compiled, and where they are kept.
+
+Two rules make a result the same on every processor:
+
+* Strict arithmetic. Without ``fastmath`` the compiler may neither reorder a sum nor fuse a product
+  into it, so that a loop gives the same bits whatever the width of the processor's lanes. Kernels
+  are quick because many candidates are worked on side by side, one a lane.
+* One cache for one state of the sources. Numba compiles a kernel anew when its own file changes,
+  but not when a kernel that it calls changes in another file. The cache folder's name therefore
+  holds a hash of all kernel sources: after an upgrade no old kernel can run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from numba import config, njit
+
+__all__ = ["cache_folder", "kernel", "source_hash"]
+
+_PACKAGES = ("estimator", "compensator")
+_HASH_DIGITS = 16
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def source_hash(root: Path) -> str:
+    """Hash of every Python source below ``root`` that may hold a kernel, and of this file."""
+    digest = hashlib.sha256()
+    files = [p for package in _PACKAGES for p in sorted((root / package).rglob("*.py"))]
+    for path in [*files, root / "compiled.py"]:
+        if path.is_file():
+            digest.update(path.relative_to(root).as_posix().encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:_HASH_DIGITS]
+
+
+@cache
+def cache_folder() -> Path:
+    """The folder of the compiled kernels: its name changes with every change of a kernel source.
+
+    Beside this file; where that cannot be written (a system-wide installation), in the user's
+    cache; ``NUMBA_CACHE_DIR`` goes before both.
+    """
+    root = Path(__file__).resolve().parent
+    name = f"fieldlink-kernels-{source_hash(root)}"
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    places = [Path(given)] if given else [root / "__pycache__", user / "fieldlink"]
+    for place in places:
+        folder = place / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    return Path(tempfile.mkdtemp(prefix=name))
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a loop with strict arithmetic; division by zero gives infinity or NaN as in NumPy."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder())
+    try:
+        compiled = njit(cache=True, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = before
+    return cast("_Function", compiled)

@@ -1,0 +1,118 @@
+"""The estimate under the likelihood: ``auto`` (any noise) and ``oe`` (white noise) alike."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimator.criteria.design import LinearFit, delay, fit_linear
+from estimator.criteria.noise import WHITE
+from estimator.estimate import Estimate
+from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
+from estimator.lanes import Array, dot, filter_rows, orthonormal, project_out
+from estimator.processes.conversion import describe_process, process_model
+from estimator.processes.poles import INTEGRATOR
+from estimator.result import Interval
+from estimator.window import Window
+
+__all__ = ["likelihood_estimate", "simulate"]
+
+
+def simulate(case: Case, of: Hypothesis) -> tuple[Array, float]:
+    """Scaled PV ``(n,)`` simulated from the stem, and the share of PV's variance it explains.
+
+    Gain and columns by plain least squares: simulation errors are what a reader compares.
+    """
+    fit = _white_fit(case, of)
+    error = fit.residual * case.rows.weight
+    judged = case.rows.y[case.rows.weight > 0.0]
+    total = float(np.square(judged - judged.mean()).sum())
+    return case.rows.y - fit.residual, 1.0 - float(dot(error, error)) / total
+
+
+def _white_fit(case: Case, of: Hypothesis) -> LinearFit:
+    columns = case.columns(of.nuisances, of.stem, of.poles, of.dead_time)
+    return fit_linear(case.rows, of.poles.response(of.stem), of.dead_time, columns, WHITE)
+
+
+def likelihood_estimate(
+    case: Case,
+    window: Window,
+    best: Hypothesis,
+    explanations: tuple[Hypothesis, ...],
+    confidence: float,
+    criterion: str,
+    reason: str,
+) -> Estimate:
+    """Valve, process and intervals of the likeliest sticky valve.
+
+    ``explanations`` are the sticky hypotheses under every law, the likeliest (``best``) first.
+    """
+    assert best.valve is not None
+    posterior = sample_posterior(case, explanations)
+    valve = best.valve
+
+    def interval(of_band: float, of_jump: float) -> Interval:
+        value = of_band * valve.band + of_jump * valve.jump
+        return posterior.interval(of_band, of_jump, confidence).within(0.0).around(value)
+
+    columns = case.columns(best.nuisances, best.stem, best.poles, best.dead_time)
+    fit = fit_linear(case.rows, best.poles.response(best.stem), best.dead_time, columns, best.taps)
+    steep = window.pv_scale / window.op_span
+    model = process_model(window, best.poles, best.dead_time, fit, float(best.stem[0]))
+    gain = _gain_interval(case, best, posterior, confidence)
+    unit = steep * (INTEGRATOR / window.period if best.poles.integrating else 1.0)
+    return Estimate(
+        criterion=criterion,
+        reason=reason,
+        band=interval(1.0, 0.0),
+        jump=interval(0.0, 1.0),
+        static=interval(0.5, 0.5),
+        dynamic=interval(0.5, -0.5),
+        stem=best.stem,
+        simulated=simulate(case, best)[0],
+        process=describe_process(window, best.poles, model, gain.scaled(unit)),
+        model=model,
+        peaks=posterior.peaks(),
+    )
+
+
+def _gain_interval(
+    case: Case, best: Hypothesis, posterior: Posterior, confidence: float
+) -> Interval:
+    """The scaled gain: its spread over likely valves, and the noise's for each valve.
+
+    The variance for one valve is that of least squares with the poles free to first order.
+    """
+    assert best.valve is not None
+    gains, weights = [best.gain], [posterior.weights.max()]
+    for i in np.argsort(-posterior.weights, kind="stable")[: case.settings.spreading.gains]:
+        band, jump, start = (float(v) for v in posterior.samples[i])
+        valve = replace(best.valve, band=band, jump=jump, start=start)
+        found = case.fit(
+            valve, best.poles, best.dead_time, best.nuisances, best.taps, refit_noise=False
+        )
+        gains.append(found.gain)
+        weights.append(posterior.weights[i])
+    share = np.array(weights) / sum(weights)
+    middle = float(share @ np.array(gains))
+    between = float(share @ np.square(np.array(gains) - middle))
+    response = delay(best.poles.response(best.stem), best.dead_time)
+    others = np.vstack(
+        [
+            case.columns(best.nuisances, best.stem, best.poles, best.dead_time),
+            pole_derivatives(best),
+        ]
+    )
+    basis = orthonormal(filter_rows(others, best.taps, case.rows.weight))
+    left = project_out(filter_rows(response[None], best.taps, case.rows.weight)[0], basis)
+    energy = float(dot(left, left))
+    if not energy > 0.0:
+        return Interval(best.gain, -math.inf, math.inf)
+    noise = best.squares / case.rows.count / energy
+    reach = float(ndtri(0.5 + 0.5 * confidence)) * math.sqrt(between + noise)
+    return Interval(best.gain, best.gain - reach, best.gain + reach)

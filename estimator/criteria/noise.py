@@ -1,0 +1,91 @@
+"""The noise model: residuals as an autoregression, its order chosen by BIC."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from compiled import kernel
+from estimator.lanes import Array, solve_spd
+from estimator.rows import Rows
+from estimator.settings import Modelling
+
+__all__ = ["WHITE", "fit_noise", "whitened_squares"]
+
+WHITE: Array = np.zeros(0)
+"""The noise model of white noise: no taps."""
+
+
+@kernel
+def _products(residual: Array, weight: Array, order: int, first: int) -> Array:
+    """Products ``(order + 1, order + 1)`` of the residual's last values over the judged rows."""
+    out = np.zeros((order + 1, order + 1))
+    for k in range(first, residual.size):
+        if weight[k] != 0.0:
+            for i in range(order + 1):
+                for j in range(i + 1):
+                    out[i, j] += residual[k - i] * residual[k - j]
+    for i in range(order + 1):
+        for j in range(i):
+            out[j, i] = out[i, j]
+    return out
+
+
+@kernel
+def whitened_squares(residual: Array, weight: Array, taps: Array, first: int) -> float:
+    """Sum of squares of the innovations over the judged rows."""
+    total = 0.0
+    for k in range(first, residual.size):
+        if weight[k] != 0.0:
+            e = residual[k]
+            for i in range(taps.size):
+                e -= taps[i] * residual[k - 1 - i]
+            total += e * e
+    return total
+
+
+@kernel
+def _stable(taps: Array, largest: float) -> bool:
+    """Whether no reflection coefficient of the autoregression is beyond ``largest``."""
+    now = taps.copy()
+    for m in range(taps.size, 0, -1):
+        last = now[m - 1]
+        if not abs(last) <= largest:
+            return False
+        below = np.empty(m - 1)
+        for i in range(m - 1):
+            below[i] = (now[i] + last * now[m - 2 - i]) / (1.0 - last * last)
+        now = below
+    return True
+
+
+def _stabilised(taps: Array, largest: float) -> Array:
+    """The taps with their poles drawn towards zero until the noise model is stable."""
+    shrunk = taps
+    powers = np.arange(1, taps.size + 1)
+    factor = 1.0
+    while shrunk.size and not _stable(shrunk, largest):
+        factor *= 0.99
+        shrunk = taps * factor**powers
+    return shrunk
+
+
+def fit_noise(rows: Rows, residual: Array, settings: Modelling) -> Array:
+    """Taps ``(p,)`` of ``v_k = taps_1 v_(k-1) + ... + e_k`` for a residual ``(n,)``.
+
+    Least squares over the judged rows; the order minimises BIC.
+    """
+    orders = [p for p in settings.noise_orders if p < rows.first]
+    products = _products(residual, rows.weight, max(orders), rows.first)
+    best, found = math.inf, WHITE
+    for p in orders:
+        gram = products[1 : p + 1, 1 : p + 1].copy()
+        gram.flat[:: p + 1] *= 1.0 + 1e-9
+        taps = WHITE if p == 0 else solve_spd(gram, products[0, 1 : p + 1].copy())
+        taps = _stabilised(taps, settings.max_reflection)
+        squares = whitened_squares(residual, rows.weight, taps, rows.first)
+        cost = rows.count * math.log(squares / rows.count + rows.floor) + p * math.log(rows.count)
+        if cost < best - 1e-9:
+            best, found = cost, taps
+    return found

@@ -1,0 +1,195 @@
+"""One explanation of a window: valve, process, nuisances and noise, and how likely it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.criteria.design import Design, fit_linear
+from estimator.criteria.noise import fit_noise
+from estimator.evidence.nuisances import Nuisance, Sinusoid, columns_of, price_of
+from estimator.lanes import Array, dot
+from estimator.processes.poles import Poles, Shape
+from estimator.rows import Rows
+from estimator.settings import Settings
+from estimator.valves.laws import stem_of
+
+__all__ = ["Case", "Hypothesis", "Valve"]
+
+
+@dataclass(frozen=True, slots=True)
+class Valve:
+    """A sticky valve in shares of OP's span: S, J, the stem before the window, and its law."""
+
+    band: float
+    jump: float
+    start: float
+    law: str = "he"
+
+    def stem(self, op: Array) -> Array:
+        """Its stem, ``(n,)``."""
+        return stem_of(op, self.law, (self.band, self.jump, self.start))
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """An explanation of the window, fitted.
+
+    Attributes:
+        valve: None is a healthy valve.
+        poles, dead_time: the process.
+        nuisances: what else is in PV.
+        taps: the noise model, ``(p,)``.
+        gains: of the responses at the dead time and one sample later, ``(2,)``.
+        squares: sum of squares of the innovations.
+        residual: what is left of PV, not whitened, ``(n,)``.
+        likelihood: log-likelihood less what its parameters cost (BIC), in nats.
+        stem: the stem, ``(n,)``.
+    """
+
+    valve: Valve | None
+    poles: Poles
+    dead_time: int
+    nuisances: tuple[Nuisance, ...]
+    taps: Array
+    gains: Array
+    squares: float
+    residual: Array
+    likelihood: float
+    stem: Array
+
+    @property
+    def gain(self) -> float:
+        """Gain of the process in scaled units."""
+        return float(self.gains.sum())
+
+    @property
+    def disturbances(self) -> int:
+        """Oscillations from outside that it needs."""
+        return sum(isinstance(one, Sinusoid) for one in self.nuisances)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """The rows of a window with the settings: what every hypothesis is judged by."""
+
+    rows: Rows
+    settings: Settings
+
+    @property
+    def max_dead_time(self) -> int:
+        """Longest dead time that the rows leave past for."""
+        longest_noise = max(self.settings.modelling.noise_orders)
+        return max(
+            0, min(self.settings.modelling.max_dead_time, self.rows.first - longest_noise - 2)
+        )
+
+    def stem(self, valve: Valve | None) -> Array:
+        """The stem of a valve; a healthy one's is OP."""
+        return self.rows.u if valve is None else valve.stem(self.rows.u)
+
+    def columns(
+        self, nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, dead_time: int
+    ) -> Array:
+        """Everything beside the response, ``(m, n)``."""
+        shared = self.rows.columns(integrating=poles.integrating)
+        return np.vstack([shared, *columns_of(nuisances, stem, poles, dead_time)])
+
+    def design(
+        self,
+        nuisances: tuple[Nuisance, ...],
+        taps: Array,
+        stem: Array,
+        poles: Poles,
+        dead_time: int,
+    ) -> Design:
+        """PV and the columns, whitened; for processes that integrate as ``poles`` do."""
+        return self.design_of(self.columns(nuisances, stem, poles, dead_time), taps)
+
+    def design_of(self, columns: Array, taps: Array) -> Design:
+        """PV and any columns ``(m, n)``, whitened."""
+        return Design(self.rows, taps, columns)
+
+    def price(
+        self, poles: Poles, nuisances: tuple[Nuisance, ...], taps: Array, valve: bool
+    ) -> float:
+        """What a hypothesis pays for its parameters, in nats."""
+        n = self.rows.count
+        # gain, dead time and poles; a straight line where it integrates
+        process = 2 + poles.count + int(poles.integrating)
+        cost = 0.5 * math.log(n) * (taps.size + process) + price_of(nuisances, n)
+        return cost + (self.settings.judging.price * math.log(n) if valve else 0.0)
+
+    def log_likelihood(self, squares: float) -> float:
+        """Log-likelihood of innovations with this sum of squares, their size at its best."""
+        n = self.rows.count
+        return -0.5 * n * math.log(max(squares, 0.0) / n + self.rows.floor)
+
+    def worth(self, squares: Array) -> Array:
+        """Minus the log-likelihood of each of many sums of squares."""
+        n = self.rows.count
+        found: Array = 0.5 * n * np.log(np.maximum(squares, 0.0) / n + self.rows.floor)
+        return found
+
+    def pole_prices(self, shape: Shape, table: Array) -> Array:
+        """What the poles of processes ``(m, 3)`` of one shape cost, in nats, ``(m,)``."""
+        lags = (table > 0.0).sum(axis=1)
+        # an integrator's pole is no parameter that is chosen, its straight line is one
+        extra = 2 * int(shape is Shape.INTEGRATING)
+        found: Array = 0.5 * np.log(self.rows.count) * (lags + extra)
+        return found
+
+    def fit(
+        self,
+        valve: Valve | None,
+        poles: Poles,
+        dead_time: int,
+        nuisances: tuple[Nuisance, ...],
+        taps: Array,
+        *,
+        refit_noise: bool = True,
+        stem: Array | None = None,
+    ) -> Hypothesis:
+        """Fit the linear part, and the noise model to what it leaves, twice in turn."""
+        stem = self.stem(valve) if stem is None else stem
+        columns = self.columns(nuisances, stem, poles, dead_time)
+        response = poles.response(stem)
+        fit = fit_linear(self.rows, response, dead_time, columns, taps)
+        if refit_noise:
+            taps = fit_noise(self.rows, fit.residual, self.settings.modelling)
+            fit = fit_linear(self.rows, response, dead_time, columns, taps)
+        likelihood = self.log_likelihood(fit.squares) - self.price(
+            poles, nuisances, taps, valve is not None
+        )
+        return Hypothesis(
+            valve,
+            poles,
+            dead_time,
+            nuisances,
+            taps,
+            fit.gains,
+            fit.squares,
+            fit.residual,
+            likelihood,
+            stem,
+        )
+
+    def without_process(self, like: Hypothesis) -> float:
+        """Likelihood of a PV that does not follow OP, with the nuisances of a hypothesis."""
+        waves = tuple(one for one in like.nuisances if isinstance(one, Sinusoid))
+        columns = self.columns(waves, like.stem, like.poles, like.dead_time)
+        nothing = np.zeros(self.rows.size)
+        taps = like.taps
+        for _ in range(2):
+            fit = fit_linear(self.rows, nothing, 0, columns, taps)
+            taps = fit_noise(self.rows, fit.residual, self.settings.modelling)
+        fit = fit_linear(self.rows, nothing, 0, columns, taps)
+        cost = 0.5 * math.log(self.rows.count) * taps.size + price_of(waves, self.rows.count)
+        return self.log_likelihood(fit.squares) - cost
+
+    def error(self, hypothesis: Hypothesis) -> float:
+        """Mean square of the simulation error over the judged rows, PV's variance being 1."""
+        left = hypothesis.residual * self.rows.weight
+        return float(dot(left, left)) / self.rows.count

@@ -1,0 +1,84 @@
+"""What PV may hold beside the valve's work: the same offers to the healthy and the sticky valve.
+
+Each is paid for by BIC, its place included: a frequency or an amplitude more that was looked for
+costs as much as one that was known is worth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from estimator.lanes import Array, dot
+from estimator.processes.poles import Poles
+
+__all__ = ["Characteristic", "Nuisance", "Sinusoid", "columns_of", "price_of"]
+
+
+class Nuisance(Protocol):
+    """One more thing in PV, of unknown size."""
+
+    def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
+        """Signals in PV, ``(m, n)``, for this stem and process."""
+        ...
+
+    def price(self, rows: float) -> float:
+        """What the hypothesis pays for it, in nats, on so many judged rows."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Sinusoid:
+    """An oscillation from outside: ``cycles`` in the window, with ``harmonics`` (1 is a sine)."""
+
+    cycles: float
+    harmonics: int = 1
+
+    def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
+        """Sine and cosine of every harmonic."""
+        del poles, dead_time
+        n = stem.size
+        angle = 2.0 * math.pi * self.cycles / n * np.arange(n)
+        return np.stack(
+            [wave(h * angle) for h in range(1, self.harmonics + 1) for wave in (np.sin, np.cos)]
+        )
+
+    def price(self, rows: float) -> float:
+        """Two sizes a harmonic, and the frequency, which is told ``n^(3/2)`` sharp."""
+        return (1.5 + self.harmonics) * math.log(rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Characteristic:
+    """A curved installed characteristic: the stem's square and cube go through the process too."""
+
+    def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
+        """Responses to the centred square and cube of the stem."""
+        n = stem.size
+        ones = np.ones(n)
+        z = stem - dot(stem, ones) / n
+        found = np.zeros((2, n))
+        for row, power in enumerate((2, 3)):
+            signal = z**power
+            response = poles.response(signal - dot(signal, ones) / n)
+            found[row, dead_time:] = response[: n - dead_time]
+        return found
+
+    def price(self, rows: float) -> float:
+        """Two sizes."""
+        return math.log(rows)
+
+
+def columns_of(
+    nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, dead_time: int
+) -> list[Array]:
+    """The columns of all nuisances, one array each."""
+    return [one.columns(stem, poles, dead_time) for one in nuisances]
+
+
+def price_of(nuisances: tuple[Nuisance, ...], rows: float) -> float:
+    """What all of them cost, in nats."""
+    return sum(one.price(rows) for one in nuisances)

@@ -1,0 +1,100 @@
+"""From the weighed hypotheses to a verdict with its reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.lanes import Array
+from estimator.outcomes import Reason, ReasonCode, Verdict
+from estimator.result import Evidence, Fit
+from estimator.settings import Settings
+
+__all__ = ["Judgement", "count_strokes", "describe_stem", "judge"]
+
+_STILL = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict, whether it is uncertain, and why."""
+
+    verdict: Verdict
+    uncertain: bool
+    reasons: tuple[Reason, ...]
+
+
+def count_strokes(stem: Array) -> int:
+    """Strokes of a stem ``(n,)``: runs of moves in one direction."""
+    steps = np.diff(stem)
+    direction = np.sign(steps[np.abs(steps) > _STILL])
+    return 0 if direction.size == 0 else 1 + int((np.diff(direction) != 0).sum())
+
+
+def describe_stem(stem: Array) -> tuple[int, int, int]:
+    """Moves, reversals and strokes of a stem ``(n,)``."""
+    moves = int((np.abs(np.diff(stem)) > _STILL).sum())
+    strokes = count_strokes(stem)
+    return moves, max(0, strokes - 1), strokes
+
+
+def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
+    """The verdict: evidence against one threshold, once the window can show a valve at all."""
+    judging, screening = settings.judging, settings.screening
+    figures = (
+        f"log Bayes factor {evidence.log_bayes_factor:.1f}, called from {judging.threshold:g} on; "
+        f"PV is explained to {fit.r2:.3f} by a sticky valve and to {fit.r2_healthy_valve:.3f} by a "
+        f"healthy one; {evidence.strokes} strokes"
+    )
+
+    def answer(verdict: Verdict, code: ReasonCode, text: str, uncertain: bool = False) -> Judgement:
+        reasons = [Reason(code, f"{text} ({figures})")]
+        if uncertain:
+            reasons.append(
+                Reason(
+                    ReasonCode.UNCERTAIN,
+                    f"the evidence is within {judging.uncertain:g} of the threshold: the other "
+                    f"verdict is possible",
+                )
+            )
+        return Judgement(verdict, uncertain, tuple(reasons))
+
+    sticks = evidence.log_bayes_factor >= judging.threshold
+    close = abs(evidence.log_bayes_factor - judging.threshold) < judging.uncertain
+    if evidence.process < judging.process and not sticks:
+        return answer(
+            Verdict.NOT_ASSESSABLE,
+            ReasonCode.NO_MODEL_EXPLAINS_PV,
+            f"PV does not follow OP in this window (log Bayes factor of any process "
+            f"{evidence.process:.1f})",
+        )
+    if sticks and evidence.strokes < screening.min_strokes:
+        return answer(
+            Verdict.NOT_ASSESSABLE,
+            ReasonCode.TOO_FEW_MOVES,
+            f"the stem makes {evidence.strokes} strokes, {screening.min_strokes} are needed",
+        )
+    if sticks and evidence.band_over_span < screening.min_band:
+        return answer(
+            Verdict.NO_STICTION,
+            ReasonCode.BAND_TOO_SMALL,
+            f"the stick band is {evidence.band_over_span:.1%} of OP's span, less than a positioner "
+            f"resolves",
+        )
+    if sticks:
+        return answer(
+            Verdict.STICTION,
+            ReasonCode.STICKY_VALVE_EXPLAINS,
+            "PV follows a sticky valve and not a healthy one",
+            close,
+        )
+    outside = evidence.disturbances > 0
+    return answer(
+        Verdict.NO_STICTION,
+        ReasonCode.DISTURBANCE_EXPLAINS if outside else ReasonCode.HEALTHY_VALVE_SUFFICES,
+        "a healthy valve and a disturbance from outside explain PV as well as a sticky valve"
+        if outside
+        else "a healthy valve explains PV as well as a sticky one",
+        close,
+    )

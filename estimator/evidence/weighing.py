@@ -1,0 +1,127 @@
+"""Healthy against sticky valve: both made as likely as they can be, with the same freedom.
+
+What one hypothesis finds out about process, noise or disturbances is offered to the other, in turn,
+until neither becomes likelier: otherwise the one that was searched last would win.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.evidence.growing import add_best
+from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.lanes import Array
+from estimator.processes.poles import COARSE
+from estimator.search.processes import polish, settle
+from estimator.search.valves import find_valve, refine_valve
+from estimator.valves.laws import LAWS
+
+__all__ = ["Weighing", "weigh"]
+
+_PAYS = 0.5
+"""Nats that a nuisance must gain beyond its price."""
+_HOPELESS = -15.0
+"""Evidence (nats) at which no closer look makes a sticky valve likely."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weighing:
+    """The two hypotheses at their best."""
+
+    healthy: Hypothesis
+    sticky: Hypothesis | None
+    laws: tuple[Hypothesis, ...] = ()
+    """The sticky valve under every law that was tried, the likeliest first."""
+
+    @property
+    def evidence(self) -> float:
+        """Log Bayes factor of the sticky over the healthy valve, in nats, prices paid."""
+        if self.sticky is None:
+            return -np.inf
+        return self.sticky.likelihood - self.healthy.likelihood
+
+
+def weigh(case: Case) -> Weighing:
+    """Both hypotheses of a window, made as likely as they can be."""
+    healthy = _healthy(case)
+    sticky = find_valve(case, healthy)
+    if sticky is None:
+        return Weighing(healthy, None)
+    healthy, sticky = _settled(case, healthy, sticky)
+    grown_healthy = _grown(case, healthy, sticky)
+    grown_sticky = _grown(case, sticky, healthy)
+    if grown_healthy.nuisances:
+        again = find_valve(case, grown_healthy, grown_healthy.nuisances)
+        if again is not None:
+            grown_sticky = _likelier(grown_sticky, again)
+        exchanged = polish(
+            case,
+            sticky.valve,
+            sticky,
+            grown_healthy.nuisances,
+            grown_healthy.taps,
+            wide=False,
+        )
+        grown_sticky = _likelier(grown_sticky, refine_valve(case, exchanged))
+    if grown_sticky.nuisances:
+        exchanged = polish(
+            case, None, grown_sticky, grown_sticky.nuisances, grown_sticky.taps, wide=True
+        )
+        grown_healthy = _likelier(grown_healthy, exchanged)
+    healthy, sticky = grown_healthy, grown_sticky
+    if healthy.nuisances or sticky.nuisances:
+        healthy, sticky = _settled(case, healthy, sticky)
+    if sticky.likelihood - healthy.likelihood > _HOPELESS:
+        laws = _all_laws(case, sticky)
+        return Weighing(healthy, laws[0], laws)
+    return Weighing(healthy, sticky, (sticky,))
+
+
+def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
+    """The likelier one; the first in a tie, so that rounding decides nothing."""
+    return other if other.likelihood > one.likelihood + 1e-6 else one
+
+
+def _healthy(case: Case) -> Hypothesis:
+    noises: tuple[Array, ...] = (np.zeros(0), np.array([case.settings.searching.differencing]))
+    first, second = (polish(case, None, (COARSE[4], 1), (), taps, passes=3) for taps in noises)
+    return _likelier(first, second)
+
+
+def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypothesis, Hypothesis]:
+    """Poles freed; the healthy valve tried with the process and the noise of the sticky one."""
+    sticky = refine_valve(case, settle(case, sticky), 0.02)
+    healthy = settle(case, healthy)
+    exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=3, wide=False)
+    return _likelier(healthy, settle(case, exchanged)), sticky
+
+
+def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:
+    best = start
+    for _ in range(case.settings.modelling.max_sinusoids + 1):
+        more = add_best(case, best, other)
+        if more is None or more.likelihood <= best.likelihood + _PAYS:
+            break
+        more = polish(case, more.valve, more, more.nuisances, more.taps, passes=1, wide=False)
+        if more.valve is not None:
+            more = refine_valve(case, more, 0.03)
+        if more.likelihood <= best.likelihood:
+            break
+        best = more
+    return best
+
+
+def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
+    """The sticky valve under every law, the likeliest first."""
+    assert sticky.valve is not None
+    found = [
+        sticky if law == sticky.valve.law else refine_valve(case, sticky, 0.06, law=law)
+        for law in LAWS
+    ]
+    found = [
+        one if one.valve and one.valve.law == law else None
+        for one, law in zip(found, LAWS, strict=True)
+    ]
+    return tuple(sorted((one for one in found if one), key=lambda one: -round(one.likelihood, 6)))

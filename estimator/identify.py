@@ -1,0 +1,158 @@
+"""One window in, one :class:`Identification` out: the order of the steps, and nothing else.
+
+Prepare the rows, weigh the healthy against the sticky valve, judge, estimate with intervals, report.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimator.criteria.likelihood import simulate
+from estimator.criteria.registry import CRITERIA, Request
+from estimator.evidence.effect import effect_of
+from estimator.evidence.hypothesis import Case
+from estimator.evidence.records import informed_share
+from estimator.evidence.sign import controller_action
+from estimator.evidence.verdict import describe_stem, judge
+from estimator.evidence.weighing import Weighing, weigh
+from estimator.outcomes import EstimatorError, Reason, ReasonCode
+from estimator.published.as_answer import METHODS, published_estimate
+from estimator.report import describe, unassessed
+from estimator.result import Evidence, Fit, Identification
+from estimator.rows import rows_of
+from estimator.settings import SETTINGS, Settings
+from estimator.surface import cost_surface
+from estimator.window import Window, harmonise, screen
+
+__all__ = ["METHODS", "identify", "warm_up"]
+
+
+def identify(
+    op: ArrayLike,
+    pv: ArrayLike,
+    *,
+    sp: ArrayLike | None = None,
+    auto: ArrayLike | None = None,
+    period: float = 1.0,
+    criterion: str = "auto",
+    confidence: float = 0.9,
+    method: str = "search",
+    surface: bool = False,
+    settings: Settings = SETTINGS,
+) -> Identification:
+    """Judge the valve of one loop from one window of OP and PV.
+
+    Args:
+        op: controller output, shape ``(n,)``; NaN marks a bad sample.
+        pv: process variable, shape ``(n,)``, same scans as ``op``; NaN marks a bad sample.
+        sp: set-point, shape ``(n,)``, optional; it helps to tell the sign of the process gain.
+        auto: non-zero where the controller is in automatic, shape ``(n,)``, optional.
+        period: seconds between samples.
+        criterion: ``"auto"`` (simulation with coloured noise), ``"oe"`` (simulation with white
+            noise) or ``"arx"`` (one-step-ahead, the paper's (12)).
+        confidence: of the intervals, between 0.5 and 0.999.
+        method: ``"search"``, or whose valve and process are returned instead: the paper's
+            optimisation from blind starts (``"nlp"``) or from the search's optimum
+            (``"nlp-polish"``), or its grid (``"grid"``, steps of 4 % of OP's span). They minimise
+            one-step-ahead errors and have no intervals; the verdict is the search's.
+        surface: whether to map the cost over (S, J), for a picture.
+        settings: every chosen number; see `estimator.settings`.
+
+    Returns:
+        The result; :meth:`Identification.to_dict` is its JSON form. A window that cannot be judged
+        is a result too (``not_assessable`` with reasons), not an error.
+
+    Raises:
+        EstimatorError: not a window at all (shapes, types, no finite sample, unknown option), a
+            method of the paper asked for under another criterion than its own, or on a window with
+            bad samples, or without CasADi.
+    """
+    begun = time.perf_counter()
+    if criterion not in CRITERIA:
+        raise EstimatorError(f"criterion is {criterion!r}: choose one of {', '.join(CRITERIA)}")
+    if method not in METHODS:
+        raise EstimatorError(f"method is {method!r}: choose one of {', '.join(METHODS)}")
+    if method != "search" and criterion == "oe":
+        raise EstimatorError(
+            f"method {method!r} minimises one-step-ahead errors and criterion 'oe' simulation "
+            f"errors: use criterion 'arx' or 'auto' with it, or method 'search'"
+        )
+    if not 0.5 <= confidence <= 0.999:
+        raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
+    window = harmonise(op, pv, sp, auto, period, settings.screening)
+    informed = min(informed_share(np.asarray(x, dtype=np.float64)) for x in (op, pv))
+    reasons = screen(window, informed, settings.screening)
+    if reasons:
+        result = unassessed(window, reasons, criterion, confidence)
+    else:
+        setpoint = None if sp is None else np.asarray(sp, dtype=np.float64)
+        action = controller_action(
+            np.asarray(op, dtype=np.float64), np.asarray(pv, dtype=np.float64), setpoint
+        )
+        request = Request(criterion, confidence, method, surface, action, informed)
+        result = _assess(window, request, settings)
+    return replace(result, seconds=time.perf_counter() - begun)
+
+
+def warm_up() -> None:
+    """Load or compile the kernels, so that the first window does not wait for them."""
+    k = np.arange(240.0)
+    op = np.round(8.0 * np.sin(k / 9.0) + 2.0 * np.sin(k / 31.0), 1)
+    pv = np.roll(np.round(op / 4.0), 2) + 0.1 * np.sin(k * k)
+    identify(op, pv)
+
+
+def _assess(window: Window, request: Request, settings: Settings) -> Identification:
+    criterion = CRITERIA[request.criterion]
+    modelling = criterion.modelling(settings.modelling)
+    sign = math.copysign(1.0, request.action) if abs(request.action) > modelling.action_t else 0.0
+    case = Case(rows_of(window, sign, modelling), replace(settings, modelling=modelling))
+    weighing = weigh(case)
+    if weighing.sticky is None:
+        reason = Reason(
+            ReasonCode.TOO_FEW_MOVES, "OP's moves are too few to move a sticky valve twice"
+        )
+        return unassessed(window, (reason,), request.criterion, request.confidence)
+    evidence, fit = _evidence(case, weighing, request)
+    judgement = judge(evidence, fit, case.settings)
+    if request.method == "search":
+        estimate = criterion.estimate(case, window, weighing, request.confidence)
+    else:
+        estimate = published_estimate(case, window, weighing.sticky, request.method)
+    return describe(
+        window,
+        estimate,
+        judgement,
+        evidence,
+        fit,
+        weighing,
+        request.confidence,
+        cost_surface(case, window, weighing.sticky) if request.surface else None,
+    )
+
+
+def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidence, Fit]:
+    sticky, healthy = weighing.sticky, weighing.healthy
+    assert sticky is not None
+    assert sticky.valve is not None
+    moves, reversals, strokes = describe_stem(sticky.stem)
+    without = case.without_process(healthy)
+    evidence = Evidence(
+        log_bayes_factor=weighing.evidence,
+        effect=effect_of(case, sticky),
+        process=max(sticky.likelihood, healthy.likelihood) - without,
+        disturbances=healthy.disturbances,
+        moves=moves,
+        reversals=reversals,
+        strokes=strokes,
+        band_over_span=sticky.valve.band,
+        informed=request.informed,
+        gain_sign=int(case.rows.sign),
+        law=sticky.valve.law,
+    )
+    return evidence, Fit(simulate(case, sticky)[1], simulate(case, healthy)[1])

@@ -1,0 +1,1 @@
+"""How sure: the posterior of the valve and what it says about each quantity."""

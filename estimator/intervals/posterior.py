@@ -1,0 +1,180 @@
+"""The posterior of the valve: samples with weights, from which every interval and sentence comes.
+
+The likelihood over S, J and the first position is sampled under every law that explains the window
+nearly as well as the best one (adaptive importance sampling: Cornuet, Marin, Mira and Robert,
+Adaptive multiple importance sampling, Scand. J. Statist. 39, 2012). The process is free: gain and
+columns are solved for every sample, dead time is at its best, and the poles may move to first order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimator.criteria.design import delay
+from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.lanes import Array, cholesky
+from estimator.processes.poles import Poles, Shape, coefficients
+from estimator.result import Interval
+from estimator.search.valves import moved_valves, turned_points
+from estimator.valves.laws import LAWS
+
+__all__ = ["Peak", "Posterior", "pole_derivatives", "sample_posterior"]
+
+_NUDGE = 0.02
+"""Step of log time constants for the derivative of a response."""
+_PARTS = ndtri((np.arange(9) + 0.5) / 9.0)
+"""Nine equal parts of a normal distribution."""
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """One valve that explains the window, with its share of the probability."""
+
+    band: float
+    jump: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Weighted valves ``(m, 3)`` (S, J and first position), weights ``(m,)`` that sum to one.
+
+    Attributes:
+        samples, weights: the samples, in scaled units.
+        blur: standard deviations of S and J that the model itself leaves, as shares of OP's span.
+    """
+
+    samples: Array
+    weights: Array
+    blur: tuple[float, float]
+
+    @property
+    def valves(self) -> Array:
+        """S and J of every sample, ``(m, 2)``."""
+        return self.samples[:, :2]
+
+    def interval(self, of_band: float, of_jump: float, confidence: float) -> Interval:
+        """Equal-tailed interval of ``of_band S + of_jump J``, its value the median."""
+        values = self.valves @ np.array([of_band, of_jump])
+        blur = math.hypot(of_band * self.blur[0], of_jump * self.blur[1])
+        spread = (values[:, None] + blur * _PARTS).ravel()
+        weight = np.repeat(self.weights / _PARTS.size, _PARTS.size)
+        order = np.argsort(spread, kind="stable")
+        share = np.cumsum(weight[order]) - 0.5 * weight[order]
+        tail = 0.5 * (1.0 - confidence)
+        low, middle, high = np.interp([tail, 0.5, 1.0 - tail], share, spread[order])
+        return Interval(float(middle), float(low), float(high))
+
+    def peaks(self, apart: float = 0.05, share: float = 0.1) -> tuple[Peak, ...]:
+        """Valves whose stick bands are apart, each with at least a ``share``; likeliest first."""
+        alive = np.flatnonzero(self.weights > 1e-4)
+        order = alive[np.argsort(self.valves[alive, 0], kind="stable")]
+        band = self.valves[order, 0]
+        found = []
+        for part in np.split(order, 1 + np.flatnonzero(np.diff(band) > apart * band[1:])):
+            mass = float(self.weights[part].sum())
+            if mass >= share:
+                top = part[int(self.weights[part].argmax())]
+                found.append(Peak(float(self.valves[top, 0]), float(self.valves[top, 1]), mass))
+        return tuple(sorted(found, key=lambda peak: -peak.share))
+
+
+def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Posterior:
+    """The posterior around the sticky hypotheses, one a law, the likeliest first."""
+    spreading = case.settings.spreading
+    best = explanations[0]
+    assert best.valve is not None
+    parts = [
+        _sample(case, one)
+        for one in explanations
+        if one.likelihood > best.likelihood - spreading.law_nats
+    ]
+    valves = np.vstack([valves for valves, _, _ in parts])
+    log_weight = np.concatenate([log for _, log, _ in parts])
+    weight = np.exp(log_weight - log_weight.max())
+    step = _usual_step(case.rows.u)
+    band = best.valve.band
+    blur_band = math.hypot(spreading.late * step, spreading.law * band)
+    blur_jump = math.hypot(spreading.late * step, spreading.law_jump * band)
+    return Posterior(valves, weight / weight.sum(), (blur_band, blur_jump))
+
+
+def _usual_step(op: Array) -> float:
+    steps = np.abs(np.diff(op))
+    moving = steps[steps > 0.0]
+    return float(np.median(moving)) if moving.size else 0.0
+
+
+def pole_derivatives(of: Hypothesis) -> Array:
+    """Change of the response with each time constant, ``(k, n)``."""
+    own = of.poles.response(of.stem)
+    found = []
+    for name in ("slow", "fast", "third"):
+        value = getattr(of.poles, name)
+        if value <= 0.0 or (of.poles.integrating and name == "slow"):
+            continue
+        if of.poles.shape is Shape.SWINGING and name == "fast":
+            value = min(value, 0.95)
+        nudged: Poles = replace(of.poles, **{name: value * (1.0 + _NUDGE)})
+        found.append(delay(nudged.response(of.stem) - own, of.dead_time))
+    return np.stack(found) if found else np.empty((0, own.size))
+
+
+def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array, float]:
+    """Valves, log weights and the likelihood of one law's samples."""
+    spreading = case.settings.spreading
+    valve = of.valve
+    assert valve is not None
+    columns = np.vstack(
+        [
+            case.columns(of.nuisances, of.stem, of.poles, of.dead_time),
+            pole_derivatives(of),
+        ]
+    )
+    design = case.design_of(columns, of.taps)
+    row = np.array([[of.poles.slow, of.poles.fast, of.poles.third]])
+    process = np.repeat(coefficients(of.poles.shape, row), spreading.lanes, axis=1)
+    shortest = max(0, of.dead_time - 1)
+    count = min(3, case.max_dead_time + 1 - shortest)
+    centre = np.array([valve.band, valve.jump, valve.start])
+    middle, root = np.zeros(3), np.diag(np.array(spreading.reach))
+    tables, likelihoods, proposals = [], [], []
+    for turn in range(spreading.rounds):
+        points = turned_points(spreading.lanes, 3, turn)
+        table = middle + points @ root.T
+        if turn == 0:
+            table[0] = 0.0
+        stems = LAWS[valve.law](case.rows.u, moved_valves(centre, table))
+        costs = design.paired(stems, process, shortest, count).min(axis=0)
+        tables.append(table)
+        likelihoods.append(-spreading.temper * case.worth(costs))
+        proposals.append((middle, root))
+        every = np.vstack(tables)
+        log_like = np.concatenate(likelihoods)
+        log_weight = log_like - _log_mixture(every, proposals)
+        weight = np.exp(log_weight - log_weight.max())
+        weight /= weight.sum()
+        middle = weight @ every
+        apart = every - middle
+        spread = (apart * weight[:, None]).T @ apart
+        # wider than what was found: a proposal that is too narrow never finds out
+        floor = np.diag(np.square(spreading.narrowest * np.ones(3)))
+        root = cholesky(spreading.wider**2 * spread + floor)
+    valves = moved_valves(centre, every)
+    return valves, log_weight, of.likelihood
+
+
+def _log_mixture(points: Array, proposals: list[tuple[Array, Array]]) -> Array:
+    """Log density (up to a constant) of an equal mixture of normal distributions, ``(m,)``."""
+    logs = []
+    for middle, root in proposals:
+        scaled = np.linalg.solve(root, (points - middle).T)
+        logs.append(-0.5 * np.square(scaled).sum(axis=0) - np.log(np.diag(root)).sum())
+    stacked = np.stack(logs)
+    top = stacked.max(axis=0)
+    found: Array = top + np.log(np.exp(stacked - top).sum(axis=0) / len(logs))
+    return found

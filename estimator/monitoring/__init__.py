@@ -1,0 +1,1 @@
+"""A valve over many windows: tracking, trend and changes; indices of a single window."""

@@ -1,0 +1,1 @@
+"""Processes between stem and PV: poles, dead time, their response and their ARX form."""

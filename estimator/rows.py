@@ -1,0 +1,85 @@
+"""The rows that every hypothesis of a window is judged on: chosen once, owned by the window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.lanes import Array
+from estimator.settings import Modelling
+from estimator.window import Window
+
+__all__ = ["Rows", "rows_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """A scaled window and its one row mask.
+
+    Attributes:
+        u: OP, ``(n,)``, spanning one.
+        y: PV, ``(n,)``, of unit variance; bad samples bridged by straight lines.
+        weight: 1 for a row that is judged, else 0; the first ``first`` rows are past only.
+        first: rows that no hypothesis is judged on.
+        count: rows that are judged.
+        floor: squared residual that PV's resolution leaves at least.
+        sign: sign that the process gain must have by the controller's action, 0 where unclear.
+        shared: columns that every hypothesis has, ``(m, n)``: offset, start-up.
+        slope: the straight line of an unknown equilibrium, ``(1, n)``, for integrating processes.
+    """
+
+    u: Array
+    y: Array
+    weight: Array
+    first: int
+    count: float
+    floor: float
+    sign: float
+    shared: Array
+    slope: Array
+
+    @property
+    def size(self) -> int:
+        """Samples of the window."""
+        return int(self.u.size)
+
+    def columns(self, *, integrating: bool) -> Array:
+        """Columns of unknown size beside the response, ``(m, n)``."""
+        return np.vstack([self.shared, self.slope]) if integrating else self.shared
+
+
+def rows_of(window: Window, sign: float, settings: Modelling) -> Rows:
+    """The rows of a window; ``sign`` is that of the process gain, 0 where it is not known."""
+    n = window.size
+    k = np.arange(n, dtype=np.float64)
+    good = window.good
+    y = np.interp(k, k[good], window.y[good])
+    # a sample after a gap has no past to be predicted from
+    usable = good.copy()
+    for late in (1, 2):
+        usable[late:] &= good[:-late]
+    first = min(settings.memory, n // 4)
+    usable[:first] = False
+    decay = settings.startup / (1.0 + settings.startup)
+    return Rows(
+        u=window.u,
+        y=y,
+        weight=usable.astype(np.float64),
+        first=first,
+        count=float(usable.sum()),
+        floor=max(settings.floor, _resolution(window.y[good])) ** 2,
+        sign=sign,
+        shared=np.stack([np.ones(n), decay**k]),
+        slope=(k / n)[None],
+    )
+
+
+_ROUNDING = 0.15
+_LEVELS = 200
+
+
+def _resolution(y: Array) -> float:
+    """About half the standard deviation of rounding PV to its levels; 0 where it has none."""
+    levels = np.diff(np.unique(np.round(y, 9)))
+    return _ROUNDING * float(levels.min()) if 0 < levels.size < _LEVELS else 0.0

@@ -1,0 +1,1 @@
+"""Whatever finds candidates: processes for a stem, valves for a window."""

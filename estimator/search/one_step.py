@@ -1,0 +1,153 @@
+"""Valves ranked by one-step errors: exhaustively, because a stem is a few slips.
+
+Under the paper's criterion (12) the process is linear in its coefficients, so that no poles need to
+be searched: PV's own past is taken out once for all valves, and each valve costs a few sums over its
+slips. Stick bands are told sharply where noise is small, which is where simulation errors have
+narrow valleys and a coarse grid misses them. The process has direct feed-through or more dead time
+and three coefficients of the stem.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compiled import kernel
+from estimator.lanes import Array, Index, filter_rows, orthonormal, project_out
+from estimator.rows import Rows
+
+__all__ = ["OneStep", "one_step_costs"]
+
+_COEFFICIENTS = 3
+
+
+@kernel
+def one_step_costs(
+    op: Array,
+    valves: Array,
+    sums: Array,
+    counts: Array,
+    rest: float,
+    shortest: int,
+    shifts: int,
+    sign: float,
+) -> tuple[Array, Index]:
+    """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m,)``.
+
+    ``sums`` ``(c, n + 1)`` holds, of PV (first row) and the columns beside the stem, the sums from a
+    row to the end; ``counts`` ``(n + 1,)`` the judged rows from a row to the end. ``shifts`` dead
+    times are tried from ``shortest`` on.
+    """
+    n, m, columns = op.size, valves.shape[0], sums.shape[0]
+    cost, best = np.full(m, np.inf), np.full(m, shortest)
+    at, level = np.empty(n + 1, dtype=np.int64), np.empty(n + 2)
+    wide = shifts + 2
+    share = np.empty((columns, wide))
+    own, next_, second = np.empty(wide), np.empty(wide), np.empty(wide)
+    for v in range(m):
+        static = 0.5 * (valves[v, 0] + valves[v, 1])
+        dynamic = 0.5 * (valves[v, 0] - valves[v, 1])
+        now = valves[v, 2]
+        level[0] = now
+        slips = 0
+        for k in range(n):
+            error = op[k] - now
+            if error > static or error < -static:
+                now = op[k] - dynamic if error > 0.0 else op[k] + dynamic
+                at[slips] = k
+                slips += 1
+                level[slips] = now
+        if slips < 2 or slips > n // 3:
+            continue
+        for w in range(wide):
+            d = shortest + w
+            for c in range(columns):
+                share[c, w] = level[0] * sums[c, 0]
+            energy = level[0] * level[0] * counts[0]
+            late1 = late2 = 0.0
+            for j in range(slips):
+                row = at[j] + d
+                if row >= n:
+                    break
+                step = level[j + 1] - level[j]
+                for c in range(columns):
+                    share[c, w] += step * sums[c, row]
+                energy += (level[j + 1] * level[j + 1] - level[j] * level[j]) * counts[row]
+                # products with the stem one and two samples earlier differ only after a slip
+                new, old = level[j + 1], level[j]
+                here = counts[row] - counts[row + 1]
+                late1 += new * step * here
+                older = level[j - 1] if j > 0 and at[j] == at[j - 1] + 1 else old
+                late2 += new * (new - older) * here
+                if row + 1 < n and not (j + 1 < slips and at[j + 1] == at[j] + 1):
+                    late2 += new * step * (counts[row + 1] - counts[row + 2])
+            own[w] = energy
+            next_[w] = energy - late1
+            second[w] = energy - late2
+        for w in range(shifts):
+            g00, g11, g22 = own[w], own[w + 1], own[w + 2]
+            g01, g12, g02 = next_[w], next_[w + 1], second[w]
+            for c in range(1, columns):
+                a0, a1, a2 = share[c, w], share[c, w + 1], share[c, w + 2]
+                g00 -= a0 * a0
+                g11 -= a1 * a1
+                g22 -= a2 * a2
+                g01 -= a0 * a1
+                g12 -= a1 * a2
+                g02 -= a0 * a2
+            r0, r1, r2 = share[0, w], share[0, w + 1], share[0, w + 2]
+            small = 1e-6 * own[w]
+            if g00 <= small:
+                continue
+            l10, l20 = g01 / g00, g02 / g00
+            d1 = g11 - l10 * g01
+            if d1 <= small:
+                continue
+            l21 = (g12 - l20 * g01) / d1
+            d2 = g22 - l20 * g02 - l21 * l21 * d1
+            if d2 <= small:
+                continue
+            z0 = r0
+            z1 = r1 - l10 * z0
+            z2 = r2 - l20 * z0 - l21 * z1
+            gain = z0 * z0 / g00 + z1 * z1 / d1 + z2 * z2 / d2
+            b2 = z2 / d2
+            b1 = z1 / d1 - l21 * b2
+            b0 = z0 / g00 - l10 * b1 - l20 * b2
+            if sign * (b0 + b1 + b2) >= 0.0 and 0.0 <= rest - gain < cost[v]:
+                cost[v] = rest - gain
+                best[v] = shortest + w
+    return cost, best
+
+
+class OneStep:
+    """PV and its past made ready for the ranking; ``columns`` ``(m, n)`` are beside the stem."""
+
+    def __init__(self, rows: Rows, columns: Array, past: int) -> None:
+        n = rows.size
+        shifted = np.zeros((past, n))
+        for i in range(past):
+            shifted[i, i + 1 :] = rows.y[: n - i - 1]
+        none = np.zeros(0)
+        basis = orthonormal(filter_rows(np.vstack([shifted, columns]), none, rows.weight))
+        target = project_out(rows.y * rows.weight, basis)
+        # the target is orthogonal to the basis: its products with a stem need nothing taken out
+        signals = np.vstack([target[None], basis])
+        tail = np.cumsum(signals[:, ::-1], axis=1)[:, ::-1]
+        self.sums = np.ascontiguousarray(np.hstack([tail, np.zeros((len(signals), 1))]))
+        self.counts = np.append(np.cumsum(rows.weight[::-1])[::-1], 0.0)
+        self.rest = float(target @ target)
+        self.rows = rows
+
+    def costs(self, valves: Array, shortest: int, shifts: int) -> tuple[Array, Index]:
+        """Cost and dead time of every valve; see :func:`one_step_costs`."""
+        found: tuple[Array, Index] = one_step_costs(
+            self.rows.u,
+            np.ascontiguousarray(valves),
+            self.sums,
+            self.counts,
+            self.rest,
+            shortest,
+            shifts,
+            self.rows.sign,
+        )
+        return found

@@ -1,0 +1,169 @@
+"""Every number of the estimator that somebody chose: what it means, its unit, and where it is from.
+
+None was chosen by a recorded loop. Where the source is "tuning family", it comes from the simulated
+loops of ``benchmarks.families.tuning``, never from those that the benchmarks report on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+__all__ = ["SETTINGS", "Judging", "Modelling", "Screening", "Searching", "Settings", "Spreading"]
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """When a window is not judged at all.
+
+    Attributes:
+        min_samples: fewer samples hold no four strokes and the parameters of a loop.
+        max_bad: share of bad samples; beyond it the strokes themselves have holes.
+        min_auto: share of samples in automatic; a loop in manual is another experiment.
+        max_at_rail: share of samples at one limit; beyond it the window shows the limit.
+        max_still: share of samples that equal the one before; beyond it the signal stands still.
+        min_informed: share of samples that are no straight line between two others. Below one half
+            the historian's interpolation outweighs what was measured.
+        min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
+            ISA-75.25 for good ones); a smaller one is not reported as stiction.
+        min_strokes: strokes of the stem; a single one is a step, which anything explains.
+    """
+
+    min_samples: int = 50
+    max_bad: float = 0.3
+    min_auto: float = 0.7
+    max_at_rail: float = 0.5
+    max_still: float = 0.9
+    min_informed: float = 0.5
+    min_band: float = 0.02
+    min_strokes: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Modelling:
+    """What both hypotheses, healthy and sticky valve, are made of.
+
+    Attributes:
+        memory: rows at the start of the window that serve as past only (samples): the longest dead
+            time and the longest noise memory together.
+        max_dead_time: longest dead time (samples).
+        noise_orders: orders of the autoregressive noise that BIC chooses from.
+        max_reflection: largest reflection coefficient of the noise model; 1 is an integrator.
+        floor: residual (share of PV's standard deviation) below which PV is not trusted: converters
+            resolve about 0.1 %.
+        startup: time constant (samples) of the shared column for what happened before the window.
+        action_t: t-value of the controller's action on the error from which its sign is taken as
+            known: four deviations are one error in 16,000.
+        max_sinusoids: outside oscillations that may be added to a hypothesis.
+        harmonics: harmonics of an outside oscillation that is not a sine.
+    """
+
+    memory: int = 30
+    max_dead_time: int = 20
+    noise_orders: tuple[int, ...] = (0, 1, 2, 3, 5, 8)
+    max_reflection: float = 0.995
+    floor: float = 1e-3
+    startup: float = 40.0
+    action_t: float = 4.0
+    max_sinusoids: int = 4
+    harmonics: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Searching:
+    """How wide valves are looked for; wider costs time only (tuning family: what is still found).
+
+    Attributes:
+        bands: stick bands of the coarse search, as shares of OP's span.
+        jumps: slip jumps of the coarse search, as shares of the stick band.
+        starts: first positions of the stem, as shares of fS around OP's first sample.
+        delays: dead times of the coarse search in samples.
+        differencing: pole of the second whitening filter of the coarse search, between none and
+            differences; noise of loops lies between the two.
+        basins: valves kept for a closer look after each coarse search.
+        apart: how far two basins are apart, as a share of the stick band.
+        lanes: candidates of one refining round.
+        rounds: refining rounds; each is narrower by ``shrink``.
+        shrink: factor on the reach of each round.
+    """
+
+    bands: tuple[float, ...] = (
+        0.02, 0.035, 0.055, 0.08, 0.12, 0.19, 0.26, 0.33, 0.40, 0.47, 0.54, 0.61, 0.68, 0.75, 0.82,
+        0.89, 0.97,
+    )  # fmt: skip
+    jumps: tuple[float, ...] = (0.05, 0.4, 1.0)
+    starts: tuple[float, ...] = (-0.9, 0.0, 0.9)
+    delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
+    differencing: float = 0.95
+    seeds: int = 4
+    basins: int = 3
+    apart: float = 0.15
+    lanes: int = 48
+    rounds: int = 10
+    generations: int = 12
+    shrink: float = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """From evidence to a verdict.
+
+    Attributes:
+        price: what having searched S, J and the first position costs the sticky hypothesis, in
+            units of ``log n`` nats: 3/2 for three parameters by BIC, 1/2 more for the many valves
+            that were tried.
+        threshold: log Bayes factor from which a valve is called sticky. About 1 in 20,000 at even
+            odds: a false alarm sends a technician, and loops are judged daily.
+        uncertain: half-width of the zone around the threshold in which the answer is uncertain.
+        process: log Bayes factor of any process over none, below which PV does not follow OP.
+    """
+
+    price: float = 2.0
+    threshold: float = 10.0
+    uncertain: float = 4.0
+    process: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Spreading:
+    """How wide the intervals are, beside what the likelihood says.
+
+    Attributes:
+        law_nats: laws that explain the window worse than the best one by more are left out.
+        temper: power of the likelihood; below 1 because slips of a real valve vary from stroke to
+            stroke while the model's do not (tuning family: coverage per kind).
+        late: standard deviation of S and J, as a share of what OP moves in a sample: a real valve
+            slips between two samples (uniform: 1 over the square root of 12).
+        law: standard deviation of S, as a share of S, that the choice of three laws leaves
+            (tuning family).
+        law_jump: the same of J, as a share of S.
+        gains: likely valves over which the gain's spread is taken.
+        lanes, rounds: samples of one round of the sampler, and rounds.
+        reach: first standard deviations in log S, J over S and start over S.
+        wider, narrowest: factor on the deviations of the next round, and their least value.
+    """
+
+    law_nats: float = 6.0
+    temper: float = 0.5
+    late: float = 0.29
+    law: float = 0.01
+    law_jump: float = 0.05
+    gains: int = 12
+    lanes: int = 128
+    rounds: int = 5
+    reach: tuple[float, float, float] = (0.04, 0.1, 0.15)
+    wider: float = 1.5
+    narrowest: float = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All settings of one identification."""
+
+    screening: Screening = field(default_factory=Screening)
+    modelling: Modelling = field(default_factory=Modelling)
+    searching: Searching = field(default_factory=Searching)
+    judging: Judging = field(default_factory=Judging)
+    spreading: Spreading = field(default_factory=Spreading)
+
+
+SETTINGS = Settings()
