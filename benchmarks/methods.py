@@ -5,10 +5,11 @@
 The loops are the report family's, each method is told the same samples. The published methods are
 written from their papers (`benchmarks.published`); their thresholds are the papers'. The paper's
 grid and optimisation get ARX(2,2) and the dead time that fits best; they size a valve and give no
-verdict. "undecided" counts as half an error. The area is that of the ROC curve of the score each
-method has. Errors of S and J are medians in per cent of the true S over all sticky loops that a
-method sizes; times are of one core, as the median ratio to ours on the same loop. The optimisation
-runs on --nlp-loops sticky loops only.
+verdict. Most published methods presuppose an oscillation: a second table has the loops whose OP
+oscillates regularly. "undecided" counts as half an error. The area is that of the ROC curve of the
+score each method has. Errors of S and J are medians in per cent of the true S over all sticky loops
+that a method sizes; times are of one core, as the median ratio to ours on the same loop. The
+optimisation runs on --nlp-loops sticky loops only.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from benchmarks.report import heading, keep, machine, table
 from benchmarks.rivals import OURS, RIVALS, SLOW, run
 from benchmarks.roc import auc
 from estimator import warm_up
+from estimator.monitoring.indices import oscillation
 
 __all__ = ["main"]
 
@@ -42,6 +44,8 @@ class _Found:
     method: str
     kind: str
     is_sticky: bool
+    is_regular: bool
+    """Whether OP oscillates regularly, which most published methods presuppose."""
     call: str
     score: float
     band_error: float
@@ -61,6 +65,7 @@ def _judge(task: tuple[Loop, tuple[str, ...]]) -> list[_Found]:
     if not loop.assessable:
         return []
     found = []
+    regular = oscillation(loop.op).is_regular
     for name in methods:
         timed = run(name, loop)
         f, s = timed.finding, loop.stick_band or math.nan
@@ -69,6 +74,7 @@ def _judge(task: tuple[Loop, tuple[str, ...]]) -> list[_Found]:
                 method=name,
                 kind=kind,
                 is_sticky=sticky,
+                is_regular=regular,
                 call=f.call,
                 score=f.score,
                 band_error=abs(f.stick_band - loop.stick_band) / s,
@@ -159,6 +165,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found, ratios = [f for row in rows for f in row], _ratios(rows)
     by_method = {name: [f for f in found if f.method == name] for name in RIVALS}
     summaries = {n: _summary(part, ratios[n]) for n, part in by_method.items() if part}
+    regular = {n: [f for f in part if f.is_regular] for n, part in by_method.items()}
+    of_regular = {n: _summary(part, ratios[n]) for n, part in regular.items() if part}
     judges = [name for name, part in by_method.items() if any(f.call for f in part)]
     header = (
         *("method", "healthy", "accused", "undecided", "sticky", "missed", "undecided", "errors"),
@@ -168,12 +176,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parts = [
         heading("methods", __doc__, arguments),
         table(header, [(n, *map(_plain, s.values())) for n, s in summaries.items()]),
+        "## Loops whose OP oscillates regularly",
+        table(header, [(n, *map(_plain, s.values())) for n, s in of_regular.items()]),
         "## Errors in per cent, kind by kind",
         table(("kind", *judges), _by_kind(found, judges)),
         f"Seeds {options.seed_base} to {last} of every kind, records that can tell only.",
     ]
     print("\n\n".join(parts))
-    figures = {"machine": machine(), "methods": summaries, "found": [asdict(f) for f in found]}
+    figures = {
+        "machine": machine(),
+        "methods": summaries,
+        "of_regular": of_regular,
+        "found": [asdict(f) for f in found],
+    }
     keep(options.out, "methods", "\n\n".join(parts), figures)
     return 0
 

@@ -3,11 +3,11 @@
     python -m benchmarks.recorded_loops [--data FOLDER] [--out docs/benchmarks]
 
 Nothing of the estimator was chosen by these windows. A label is an opinion, so windows come in
-three classes: *agreed*; *disputed*, shown and not scored; *not assessable*, where OP or
-PV stands at one end of its range for most of the time and no label can be right. The windows of one loop are alike, so the area
-under the ROC curve is given over windows and over loops, a loop with the median of its windows'
-scores, and its interval comes from drawing whole loops again. Horch's cross-correlation and the
-index of the plant's own tool, where there is one, are the floors.
+three classes: *agreed*; *disputed*, shown and not scored; *not assessable*, where OP or PV stands
+at one end of its range for most of the time and no label can be right. The windows of one loop are
+alike, so the area under the ROC curve is given over windows and over loops, a loop with the median
+of its windows' scores, and its interval comes from drawing whole loops again. Horch's
+cross-correlation and the index of the plant's own tool, where there is one, are the floors.
 """
 
 from __future__ import annotations

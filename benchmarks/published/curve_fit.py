@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend
 
+from benchmarks.published.cycles import crossings
 from benchmarks.published.finding import Finding
 
 __all__ = ["fit_curve"]
@@ -23,22 +24,6 @@ STICKY, HEALTHY = 0.6, 0.4
 """Stiction index above which, and below which, the paper decides."""
 SHORTEST = 6
 """Samples of a half cycle that can be fitted: a triangle has three unknowns."""
-
-
-def _crossings(curve: Array) -> list[int]:
-    """Samples after which the curve changes sign, noise within 20 % of its deviation ignored."""
-    band = 0.2 * float(curve.std())
-    sides = np.where(curve > band, 1, np.where(curve < -band, -1, 0))
-    found, side, last = [], 0, 0
-    for k, now in enumerate(sides):
-        if now == 0:
-            continue
-        if side and now != side:
-            between = curve[last : k + 1]
-            flips = np.flatnonzero(np.sign(between[:-1]) != np.sign(between[1:]))
-            found.append(last + int(flips[0]) + 1 if flips.size else k)
-        side, last = int(now), k
-    return found
 
 
 def _sine_error(piece: Array) -> float:
@@ -62,7 +47,7 @@ def _triangle_error(piece: Array) -> float:
 def fit_curve(op: Array, pv: Array, *, integrating: bool = False) -> Finding:
     """He's stiction index as score: squared error of sines over that of sines and triangles."""
     curve = detrend(np.asarray(pv if integrating else op, dtype=np.float64))
-    ends = _crossings(curve)
+    ends = crossings(curve)
     pieces = [curve[a:b] for a, b in pairwise(ends) if b - a >= SHORTEST]
     if len(pieces) < 2:
         return Finding("undecided", 0.5)

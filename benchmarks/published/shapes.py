@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.published.cycles import average_blocks, crossings, process_sign
 from benchmarks.published.finding import Finding
 
 __all__ = ["count_shapes"]
@@ -17,8 +18,10 @@ Array = NDArray[np.float64]
 
 STICKY = 0.25
 """Share of the time above which the paper decides: that of a sine, by chance."""
-STILL = 1.0
-"""A step below this many deviations of the steps counts as rest; the paper's normalisation."""
+STILL = 0.5
+"""A step below this many deviations of the steps counts as rest, normalised as in the paper."""
+CYCLE = 25
+"""Samples that a cycle is averaged to: the paper asks for a sampling at which noise is no step."""
 
 _EXCLUDED = {
     (1, 0): {(-1, -1), (-1, 1), (0, -1), (1, -1), (-1, 0)},
@@ -29,12 +32,17 @@ _EXCLUDED = {
 
 def _symbols(signal: Array) -> NDArray[np.int64]:
     steps = np.diff(signal)
-    still = STILL * 0.5 * float(steps.std())
+    still = STILL * float(steps.std())
     return np.where(steps > still, 1, np.where(steps < -still, -1, 0)).astype(np.int64)
 
 
 def count_shapes(op: Array, pv: Array) -> Finding:
     """Index rho 3 as score: time in shapes that only a sticking valve explains, rests left out."""
+    ends = crossings(op - op.mean())
+    cycle = 2.0 * float(np.median(np.diff(ends))) if len(ends) > 2 else CYCLE
+    size = max(1, int(cycle / CYCLE))
+    pv = process_sign(op, pv) * average_blocks(pv, size)
+    op = average_blocks(op, size)
     shapes = list(zip(_symbols(op).tolist(), _symbols(pv).tolist(), strict=True))
     busy = sum(shape != (0, 0) for shape in shapes)
     if busy == 0:
