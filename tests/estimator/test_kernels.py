@@ -1,35 +1,229 @@
-"""The compiled loops against independent implementations."""
+"""The compiled loops against SciPy's filters and NumPy's least squares."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimator.lanes import complete, lag, weighted
+from estimator.criteria.design import Design, delay, fit_linear
+from estimator.criteria.noise import fit_noise
+from estimator.lanes import (
+    cholesky,
+    filter_rows,
+    orthonormal,
+    respond,
+    solve_spd,
+    whiten_lanes,
+)
+from estimator.processes.poles import Poles, Shape, coefficients
+from estimator.rows import Rows
+from estimator.search.one_step import OneStep
+from estimator.settings import SETTINGS, Modelling
+from loop_model import ValveModel
+
+Array = NDArray[np.float64]
+
+POLES = (
+    Poles(Shape.LAGS, 0.0),
+    Poles(Shape.LAGS, 6.0),
+    Poles(Shape.LAGS, 12.0, 3.0, 0.8),
+    Poles(Shape.SWINGING, 20.0, 0.3),
+    Poles(Shape.SWINGING, 9.0, 0.7, 2.0),
+    Poles(Shape.INTEGRATING, 0.0, 4.0),
+)
+TAPS = (np.zeros(0), np.array([1.2, -0.5, 0.1]))
+FIRST = 30
 
 
-def test_lag_is_a_first_order_filter_started_at_rest() -> None:
-    signal = np.random.default_rng(2).normal(size=200)
-    pole = 0.8
-    expected, _ = lfilter([1 - pole], [1, -pole], signal, zi=pole * signal[:1])
-    np.testing.assert_allclose(lag(signal, pole), expected, atol=1e-12)
+def _rows(n: int = 300, sign: float = 0.0) -> Rows:
+    """OP that wanders over one, PV that has nothing to do with it, a tenth of the rows masked."""
+    rng = np.random.default_rng(5)
+    u = np.cumsum(rng.normal(size=n))
+    weight = (rng.random(n) > 0.1).astype(np.float64)
+    weight[:FIRST] = 0.0
+    return Rows(
+        u=(u - u.mean()) / np.ptp(u),
+        y=rng.normal(size=n),
+        weight=weight,
+        first=FIRST,
+        count=float(weight.sum()),
+        floor=0.0,
+        sign=sign,
+        shared=np.stack([np.ones(n), 0.97 ** np.arange(n)]),
+        slope=(np.arange(n) / n)[None],
+    )
 
 
-def test_lag_with_pole_one_integrates() -> None:
-    signal = np.random.default_rng(2).normal(size=200)
-    np.testing.assert_allclose(lag(signal, 1.0), np.cumsum(signal) / 200.0, atol=1e-12)
+def _whitened(signal: Array, taps: Array, rows: Rows) -> Array:
+    """The judged rows of a signal through the noise model, by SciPy."""
+    return lfilter([1.0, *-taps], [1.0], signal)[rows.weight > 0.0]
 
 
-def test_a_noise_filter_is_a_convolution_with_the_first_value_before_it() -> None:
-    rng = np.random.default_rng(3)
-    rows, weight = rng.normal(size=(2, 100)), rng.random(100)
-    taps = np.array([1.0, -0.7, 0.2])
-    before = np.hstack([np.repeat(rows[:, :1], 2, axis=1), rows])
-    expected = lfilter(taps, [1.0], before, axis=1)[:, 2:] * weight
-    np.testing.assert_allclose(weighted(rows, taps, weight), expected, atol=1e-12)
+def _squares(columns: list[Array], target: Array) -> float:
+    """Sum of squares that NumPy's least squares leaves."""
+    design = np.stack(columns, axis=1)
+    shares = np.linalg.lstsq(design, target)[0]
+    return float(np.square(target - design @ shares).sum())
 
 
-def test_a_sample_is_complete_when_all_its_past_is_good() -> None:
-    good = np.array([True, True, False, True, True, True, True])
-    expected = [all(good[max(0, k - 2) : k + 1]) for k in range(good.size)]
-    assert complete(good, 2).tolist() == expected
+@pytest.mark.parametrize("poles", POLES, ids=str)
+def test_a_response_is_the_filter_of_its_arx_form(poles: Poles) -> None:
+    stem = np.random.default_rng(1).normal(size=200)
+    expected = lfilter([poles.numerator], [1.0, *poles.denominator], stem - stem[0])
+    np.testing.assert_allclose(poles.response(stem), expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("poles", POLES[1:], ids=str)
+def test_poles_are_where_their_time_constants_put_them(poles: Poles) -> None:
+    if poles.shape is Shape.SWINGING:
+        swing = np.exp(
+            2.0
+            * np.pi
+            / poles.slow
+            * (-poles.fast + 1j * np.array([1, -1]) * np.sqrt(1 - poles.fast**2))
+        )
+        expected = [*swing]
+    else:
+        expected = [1.0 if poles.integrating else np.exp(-1.0 / poles.slow)]
+        expected += [np.exp(-1.0 / poles.fast)] if poles.fast else []
+    expected += [np.exp(-1.0 / poles.third)] if poles.third else []
+    roots = np.roots([1.0, *poles.denominator])
+    np.testing.assert_allclose(np.sort_complex(roots), np.sort_complex(expected), atol=1e-9)
+
+
+@pytest.mark.parametrize("poles", [p for p in POLES if not p.integrating], ids=str)
+def test_a_process_of_unit_gain_comes_to_rest_at_its_input(poles: Poles) -> None:
+    step = np.append(0.0, np.ones(600))
+    assert poles.response(step)[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_lanes_of_responses_have_the_same_bits_in_any_company() -> None:
+    rng = np.random.default_rng(2)
+    stems = rng.normal(size=(120, 19))
+    table = np.column_stack([rng.uniform(1.0, 40.0, 19), rng.uniform(0.2, 3.0, 19), np.zeros(19)])
+    process = coefficients(Shape.LAGS, table)
+    together = respond(stems, *process)
+    for size in (1, 4, 13):
+        alone = respond(stems[:, :size].copy(), *(row[:size].copy() for row in process))
+        np.testing.assert_array_equal(alone, together[:, :size])
+
+
+def test_a_noise_model_whitens_as_a_filter_does() -> None:
+    signals = np.random.default_rng(3).normal(size=(2, 90))
+    taps = np.array([0.7, -0.2])
+    expected = lfilter([1.0, *-taps], [1.0], signals, axis=1)
+    lanes = signals.T.copy()
+    whiten_lanes(lanes, taps)
+    np.testing.assert_allclose(lanes[2:], expected.T[2:], atol=1e-12)
+    weight = np.random.default_rng(4).random(90)
+    np.testing.assert_allclose(filter_rows(signals, taps, weight), expected * weight, atol=1e-12)
+
+
+def test_an_orthonormal_basis_spans_the_rows_and_leaves_out_what_others_span() -> None:
+    rows = np.random.default_rng(6).normal(size=(4, 60))
+    twice = np.vstack([rows, rows[1] - 2.0 * rows[3], np.zeros(60)])
+    basis = orthonormal(twice)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(rows @ basis.T @ basis, rows, atol=1e-12)
+
+
+def test_cholesky_and_the_solver_are_numpy_s_and_give_a_spanned_unknown_nothing() -> None:
+    rows = np.random.default_rng(7).normal(size=(4, 50))
+    gram, right = rows @ rows.T, np.arange(1.0, 5.0)
+    np.testing.assert_allclose(cholesky(gram), np.linalg.cholesky(gram), atol=1e-12)
+    np.testing.assert_allclose(solve_spd(gram, right), np.linalg.solve(gram, right), atol=1e-12)
+    twice = np.vstack([rows, rows[0] + rows[1]])
+    found = solve_spd(twice @ twice.T, np.append(right, right[0] + right[1]))
+    assert found[4] == 0.0
+    np.testing.assert_allclose(found[:4], np.linalg.solve(gram, right), atol=1e-9)
+
+
+@pytest.mark.parametrize("taps", TAPS, ids=["white", "coloured"])
+@pytest.mark.parametrize("sign", [0.0, 1.0, -1.0])
+def test_fit_linear_is_least_squares_over_the_gains_that_the_loop_can_have(
+    taps: Array, sign: float
+) -> None:
+    rows = _rows(sign=sign)
+    response = POLES[2].response(ValveModel(0.3, 0.1).simulate(rows.u, 0.0))
+    target = _whitened(rows.y, taps, rows)
+    columns = [_whitened(c, taps, rows) for c in rows.shared]
+    for dead_time in (0, 3, 7):
+        pair = [_whitened(delay(response, d), taps, rows) for d in (dead_time, dead_time + 1)]
+        least = _squares(columns, target)
+        for used in ([0], [1], [0, 1]):
+            chosen = [pair[i] for i in used]
+            gains = np.linalg.lstsq(np.stack([*chosen, *columns], axis=1), target)[0][: len(used)]
+            if np.ptp(np.sign(gains)) == 0.0 and sign * gains.sum() >= 0.0:
+                least = min(least, _squares([*chosen, *columns], target))
+        fit = fit_linear(rows, response, dead_time, rows.shared, taps)
+        assert fit.squares == pytest.approx(least, rel=1e-9)
+        assert sign * fit.gains.sum() >= 0.0
+        assert fit.gains[0] * fit.gains[1] >= 0.0
+        left = _whitened(fit.residual, taps, rows)
+        assert float(left @ left) == pytest.approx(fit.squares, rel=1e-6)
+
+
+@pytest.mark.parametrize("taps", TAPS, ids=["white", "coloured"])
+def test_many_candidates_cost_what_each_costs_alone(taps: Array) -> None:
+    rows = _rows()
+    design = Design(rows, taps, rows.shared)
+    valves = [ValveModel(0.3, 0.1), ValveModel(0.5, 0.4), ValveModel(0.12, 0.12)]
+    stems = np.stack([valve.simulate(rows.u, 0.0) for valve in valves], axis=1)
+    table = np.array([[6.0, 0.0, 0.0], [12.0, 3.0, 0.8], [0.7, 0.0, 0.0]])
+    process = coefficients(Shape.LAGS, table)
+    paired = design.paired(stems, process, 2, 4)
+    single = design.single(stems, process, np.array([0, 5]))
+    target = _whitened(rows.y, taps, rows)
+    columns = [_whitened(c, taps, rows) for c in rows.shared]
+    for lane in range(3):
+        response = Poles(Shape.LAGS, *table[lane]).response(stems[:, lane])
+        for i in range(4):
+            fit = fit_linear(rows, response, 2 + i, rows.shared, taps)
+            # the first rows of a lane are not whitened: they are past only
+            assert paired[i, lane] == pytest.approx(fit.squares, rel=1e-6)
+        for i, d in enumerate((0, 5)):
+            one = _whitened(delay(response, d), taps, rows)
+            assert single[i, lane] == pytest.approx(_squares([one, *columns], target), rel=1e-6)
+
+
+def test_noise_is_the_autoregression_of_least_squares_with_the_least_bic() -> None:
+    rows = _rows(900)
+    noise = lfilter([1.0], [1.0, -1.1, 0.4], rows.y)
+    judged = np.flatnonzero(rows.weight)
+    n = judged.size
+    found = {}
+    for p in SETTINGS.modelling.noise_orders:
+        past = np.stack([noise[judged - i] for i in range(1, p + 1)], axis=1) if p else None
+        taps = np.zeros(0) if past is None else np.linalg.lstsq(past, noise[judged])[0]
+        left = noise[judged] - (0.0 if past is None else past @ taps)
+        found[p] = n * np.log(np.square(left).sum() / n) + p * np.log(n), taps
+    bic, expected = min(found.values(), key=lambda one: one[0])
+    assert bic == found[2][0]
+    np.testing.assert_allclose(fit_noise(rows, noise, SETTINGS.modelling), expected, atol=1e-6)
+
+
+def test_noise_that_grows_is_drawn_back_until_it_is_stable() -> None:
+    rows = _rows()
+    growing = 1.02 ** np.arange(300.0)
+    taps = fit_noise(rows, growing, Modelling(noise_orders=(1,)))
+    assert 0.98 < taps[0] <= Modelling().max_reflection
+
+
+@pytest.mark.parametrize("past", [2, 3])
+def test_one_step_costs_are_those_of_the_regression(past: int) -> None:
+    rows = _rows()
+    ranking = OneStep(rows, rows.shared, past)
+    valves = np.array([[0.3, 0.1, 0.05], [0.5, 0.4, -0.1], [0.2, 0.02, 0.0], [0.12, 0.12, 0.05]])
+    cost, late = ranking.costs(valves, 1, 6)
+    judged = np.flatnonzero(rows.weight)
+    others = [rows.y[judged - i] for i in range(1, past + 1)] + [c[judged] for c in rows.shared]
+    for v, (band, jump, start) in enumerate(valves):
+        stem = ValveModel(band, jump).simulate(rows.u, start)
+        least = [
+            _squares([*(stem[judged - d - i] for i in range(3)), *others], rows.y[judged])
+            for d in range(1, 7)
+        ]
+        assert cost[v] == pytest.approx(min(least), rel=1e-9)
+        assert late[v] == 1 + int(np.argmin(least))
