@@ -27,7 +27,7 @@ from benchmarks.published.finding import Call
 from estimator import EstimatorError, Verdict, grid_search, identify, nlp_paper
 from estimator.monitoring.indices import apparent_stiction, cross_correlation
 
-__all__ = ["OURS", "RIVALS", "SLOW", "Timed", "run"]
+__all__ = ["OURS", "RIVALS", "SIZERS", "SLOW", "Timed", "run"]
 
 Array = NDArray[np.float64]
 Method = Callable[[RecordedLoop], Finding]
@@ -130,6 +130,9 @@ RIVALS: dict[str, Method] = {
     "optimisation (the paper)": _nlp,
 }
 """Methods by name."""
+
+SIZERS = ("ellipse alone (Choudhury)", "grid (the paper)", "optimisation (the paper)")
+"""Methods that size a valve and give no verdict."""
 
 SLOW = ("optimisation (the paper)",)
 """Methods that take seconds to minutes for one loop, run on a few loops only."""
