@@ -20,7 +20,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import config, njit
+from numba import njit
+from numba.core import config
 
 __all__ = ["cache_folder", "kernel", "source_hash"]
 

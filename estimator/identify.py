@@ -1,6 +1,6 @@
 """One window in, one :class:`Identification` out: the order of the steps, and nothing else.
 
-Prepare the rows, weigh the healthy against the sticky valve, judge, estimate with intervals, report.
+Prepare the rows, weigh the healthy against the sticky valve, judge, estimate, report.
 """
 
 from __future__ import annotations

@@ -19,10 +19,12 @@ __all__ = [
     "Index",
     "Mask",
     "cholesky",
+    "combine",
     "count_moves",
     "delayed_costs",
     "dot",
     "filter_rows",
+    "normal_equations",
     "orthonormal",
     "paired_costs",
     "project_out",
@@ -209,54 +211,37 @@ def solve_spd(matrix: Array, right: Array) -> Array:
 
 @kernel
 def _sums(
-    responses: Array, weight: Array, target: Array, basis: Array, first: int, late: int, paired: int
-) -> tuple[Array, Array, Array]:
-    """Energy, covariance with the target, and cross-energy with the next dead time, each ``(L,)``.
+    responses: Array,
+    weight: Array,
+    target: Array,
+    basis: Array,
+    first: int,
+    late: int,
+    stride: int,
+    out: Array,
+    share: Array,
+) -> None:
+    """Energy, covariance with the target and cross-energy with the next dead time: ``out (3, L)``.
 
-    All after the ``basis`` is taken out; a lane that the basis spans has energy 0.
+    ``share`` ``(m, L)`` becomes the covariances with the ``basis``. Every ``stride``-th row counts.
     """
     n, lanes = responses.shape
-    columns = basis.shape[0]
-    energy, raw, with_y, cross = (
-        np.zeros(lanes),
-        np.zeros(lanes),
-        np.zeros(lanes),
-        np.zeros(lanes),
-    )
-    share, share_next = np.zeros((columns, lanes)), np.zeros((columns, lanes))
-    for k in range(first, n):
+    out[:] = 0.0
+    share[:] = 0.0
+    for k in range(first, n, stride):
         w, y = weight[k], target[k]
         if w == 0.0:
             continue
         row = k - late
-        if paired == 1:
-            for j in range(lanes):
-                z = responses[row, j]
-                raw[j] += z * z
-                with_y[j] += z * y
-                cross[j] += z * responses[row - 1, j]
-        else:
-            for j in range(lanes):
-                z = responses[row, j]
-                raw[j] += z * z
-                with_y[j] += z * y
-        for c in range(columns):
+        for j in range(lanes):
+            z = responses[row, j]
+            out[0, j] += z * z
+            out[1, j] += z * y
+            out[2, j] += z * responses[row - 1, j]
+        for c in range(basis.shape[0]):
             q = basis[c, k]
             for j in range(lanes):
                 share[c, j] += q * responses[row, j]
-            if paired == 1:
-                for j in range(lanes):
-                    share_next[c, j] += q * responses[row - 1, j]
-    for j in range(lanes):
-        energy[j] = raw[j]
-    for c in range(columns):
-        for j in range(lanes):
-            energy[j] -= share[c, j] * share[c, j]
-            cross[j] -= share[c, j] * share_next[c, j]
-    for j in range(lanes):
-        if not energy[j] > 1e-7 * raw[j]:
-            energy[j] = 0.0
-    return energy, with_y, cross
 
 
 @kernel
@@ -268,20 +253,27 @@ def delayed_costs(
     rest: float,
     first: int,
     delays: Index,
+    stride: int,
     sign: float,
 ) -> Array:
     """Least sum of squares ``(D, L)`` of the target on whitened responses, one gain each.
 
-    ``rest`` is the target's own sum of squares; a gain of the wrong ``sign`` counts as none.
+    ``rest`` is the target's own sum of squares; a gain of the wrong ``sign`` counts as none. With a
+    ``stride`` above 1 the sums are those of every so many rows, scaled up: a ranking, not a cost.
     """
     lanes = responses.shape[1]
     out = np.empty((delays.size, lanes))
+    sums, share = np.empty((3, lanes)), np.empty((basis.shape[0], lanes))
     for d in range(delays.size):
-        energy, with_y, _ = _sums(responses, weight, target, basis, first, delays[d], 0)
+        _sums(responses, weight, target, basis, first, delays[d], stride, sums, share)
         for j in range(lanes):
+            energy = sums[0, j] * stride
+            for c in range(basis.shape[0]):
+                energy -= share[c, j] * share[c, j] * stride * stride
+            with_y = sums[1, j] * stride
             out[d, j] = rest
-            if energy[j] > 0.0 and sign * with_y[j] >= 0.0:
-                out[d, j] = rest - with_y[j] * with_y[j] / energy[j]
+            if energy > 1e-7 * stride * sums[0, j] and sign * with_y >= 0.0:
+                out[d, j] = rest - with_y * with_y / energy
     return out
 
 
@@ -297,38 +289,61 @@ def paired_costs(
     count: int,
     sign: float,
 ) -> Array:
-    """Least sum of squares ``(count, L)`` on the responses of two dead times that follow each other.
+    """Least sum of squares ``(count, L)`` on the responses of two dead times in a row.
 
     The two gains have one sign (that of the loop where ``sign`` is not 0): together they are a dead
     time between two samples.
     """
     lanes = responses.shape[1]
     out = np.empty((count, lanes))
-    energy = np.zeros((count + 1, lanes))
-    with_y = np.zeros((count + 1, lanes))
-    cross = np.zeros((count + 1, lanes))
+    sums = np.empty((count + 1, 3, lanes))
+    share = np.empty((count + 1, basis.shape[0], lanes))
     for d in range(count + 1):
-        paired = 1 if d < count else 0
-        e, a, c = _sums(responses, weight, target, basis, first, shortest + d, paired)
-        energy[d], with_y[d], cross[d] = e, a, c
+        _sums(responses, weight, target, basis, first, shortest + d, 1, sums[d], share[d])
+        for j in range(lanes):
+            energy = sums[d, 0, j]
+            for c in range(basis.shape[0]):
+                energy -= share[d, c, j] * share[d, c, j]
+            sums[d, 0, j] = energy if energy > 1e-7 * sums[d, 0, j] else 0.0
     for d in range(count):
         for j in range(lanes):
-            e1, e2, a1, a2, c = (
-                energy[d, j],
-                energy[d + 1, j],
-                with_y[d, j],
-                with_y[d + 1, j],
-                cross[d, j],
-            )
+            e1, e2 = sums[d, 0, j], sums[d + 1, 0, j]
+            a1, a2 = sums[d, 1, j], sums[d + 1, 1, j]
+            cross = sums[d, 2, j]
+            for c in range(basis.shape[0]):
+                cross -= share[d, c, j] * share[d + 1, c, j]
             gain = 0.0
             if e1 > 0.0 and sign * a1 >= 0.0:
                 gain = a1 * a1 / e1
             if e2 > 0.0 and sign * a2 >= 0.0:
                 gain = max(gain, a2 * a2 / e2)
-            det = e1 * e2 - c * c
+            det = e1 * e2 - cross * cross
             if det > 1e-9 * e1 * e2 and e1 > 0.0:
-                g1, g2 = (a1 * e2 - a2 * c) / det, (a2 * e1 - a1 * c) / det
+                g1, g2 = (a1 * e2 - a2 * cross) / det, (a2 * e1 - a1 * cross) / det
                 if g1 * g2 >= 0.0 and sign * g1 >= 0.0 and sign * g2 >= 0.0:
                     gain = max(gain, g1 * a1 + g2 * a2)
             out[d, j] = rest - gain
     return out
+
+
+@kernel
+def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
+    """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
+    m = design.shape[0]
+    gram, right = np.empty((m, m)), np.empty(m)
+    for i in range(m):
+        right[i] = dot(design[i], target)
+        for j in range(i + 1):
+            gram[i, j] = dot(design[i], design[j])
+            gram[j, i] = gram[i, j]
+    return gram, right
+
+
+@kernel
+def combine(shares: Array, signals: Array) -> Array:
+    """Sum of signals ``(m, n)``, each times its share ``(m,)``."""
+    total = np.zeros(signals.shape[1])
+    for i in range(shares.size):
+        for k in range(total.size):
+            total[k] += shares[i] * signals[i, k]
+    return total

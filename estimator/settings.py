@@ -76,14 +76,17 @@ class Searching:
         bands: stick bands of the coarse search, as shares of OP's span.
         jumps: slip jumps of the coarse search, as shares of the stick band.
         starts: first positions of the stem, as shares of fS around OP's first sample.
+        fine_jumps, fine_starts: the same of the ranking by one-step errors, which is cheap.
         delays: dead times of the coarse search in samples.
-        differencing: pole of the second whitening filter of the coarse search, between none and
-            differences; noise of loops lies between the two.
-        basins: valves kept for a closer look after each coarse search.
-        apart: how far two basins are apart, as a share of the stick band.
-        lanes: candidates of one refining round.
-        rounds: refining rounds; each is narrower by ``shrink``.
-        shrink: factor on the reach of each round.
+        differencing: pole of the second whitening filter of the first look, between none and
+            differences; the noise of loops lies between the two.
+        seeds: valves of each law that a first look follows.
+        wide, generations, few: first reach (share of S), rounds and candidates of following one.
+        basins: valves that each look hands on; apart: how far they differ in S, as a share.
+        polished, refined: of all looks, valves whose process is fitted, and those refined last.
+        lanes, rounds, turns: candidates and rounds of the last refinement, and how often the noise
+            model follows.
+        enough: nats of a turn below which it was the last.
     """
 
     bands: tuple[float, ...] = (
@@ -92,15 +95,22 @@ class Searching:
     )  # fmt: skip
     jumps: tuple[float, ...] = (0.05, 0.4, 1.0)
     starts: tuple[float, ...] = (-0.9, 0.0, 0.9)
+    fine_jumps: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
+    fine_starts: tuple[float, ...] = (-0.95, 0.0, 0.95)
     delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
     differencing: float = 0.95
-    seeds: int = 4
+    seeds: int = 3
+    wide: float = 0.12
+    generations: int = 10
+    few: int = 32
     basins: int = 3
     apart: float = 0.15
+    polished: int = 4
+    refined: int = 2
     lanes: int = 48
     rounds: int = 10
-    generations: int = 12
-    shrink: float = 0.6
+    turns: int = 3
+    enough: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)

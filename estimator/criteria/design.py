@@ -9,9 +9,11 @@ import numpy as np
 from estimator.lanes import (
     Array,
     Index,
+    combine,
     delayed_costs,
     dot,
     filter_rows,
+    normal_equations,
     orthonormal,
     paired_costs,
     project_out,
@@ -73,7 +75,7 @@ class Design:
         whiten_lanes(found, self.taps)
         return found
 
-    def single(self, stems: Array, processes: Array, delays: Index) -> Array:
+    def single(self, stems: Array, processes: Array, delays: Index, stride: int = 1) -> Array:
         """Sums of squares ``(D, L)`` with one gain at each of the ``delays``."""
         rows = self.rows
         found: Array = delayed_costs(
@@ -84,6 +86,7 @@ class Design:
             self.rest,
             rows.first,
             delays,
+            stride,
             rows.sign,
         )
         return found
@@ -119,13 +122,13 @@ def fit_linear(
         raw = np.vstack([pair[list(used)], columns])
         design = filter_rows(raw, taps, rows.weight)
         target = filter_rows(rows.y[None], taps, rows.weight)[0]
-        solution = _solve(design, target)
+        solution: Array = solve_spd(*normal_equations(design, target))
         gains = np.zeros(2)
         gains[list(used)] = solution[: len(used)]
         if gains[0] * gains[1] < 0.0 or rows.sign * gains.sum() < 0.0:
             continue
-        residual = rows.y - _combine(solution, raw)
-        error = target - _combine(solution, design)
+        residual = rows.y - combine(solution, raw)
+        error = target - combine(solution, design)
         fit = LinearFit(gains, solution[len(used) :], float(dot(error, error)), residual)
         if best is None or fit.squares < best.squares:
             best = fit
@@ -133,21 +136,3 @@ def fit_linear(
             break
     assert best is not None
     return best
-
-
-def _solve(design: Array, target: Array) -> Array:
-    count = design.shape[0]
-    gram, right = np.empty((count, count)), np.empty(count)
-    for i in range(count):
-        right[i] = dot(design[i], target)
-        for j in range(i + 1):
-            gram[i, j] = gram[j, i] = dot(design[i], design[j])
-    found: Array = solve_spd(gram, right)
-    return found
-
-
-def _combine(shares: Array, signals: Array) -> Array:
-    total = np.zeros(signals.shape[1])
-    for share, signal in zip(shares, signals, strict=True):
-        total += share * signal
-    return total

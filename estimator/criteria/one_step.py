@@ -18,9 +18,9 @@ from estimator.evidence.hypothesis import Case, Hypothesis, Valve
 from estimator.intervals.posterior import Posterior
 from estimator.lanes import Array, dot, solve_spd
 from estimator.result import Interval, Process
+from estimator.search.descent import moved_valves
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
-from estimator.search.valves import moved_valves
 from estimator.window import Window
 from loop_model import ProcessModel
 

@@ -28,9 +28,14 @@ class Valve:
     start: float
     law: str = "he"
 
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """S, J and the start."""
+        return self.band, self.jump, self.start
+
     def stem(self, op: Array) -> Array:
         """Its stem, ``(n,)``."""
-        return stem_of(op, self.law, (self.band, self.jump, self.start))
+        return stem_of(op, self.law, self.numbers)
 
 
 @dataclass(frozen=True, slots=True)

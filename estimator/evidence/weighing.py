@@ -14,8 +14,9 @@ from estimator.evidence.growing import add_best
 from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.lanes import Array
 from estimator.processes.poles import COARSE
+from estimator.search.descent import refine_valve
 from estimator.search.processes import polish, settle
-from estimator.search.valves import find_valve, refine_valve
+from estimator.search.valves import find_valve
 from estimator.valves.laws import LAWS
 
 __all__ = ["Weighing", "weigh"]
@@ -120,8 +121,4 @@ def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
         sticky if law == sticky.valve.law else refine_valve(case, sticky, 0.06, law=law)
         for law in LAWS
     ]
-    found = [
-        one if one.valve and one.valve.law == law else None
-        for one, law in zip(found, LAWS, strict=True)
-    ]
-    return tuple(sorted((one for one in found if one), key=lambda one: -round(one.likelihood, 6)))
+    return tuple(sorted(found, key=lambda one: -round(one.likelihood, 6)))

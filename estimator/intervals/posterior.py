@@ -3,7 +3,7 @@
 The likelihood over S, J and the first position is sampled under every law that explains the window
 nearly as well as the best one (adaptive importance sampling: Cornuet, Marin, Mira and Robert,
 Adaptive multiple importance sampling, Scand. J. Statist. 39, 2012). The process is free: gain and
-columns are solved for every sample, dead time is at its best, and the poles may move to first order.
+columns are solved for every sample, dead time is at its best, and poles may move to first order.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.lanes import Array, cholesky
 from estimator.processes.poles import Poles, Shape, coefficients
 from estimator.result import Interval
-from estimator.search.valves import moved_valves, turned_points
+from estimator.search.descent import moved_valves, turned_points
 from estimator.valves.laws import LAWS
 
 __all__ = ["Peak", "Posterior", "pole_derivatives", "sample_posterior"]

@@ -1,8 +1,8 @@
 """Valves ranked by one-step errors: exhaustively, because a stem is a few slips.
 
 Under the paper's criterion (12) the process is linear in its coefficients, so that no poles need to
-be searched: PV's own past is taken out once for all valves, and each valve costs a few sums over its
-slips. Stick bands are told sharply where noise is small, which is where simulation errors have
+be searched: PV's own past is taken out once for all valves, and each valve costs a few sums over
+its slips. Stick bands are told sharply where noise is small, which is where simulation errors have
 narrow valleys and a coarse grid misses them. The process has direct feed-through or more dead time
 and three coefficients of the stem.
 """
@@ -33,8 +33,8 @@ def one_step_costs(
 ) -> tuple[Array, Index]:
     """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m,)``.
 
-    ``sums`` ``(c, n + 1)`` holds, of PV (first row) and the columns beside the stem, the sums from a
-    row to the end; ``counts`` ``(n + 1,)`` the judged rows from a row to the end. ``shifts`` dead
+    ``sums`` ``(c, n + 1)`` holds, of PV (first row) and the columns beside the stem, the sums from
+    a row to the end; ``counts`` ``(n + 1,)`` the judged rows from a row to the end. ``shifts`` dead
     times are tried from ``shortest`` on.
     """
     n, m, columns = op.size, valves.shape[0], sums.shape[0]

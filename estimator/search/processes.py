@@ -66,7 +66,7 @@ def polish(
     return best
 
 
-def settle(case: Case, start: Hypothesis, passes: int = 4) -> Hypothesis:
+def settle(case: Case, start: Hypothesis, passes: int = 3) -> Hypothesis:
     """The hypothesis with its poles freed further (a third one if it pays), valve held."""
     best = start
     for _ in range(passes):

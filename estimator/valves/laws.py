@@ -5,8 +5,8 @@ needs to know nothing of them: stick band ``S``, slip jump ``J`` and the stem's 
 before the first sample. In all of them a stem at rest breaks away where ``|u - x| > fS``; they
 differ in what comes after, with ``fS = (S + J) / 2`` and ``fD = (S - J) / 2``:
 
-* ``he``: it stands at ``u -+ fD`` and sticks again at once (He et al., 2007; equation (4) of Bacci di
-  Capaci et al., 2018). The valve answers once in a sample.
+* ``he``: it stands at ``u -+ fD`` and sticks again at once (He et al., 2007; equation (4) of Bacci
+  di Capaci et al., 2018). The valve answers once in a sample.
 * ``sliding``: it follows OP at ``u -+ fD`` until OP stops or turns (Choudhury et al., 2005; Kano et
   al., 2004; a valve with Coulomb and static friction and little mass).
 * ``steps``: it goes in slips of J, as many as OP asks for, because the valve answers faster than

@@ -1,0 +1,170 @@
+"""The first look at all valves: many stems, a few processes, one noise model at a time."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from estimator.evidence.hypothesis import Case, Hypothesis, Valve
+from estimator.evidence.nuisances import Nuisance
+from estimator.lanes import Array, count_moves
+from estimator.processes.poles import COARSE
+from estimator.search.descent import Found, descend
+from estimator.search.one_step import OneStep
+from estimator.search.processes import spread_points
+from estimator.settings import Searching
+from estimator.valves.laws import LAWS
+
+__all__ = ["first_apart", "one_step_starts", "simulated_starts"]
+
+_BLOCK = 32
+"""Valves of a block: its signals stay in the cache."""
+_FEWEST = 2
+"""A stem that moves less often explains a step, not a valve."""
+_LAWS = ("he", "sliding")
+"""Laws of the first look; a third one is near one of these two."""
+_MANY_ROWS = 400
+"""Judged rows from which every second one is enough for a ranking."""
+_PAST = 3
+"""PV's own past in the ranking by one-step errors, samples."""
+_SHIFTS = 6
+"""Dead times of that ranking."""
+_TOPS, _NEAR = 16, 32
+"""Valves of that ranking that are looked around, and valves around each."""
+_REACHES = (0.03, 0.012, 0.005)
+"""How far around them, as shares of S."""
+
+
+@cache
+def _table(bands: tuple[float, ...], jumps: tuple[float, ...], starts: tuple[float, ...]) -> Array:
+    """S, J and the start in shares of fS, ``(m, 3)``."""
+    table = np.array(list(product(bands, jumps, starts)))
+    table[:, 1] *= table[:, 0]
+    table.flags.writeable = False
+    return table
+
+
+@cache
+def _fine_bands(searching: Searching) -> tuple[float, ...]:
+    """Stick bands in even steps of the logarithm while they are narrow, then in even ones."""
+    low, high = searching.bands[0], searching.bands[-1]
+    return (*np.geomspace(low, 0.1, 18), *np.linspace(0.105, high, 88))
+
+
+def _placed(table: Array, first_op: float) -> Array:
+    """The valves with their start in units of OP's span."""
+    valves = table.copy()
+    valves[:, 2] = first_op + valves[:, 2] * 0.5 * (valves[:, 0] + valves[:, 1])
+    return valves
+
+
+def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[int]:
+    """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``."""
+    found: list[int] = []
+    for i in np.argsort(costs, kind="stable"):
+        if not np.isfinite(costs[i]) or len(found) == count:
+            break
+        if all(abs(bands[i] - bands[j]) > share * max(bands[i], bands[j]) for j in found):
+            found.append(int(i))
+    return found
+
+
+def simulated_starts(
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], taps: Array
+) -> list[Found]:
+    """The best valves under one noise model, drawn to the bottom of their valleys."""
+    searching = case.settings.searching
+    u = case.rows.u
+    valves = _placed(_table(searching.bands, searching.jumps, searching.starts), float(u[0]))
+    delays = np.array([d for d in searching.delays if d <= case.max_dead_time], dtype=np.int64)
+    stride = 2 if case.rows.count > _MANY_ROWS else 1
+    designs = {
+        integrating: case.design(
+            nuisances,
+            taps,
+            near.stem,
+            next(p for p in COARSE if p.integrating is integrating),
+            near.dead_time,
+        )
+        for integrating in (False, True)
+    }
+    processes = np.array([p.coefficients for p in COARSE]).T.copy()
+    m = len(valves)
+    cost = np.full((len(_LAWS), m), np.inf)
+    process = np.zeros((len(_LAWS), m), dtype=np.int64)
+    late = np.zeros((len(_LAWS), m), dtype=np.int64)
+    for row, law in enumerate(_LAWS):
+        for begin in range(0, m, _BLOCK):
+            block = slice(begin, min(begin + _BLOCK, m))
+            stems = LAWS[law](u, np.ascontiguousarray(valves[block]))
+            still = count_moves(stems) < _FEWEST
+            for number, poles in enumerate(COARSE):
+                lanes = np.repeat(processes[:, number : number + 1], stems.shape[1], axis=1)
+                costs = designs[poles.integrating].single(stems, lanes, delays, stride)
+                best = costs.argmin(axis=0)
+                least = costs[best, np.arange(costs.shape[1])]
+                least[still] = np.inf
+                better = least < cost[row, block]
+                cost[row, block] = np.where(better, least, cost[row, block])
+                process[row, block] = np.where(better, number, process[row, block])
+                late[row, block] = np.where(better, delays[best], late[row, block])
+    ends = []
+    for row, law in enumerate(_LAWS):
+        for i in first_apart(valves[:, 0], cost[row], searching.seeds, searching.apart):
+            poles = COARSE[process[row, i]]
+            valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
+            start = Found(float(cost[row, i]), valve, poles, int(late[row, i]))
+            ends.append(
+                descend(
+                    case,
+                    designs[poles.integrating],
+                    start,
+                    searching.wide,
+                    searching.generations,
+                    searching.few,
+                )
+            )
+    bands = np.array([end.valve.band for end in ends])
+    squares = np.array([end.squares for end in ends])
+    return [ends[i] for i in first_apart(bands, squares, searching.basins, 0.05)]
+
+
+def one_step_starts(
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...]
+) -> list[tuple[Valve, int]]:
+    """The best valves of He's law by one-step errors, with their dead times.
+
+    The dead time is one sample or more: with direct feed-through the regression may learn the
+    controller, which answers PV within the same scan, instead of the process.
+    """
+    searching = case.settings.searching
+    shifts = min(_SHIFTS, case.max_dead_time - 3)
+    if shifts < 1:
+        return []
+    table = _table(_fine_bands(searching), searching.fine_jumps, searching.fine_starts)
+    valves = _placed(table, float(case.rows.u[0]))
+    columns = case.columns(nuisances, near.stem, COARSE[0], near.dead_time)
+    ranking = OneStep(case.rows, columns, _PAST)
+    cost, late = ranking.costs(valves, 1, shifts)
+    points = spread_points(_NEAR + 1, 3)[1:]
+    for reach in _REACHES:
+        # one in each neighbourhood, so that not all of them stand in one valley
+        tops = first_apart(valves[:, 0], cost, _TOPS, reach)
+        more = np.vstack([_around(valves[top], points, reach) for top in tops] or [valves[:1]])
+        more_cost, more_late = ranking.costs(more, 1, shifts)
+        valves = np.vstack([valves, more])
+        cost, late = np.concatenate([cost, more_cost]), np.concatenate([late, more_late])
+    return [
+        (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i]))
+        for i in first_apart(valves[:, 0], cost, searching.basins, searching.apart)
+    ]
+
+
+def _around(valve: Array, points: Array, reach: float) -> Array:
+    """Valves ``(m, 3)`` around one, ``reach`` wide as a share of S."""
+    band = np.clip(valve[0] * np.exp(2.0 * reach * points[:, 0]), 0.004, 1.1)
+    jump = np.clip(valve[1] + 4.0 * reach * band * points[:, 1], 0.0, band)
+    start = valve[2] + reach * band * points[:, 2]
+    return np.ascontiguousarray(np.stack([band, jump, start], axis=1))

@@ -1,0 +1,134 @@
+"""One start, drawn to the bottom of its valley: valve and poles together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from estimator.criteria.design import Design
+from estimator.evidence.hypothesis import Case, Hypothesis, Valve
+from estimator.lanes import Array, cholesky
+from estimator.processes.poles import Poles, Shape, coefficients
+from estimator.search.processes import spread_points
+from estimator.valves.laws import LAWS
+
+__all__ = ["Found", "descend", "moved_valves", "refine_valve", "turned_points"]
+
+_LEAST_BAND, _WIDEST_BAND = 0.004, 1.1
+"""Stick bands that are tried, as shares of OP's span."""
+_WIDTHS = np.array([1.0, 2.0, 2.0, 3.0, 4.0])
+"""First reach in log S, J / S, start / S and the logs of two time constants, relative."""
+_LEARNED = 0.7
+"""Share of the new covariance in that of the next round."""
+_RIDGE = 1e-16
+_TIE = 1e-12
+"""Relative gain below which two sums of squares are the same: rounding decides nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A valve with its process and the sum of squares it leaves under one noise model."""
+
+    squares: float
+    valve: Valve
+    poles: Poles
+    dead_time: int
+
+
+@cache
+def turned_points(count: int, dimensions: int, turn: int) -> Array:
+    """Even points of a normal distribution, ``(count, dimensions)``; another set every ``turn``."""
+    shift = spread_points(64, dimensions)[(17 * turn) % 64]
+    points = spread_points(count + 1, dimensions)[1:]
+    shares = np.mod(ndtr(points) + ndtr(shift), 1.0)
+    found: Array = ndtri(np.clip(shares, 1e-3, 1.0 - 1e-3))
+    return found
+
+
+def moved_valves(valve: Array, steps: Array) -> Array:
+    """Valves ``(m, 3)`` from one by steps in log S, J / S and start / S."""
+    band = np.clip(valve[0] * np.exp(steps[:, 0]), _LEAST_BAND, _WIDEST_BAND)
+    ratio = np.clip(valve[1] / valve[0] + steps[:, 1], 0.0, 1.0)
+    return np.ascontiguousarray(
+        np.stack([band, ratio * band, valve[2] + steps[:, 2] * band], axis=1)
+    )
+
+
+def descend(
+    case: Case, design: Design, start: Found, width: float, rounds: int, lanes: int
+) -> Found:
+    """Valve and poles refined together under one noise model.
+
+    Samples of a normal distribution that learns the valley it lies in: its covariance becomes that
+    of the best samples around the mean before (rank-mu update of CMA-ES; Hansen, The CMA evolution
+    strategy: a tutorial, 2016). Stick band and time constants trade against each other along curved
+    valleys, which steps in single parameters do not follow.
+    """
+    origin = start.poles
+    if origin.shape is Shape.LAGS:
+        slow = max(origin.slow, 0.2)
+        origin = replace(origin, slow=slow, fast=origin.fast or max(0.15, 0.3 * slow))
+    elif origin.shape is Shape.INTEGRATING:
+        origin = replace(origin, fast=origin.fast or 0.5)
+    valve, law = np.array(start.valve.numbers), start.valve.law
+    middle, root = np.zeros(5), np.diag(width * _WIDTHS)
+    chosen = lanes // 4
+    weight = np.log(chosen + 0.5) - np.log(np.arange(1.0, chosen + 1))
+    weight /= weight.sum()
+    least, best, late = np.inf, np.zeros(5), start.dead_time
+    table = np.zeros((lanes, 5))
+    poles = np.zeros((lanes, 3))
+    for turn in range(rounds):
+        table = middle + turned_points(lanes, 5, turn) @ root.T
+        table[0] = best
+        poles[:, :2] = table[:, 3:]
+        processes = coefficients(origin.shape, origin.moved(poles))
+        stems = LAWS[law](case.rows.u, moved_valves(valve, table))
+        shortest = max(0, late - 1)
+        count = min(3, case.max_dead_time + 1 - shortest)
+        costs = design.paired(stems, processes, shortest, count)
+        of_lane = costs.min(axis=0)
+        order = np.argsort(of_lane, kind="stable")[:chosen]
+        top = int(order[0])
+        if of_lane[top] < least * (1.0 - _TIE):
+            least, best = float(of_lane[top]), table[top].copy()
+            late = shortest + int(costs[:, top].argmin())
+        steps = table[order] - middle
+        spread = (steps * weight[:, None]).T @ steps
+        middle = middle + weight @ steps
+        covariance = (1.0 - _LEARNED) * root @ root.T + _LEARNED * spread
+        root = cholesky(covariance + _RIDGE * np.eye(5))
+    band, jump, first = (float(v) for v in moved_valves(valve, best[None])[0])
+    row = origin.moved(np.array([[best[3], best[4], 0.0]]))[0]
+    return Found(least, Valve(band, jump, first, law), origin.of_row(row), late)
+
+
+def refine_valve(
+    case: Case, start: Hypothesis, width: float = 0.05, law: str | None = None
+) -> Hypothesis:
+    """The hypothesis with valve and poles refined together, its noise model in turn.
+
+    Under another ``law`` than its own it is that law's hypothesis, likelier or not.
+    """
+    assert start.valve is not None
+    searching = case.settings.searching
+    best = start
+    if law is not None and law != start.valve.law:
+        valve = replace(start.valve, law=law)
+        best = case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps)
+    for _ in range(searching.turns):
+        assert best.valve is not None
+        design = case.design(best.nuisances, best.taps, best.stem, best.poles, best.dead_time)
+        at = Found(np.inf, best.valve, best.poles, best.dead_time)
+        end = descend(case, design, at, width, searching.rounds, searching.lanes)
+        found = case.fit(end.valve, end.poles, end.dead_time, best.nuisances, best.taps)
+        gained = found.likelihood - best.likelihood
+        if gained > 0.0:
+            best = found
+        if gained < searching.enough:
+            break
+        width *= 0.5
+    return best
