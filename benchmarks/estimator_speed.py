@@ -1,13 +1,13 @@
-"""How fast the estimator is on one core.
+"""How long the estimator takes on one core, kind by kind, and how long the paper's methods take.
 
     python -m benchmarks.estimator_speed [--out docs/benchmarks]
 
-Candidate-samples per second of the compiled criteria (valve, process, least squares: everything
-that a candidate costs) beside one bare fused multiply-add for each of them (`bare_loops`), seconds
-a window with everything included (orders, intervals, verdict) over windows of four kinds (both
-examples; the sticky and the healthy loops of `robustness`), and the time of the paper's grid and of
-its optimisation over the search's, on the same window in the same run. Seconds are processor
-seconds; only ratios mean anything.
+Milliseconds of a window with everything included (search, verdict, intervals), mean and slowest
+over windows of each kind: the paper's two examples with set-point changes and at constant
+set-point, and loops of the tuning family, sticky and healthy, under PI control, with an integrating
+process and with an oscillatory one. Then the paper's grid and its optimisation on windows of both
+examples, over the time of the estimator on the same windows in the same run. All times are
+processor time of one core; the least of a few runs counts. Only ratios mean anything elsewhere.
 """
 
 from __future__ import annotations
@@ -15,31 +15,59 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from benchmarks.bare_loops import in_cache, streamed
 from benchmarks.examples import EXAMPLES, example_window
-from benchmarks.loops import named_loop
-from benchmarks.recording import record
+from benchmarks.families.tuning import draw
 from benchmarks.report import heading, keep, machine, table
-from estimator import grid_search, identify, nlp_paper, warm_up
-from estimator._one_step import one_step_costs
-from estimator._simulated import simulated_costs
-from estimator._slips import op_of
-from estimator.arx import ArxOrders, ArxRegression
-from estimator.regression import Regression
-from estimator.structures import Structure
-from estimator.window import harmonise
+from estimator import Identification, grid_search, identify, nlp_paper, warm_up
 
-__all__ = ["least_seconds", "main"]
+__all__ = ["FAMILY_KINDS", "HEALTHY_LIMIT_MS", "LIMIT_MS", "least_seconds", "main"]
 
-_LANES = 1024
+Array = NDArray[np.float64]
+Call = Callable[[], Identification]
+
+FAMILY_KINDS = ("pi", "integrating", "oscillatory")
+"""Kinds of the tuning family that are timed, sticky and healthy."""
+
+LIMIT_MS = 60.0
+"""Mean of every kind of window, asked for."""
+HEALTHY_LIMIT_MS = 25.0
+"""Mean of every kind of healthy loop, asked for."""
+
 _ORDERS: dict[str, Any] = {"na": 3, "nb": 3}
+_SEARCH_RUNS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Times of the windows of one kind, in milliseconds of one core."""
+
+    name: str
+    windows: int
+    samples: float
+    mean_ms: float
+    slowest_ms: float
+    called_sticky: int
+    limit_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """One of the paper's methods on windows of an example, and its time over the estimator's."""
+
+    example: str
+    method: str
+    windows: int
+    seconds: float
+    over_ours: float
 
 
 def least_seconds(action: Callable[[], object], repeats: int) -> float:
@@ -52,97 +80,100 @@ def least_seconds(action: Callable[[], object], repeats: int) -> float:
     return min(spent)
 
 
-def _kernels(op: np.ndarray, pv: np.ndarray) -> dict[str, float]:
-    """Candidate-samples per second, and what of the bare loops that is.
-
-    The kernels walk from slip to slip, not from sample to sample: a candidate counts all samples of
-    the window all the same, because that is what it is judged by.
-    """
-    window = harmonise(op, pv, None, None, 1.0)
-    u = op_of(window.u)
-    simulated = Regression(window.y, window.good).tables(Structure.of_time_constants(6.0, 2.0))
-    one_step = ArxRegression(window.y, window.good, ArxOrders(3, 3, 1)).tables
-    band = np.linspace(0.2, 0.95, _LANES)
-    nodes = np.column_stack([band, band * np.linspace(0.1, 0.9, _LANES), 0.5 * band])
-    stem, total = np.zeros((window.size, _LANES)), np.zeros(_LANES)
-    out = np.zeros_like(stem)
-    calls: dict[str, tuple[int, Callable[[], object]]] = {
-        "simulated, one dead time": (1, lambda: simulated_costs(u, simulated, nodes, 1.0, 1, 1)),
-        "simulated, 12 dead times": (12, lambda: simulated_costs(u, simulated, nodes, 1.0, 0, 12)),
-        "one step, arx(3,3)": (1, lambda: one_step_costs(u, one_step, nodes, 1.0)),
-        "bare multiply-add, streamed": (1, lambda: streamed(stem, 0.9, out)),
-        "bare multiply-add, in cache": (1, lambda: in_cache(window.u, band, total)),
-    }
-    work = float(stem.size)
-    rates = {name: n * work / least_seconds(call, 15) for name, (n, call) in calls.items()}
-    figures = {f"{name}, candidate-samples per second": rate for name, rate in rates.items()}
-    for name in ("simulated, one dead time", "simulated, 12 dead times", "one step, arx(3,3)"):
-        for bare in ("streamed", "in cache"):
-            figures[f"{name}, over bare {bare}"] = rates[name] / rates[f"bare multiply-add, {bare}"]
-    return figures
+def _windows(samples: int, each: int) -> dict[str, tuple[float, list[tuple[int, Call]]]]:
+    """For every kind its limit, and of each window the samples and the identification."""
+    kinds: dict[str, tuple[float, list[tuple[int, Call]]]] = {}
+    for example in EXAMPLES:
+        for constant in (False, True):
+            traces = [
+                example_window(example, seed, samples=samples, constant=constant)
+                for seed in range(each)
+            ]
+            name = f"{example.name}, constant set-point" if constant else example.name
+            kinds[name] = LIMIT_MS, [(t.op.size, partial(identify, t.op, t.pv)) for t in traces]
+    for kind in FAMILY_KINDS:
+        for sticky in (True, False):
+            loops = [draw(kind, sticky, seed) for seed in range(each)]
+            calls: list[tuple[int, Call]] = [
+                (loop.op.size, partial(identify, loop.op, loop.pv, sp=loop.sp, period=loop.period))
+                for loop in loops
+            ]
+            name = f"{kind}, {'sticky' if sticky else 'healthy'}"
+            kinds[name] = (LIMIT_MS if sticky else HEALTHY_LIMIT_MS), calls
+    return kinds
 
 
-def _windows(samples: int, repeats: int, each: int) -> dict[str, float]:
-    """Seconds a window, mean and slowest, of ``each`` windows of four kinds."""
-    kinds: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+def _measure(name: str, limit: float, windows: Sequence[tuple[int, Call]], repeats: int) -> Kind:
+    spent = [1e3 * least_seconds(call, repeats) for _, call in windows]
+    return Kind(
+        name=name,
+        windows=len(windows),
+        samples=float(np.mean([samples for samples, _ in windows])),
+        mean_ms=float(np.mean(spent)),
+        slowest_ms=max(spent),
+        called_sticky=sum(call().verdict.value == "stiction" for _, call in windows),
+        limit_ms=limit,
+    )
+
+
+def _rivals(samples: int, each: int, grid_step: float, starts: int) -> list[Rival]:
+    """The paper's methods on the first windows of both examples."""
+    found = []
     for example in EXAMPLES:
         traces = [example_window(example, seed, samples=samples) for seed in range(each)]
-        kinds[example.name] = [(trace.op, trace.pv) for trace in traces]
-    for letter, kind in (("s", "sticky loops"), ("h", "healthy loops")):
-        loops = [record(named_loop(f"{letter}{i}"), samples=samples) for i in range(each)]
-        kinds[kind] = [(loop.op, loop.pv) for loop in loops]
-    figures, total = {}, 0.0
-    for name, windows in kinds.items():
-        spent = [least_seconds(partial(identify, *window), repeats) for window in windows]
-        figures[f"{name}, mean seconds a window"] = float(np.mean(spent))
-        figures[f"{name}, slowest of {each}"] = max(spent)
-        total += sum(spent)
-    figures["windows per second, mean"] = each * len(kinds) / total
-    return figures
-
-
-def _rivals(samples: int, grid_step: float, starts: int) -> dict[str, float]:
-    """Seconds of the paper's methods on Example 1, and over the search's."""
-    trace = example_window(EXAMPLES[0], 1, samples=samples)
-    op, pv = trace.op, trace.pv
-    search = least_seconds(partial(identify, op, pv), 10)
-    found = {"search, seconds": search}
-    calls: dict[str, Callable[[], object]] = {
-        f"grid {grid_step:g}": partial(grid_search, op, pv, **_ORDERS, step=grid_step)
-    }
-    if starts:
-        first = partial(nlp_paper, op, pv, **_ORDERS, starts=starts, initial=("first",))
-        calls[f"nlp M={starts}"] = first
-    for name, call in calls.items():
-        seconds = least_seconds(call, 1)
-        found[f"{name}, seconds"] = seconds
-        found[f"{name} over search"] = seconds / search
+        windows = [(trace.op, trace.pv) for trace in traces]
+        ours = [least_seconds(partial(identify, *window), _SEARCH_RUNS) for window in windows]
+        calls: dict[str, Callable[[Array, Array], object]] = {
+            f"grid {grid_step:g}": partial(grid_search, **_ORDERS, step=grid_step)
+        }
+        if starts:
+            calls[f"optimisation, M={starts}"] = partial(
+                nlp_paper, **_ORDERS, starts=starts, initial=("first",)
+            )
+        for name, call in calls.items():
+            spent = [least_seconds(partial(call, *window), 1) for window in windows]
+            ratio = sum(spent) / sum(ours)
+            found.append(Rival(example.name, name, each, float(np.mean(spent)), ratio))
     return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmark and print its table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=1000, help="of a window")
+    """Run the benchmark and print its tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--samples", type=int, default=1000, help="of a window of the examples")
     parser.add_argument("--windows", type=int, default=20, help="of each kind")
     parser.add_argument("--repeats", type=int, default=3, help="of a window; the least counts")
+    parser.add_argument("--rival-windows", type=int, default=2, help="of each example")
     parser.add_argument("--grid-step", type=float, default=0.1, help="of the paper's grid")
     parser.add_argument("--starts", type=int, default=7, help="M of the optimisation; 0: without")
     parser.add_argument("--out", type=Path, help="folder for estimator_speed.md and .json")
     options = parser.parse_args(arguments)
     warm_up()
-    trace = example_window(EXAMPLES[0], 1, samples=options.samples)
     with threadpool_limits(limits=1):
-        figures = {
-            **_kernels(trace.op, trace.pv),
-            **_windows(options.samples, options.repeats, options.windows),
-            **_rivals(options.samples, options.grid_step, options.starts),
-        }
-    head = heading("estimator_speed", __doc__, arguments)
-    text = f"{head}\n\n{table(('figure', 'value'), list(figures.items()))}"
+        kinds = [
+            _measure(name, limit, windows, options.repeats)
+            for name, (limit, windows) in _windows(options.samples, options.windows).items()
+        ]
+        rivals = _rivals(options.samples, options.rival_windows, options.grid_step, options.starts)
+    times = table(
+        ("kind", "windows", "samples", "mean ms", "slowest ms", "called sticky", "limit, mean ms"),
+        [tuple(asdict(kind).values()) for kind in kinds],
+    )
+    ratios = table(
+        ("example", "method", "windows", "seconds a window", "over the estimator's"),
+        [tuple(asdict(rival).values()) for rival in rivals],
+    )
+    parts = [heading("estimator_speed", __doc__, arguments), "## Milliseconds of one core", times]
+    parts += ["## The paper's methods on the same windows", ratios]
+    text = "\n\n".join(parts)
     print(text)
-    kept = {k: v for k, v in vars(options).items() if k != "out"}
-    keep(options.out, "estimator_speed", text, {"options": kept, "machine": machine(), **figures})
+    figures = {
+        "options": {k: v for k, v in vars(options).items() if k != "out"},
+        "machine": machine(),
+        "kinds": [asdict(kind) for kind in kinds],
+        "rivals": [asdict(rival) for rival in rivals],
+    }
+    keep(options.out, "estimator_speed", text, figures)
     return 0
 
 

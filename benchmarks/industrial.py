@@ -1,33 +1,36 @@
-"""Recorded loops: verdicts beside labels, the paper's Table 1, thresholds and one valve's course.
+"""Recorded loops beyond their verdicts: the paper's Table 1, one valve over time, collections.
 
-    python -m benchmarks.industrial [--out docs/benchmarks] [--images docs/images]
+    python -m benchmarks.industrial [--out docs/benchmarks]
     python -m benchmarks.industrial --isdb isdb10.mat --sacac FOLDER
 
-Reads the labelled loops beside the repository (``../shared/data`` or ``--data``) and, for whoever
-has them, the International Stiction Data Base as its one MATLAB file and the SACAC collection as a
-folder of CSV files.
+Reads the labelled loops beside the repository (``../shared/data`` or ``--data``), and, where they
+are given, the International Stiction Data Base as its one MATLAB file and the SACAC collection as a
+folder of CSV files. Verdicts beside labels are in `recorded_loops`. Nothing of the estimator was
+chosen by these loops.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.labelled_report import labelled_report
 from benchmarks.readers import ReaderError, RecordedLoop, isdb_loops, read_isdb, read_sacac
-from benchmarks.recorded import DATA, Judged, judged, labelled_loops
+from benchmarks.recorded import DATA, judged, labelled_loops
 from benchmarks.report import heading, keep, machine, table
-from benchmarks.roc import plot_roc
 from benchmarks.table1 import CASES, our_rows, table_of
-from benchmarks.valve_course import course_of, longest_loop, plot_course
+from benchmarks.valve_course import Course, course_of
 from estimator import identify, warm_up
 
 __all__ = ["main"]
+
+_CHEM10 = "chemicals.loop10"
+"""Name of CHEM 10 in the data base."""
 
 
 def _table1(loops: dict[str, RecordedLoop], starts: int) -> tuple[str, dict[str, Any]]:
@@ -56,47 +59,46 @@ def _read(readers: Sequence[Callable[[], RecordedLoop]]) -> tuple[list[RecordedL
 
 
 def _unlabelled(title: str, loops: Sequence[RecordedLoop], complaints: Sequence[str]) -> str:
-    """What the estimator says of loops whose files hold no label."""
+    """What the estimator answers about loops whose files hold no label."""
     header = ("loop", "samples", "verdict", "score", "S", "low", "high", "J", "comment or reason")
     rows = []
     for loop in loops:
         result = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period_s or 1.0)
         s = result.stick_band
-        said = loop.comments or ", ".join(reason.code.value for reason in result.reasons)
-        rows.append(
-            (
-                loop.name,
-                loop.op.size,
-                result.verdict.value,
-                result.score,
-                *(s.value, s.low, s.high),
-                result.slip_jump.value,
-                said[:60],
-            )
-        )
+        verdict = result.verdict.value + (" (uncertain)" if result.uncertain else "")
+        comment = loop.comments or ", ".join(reason.code.value for reason in result.reasons)
+        numbers = (result.score, s.value, s.low, s.high, result.slip_jump.value)
+        rows.append((loop.name, loop.op.size, verdict, *numbers, comment[:60]))
     unread = "".join(f"\n- not read: {complaint}" for complaint in complaints)
     return f"## {title}\n\n{table(header, rows)}\n{unread}".rstrip()
 
 
-def _chem10(isdb: Sequence[Judged]) -> dict[str, RecordedLoop]:
+def _chem10(data: Path) -> dict[str, RecordedLoop]:
     """CHEM 10 from the labelled loops, under the name it has in the data base."""
-    name = "chemicals.loop10"
-    for w in (one.window for one in isdb):
-        if w.file == "CHEM10.csv":
-            return {name: RecordedLoop(name, w.op, w.pv, None, None, "")}
-    return {}
+    return {
+        _CHEM10: RecordedLoop(_CHEM10, w.op, w.pv, w.sp, w.period_s, "")
+        for w in labelled_loops(data, "isdb")
+        if w.file == "CHEM10.csv"
+    }
+
+
+def _longest_course(data: Path) -> tuple[str, Course]:
+    """The plant's loop with the most windows, and its valve over time."""
+    plant = [window for window in labelled_loops(data, "plant") if window.begun is not None]
+    loop = Counter(window.loop for window in plant).most_common(1)[0][0]
+    own = judged([window for window in plant if window.loop == loop])
+    return loop, course_of([one.window.begun or 0.0 for one in own], [one.result for one in own])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the labelled loops")
     parser.add_argument("--isdb", type=Path, metavar="FILE.mat", help="the published data base")
     parser.add_argument("--sacac", type=Path, metavar="FOLDER", help="the published CSV files")
     parser.add_argument(
         "--starts", type=int, default=7, help="M of the paper's optimisation in Table 1; 0: none"
     )
-    parser.add_argument("--images", type=Path, help="folder for roc.png and valve-course.png")
     parser.add_argument("--out", type=Path, help="folder for industrial.md and industrial.json")
     options = parser.parse_args(arguments)
     if not options.data.is_dir() and options.isdb is None and options.sacac is None:
@@ -109,17 +111,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures: dict[str, Any] = {"machine": machine()}
     loops: dict[str, RecordedLoop] = {}
     if options.data.is_dir():
-        plant = judged(labelled_loops(options.data, "plant"))
-        isdb = judged(labelled_loops(options.data, "isdb"))
-        report = labelled_report(plant, isdb)
-        parts.append(report.text)
-        course = course_of(plant, longest_loop(plant))
-        parts.append(f"## S of {course.loop} over time\n\n{course.markdown()}")
-        figures |= {**report.figures, "course": course.to_dict()}
-        loops |= _chem10(isdb)
-        if options.images is not None:
-            plot_roc(report.curves, options.images / "roc.png")
-            plot_course(course, options.images / "valve-course.png")
+        loop, course = _longest_course(options.data)
+        parts.append(f"## S of {loop} over time\n\n{course.markdown()}")
+        figures["course"] = {"loop": loop, **course.to_dict()}
+        loops |= _chem10(options.data)
     if options.isdb is not None:
         names = isdb_loops(options.isdb)
         every, unread = _read([partial(read_isdb, options.isdb, name) for name in names])

@@ -1,4 +1,4 @@
-"""Random loops with a known valve: what `robustness` judges the estimator by.
+"""Random loops with a known valve, drawn from a name, for tests of the estimator.
 
 A loop is drawn from its name alone (``s17`` is sticky, ``h17`` healthy): plant, controller,
 sampling, valve, noise and disturbances. Gains are about one PV unit per percent of OP, or sizes are

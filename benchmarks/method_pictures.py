@@ -1,29 +1,34 @@
-"""Pictures of docs/method.md: what S and J are, and what a window says about them.
+"""Pictures of docs/method.md: what S and J are, what a window says about them, a valve over weeks.
 
     python -m benchmarks.method_pictures --images docs/images
 
 ``valve.png`` is He's valve under a made-up OP. ``likelihood.png`` shows how probable stick bands
-are in two windows of the paper's Example 2: one that a single valve explains, one that two do.
+are in two windows of the paper's Example 2 at constant set-point. ``valve-course.png`` is a
+simulated valve that wears and is repaired, in a window a week.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.examples import EXAMPLES, example_window
-from estimator._slips import op_of
-from estimator.arx import select_orders
-from estimator.arx_estimate import arx_posterior
-from estimator.arx_search import arx_search
-from estimator.exhaustive import one_step_seeds
-from estimator.posterior import Posterior
+from benchmarks.valve_course import course_of, plot_course
+from estimator import identify
+from estimator.evidence.hypothesis import Case
+from estimator.evidence.sign import controller_action
+from estimator.evidence.weighing import weigh
+from estimator.intervals.posterior import Posterior, sample_posterior
+from estimator.rows import rows_of
+from estimator.settings import SETTINGS
 from estimator.valves import HeValve
 from estimator.window import harmonise
+from loop_model import ValveModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,8 +36,15 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 _BAND, _JUMP = 4.0, 1.5
-_SEEDS = (0, 11)
-"""Windows of Example 2 with one likely valve and with two."""
+_SEEDS = (0, 1)
+"""Windows of Example 2 whose likelihood is drawn: the first two."""
+
+_WEEK = 7 * 86400.0
+_BEGUN = 1.7e9
+"""Seconds since 1970 of the first window: November 2023."""
+_WEEKS = 16
+_REPAIRED = 11
+"""Window with which the repaired valve begins."""
 
 
 def _valve(axes: Axes) -> None:
@@ -58,33 +70,46 @@ def _valve(axes: Axes) -> None:
 
 def _posterior(seed: int) -> tuple[Posterior, float]:
     """What a window of Example 2 says, and the span of OP that its shares are of."""
-    recorded = example_window(EXAMPLES[1], seed)
-    window = harmonise(recorded.op, recorded.pv, None, None, 1.0)
-    op = op_of(window.u)
-    seeds = one_step_seeds(op, window.y, window.good, 5)
-    healthy = select_orders(window.y, window.good, window.u)[0].bic
-    found = arx_search(op, window.y, window.good, seeds, healthy)
-    return arx_posterior(window, op, found), window.op_span
+    recorded = example_window(EXAMPLES[1], seed, constant=True)
+    window = harmonise(recorded.op, recorded.pv, None, None, 1.0, SETTINGS.screening)
+    sign = float(np.sign(controller_action(recorded.op, recorded.pv, None)))
+    case = Case(rows_of(window, sign, SETTINGS.modelling), SETTINGS)
+    return sample_posterior(case, weigh(case).laws), window.op_span
 
 
 def _likelihood(axes: Axes, seed: int) -> None:
     posterior, span = _posterior(seed)
-    low, high = span * posterior.low[:, 0], span * posterior.high[:, 0]
     truth = EXAMPLES[1].valve.stick_band
-    edges = np.linspace(0.93 * truth, 1.04 * truth, 221)
-    # each box spreads its probability evenly over the bins it covers
-    inside = np.minimum(high[:, None], edges[1:]) - np.maximum(low[:, None], edges[:-1])
-    share = np.maximum(inside, 0.0) / np.maximum(high - low, 1e-12)[:, None]
-    axes.stairs(posterior.weight @ share, edges, fill=True, color="tab:blue", alpha=0.6)
+    edges = np.linspace(0.9 * truth, 1.1 * truth, 121)
+    # the spread that the model leaves, as a normal distribution around every sample
+    blur = max(span * posterior.blur[0], edges[1] - edges[0])
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    away = (middle[None, :] - span * posterior.valves[:, 0][:, None]) / blur
+    density = posterior.weights @ np.exp(-0.5 * np.square(away))
+    axes.stairs(density, edges, fill=True, color="tab:blue", alpha=0.6)
     found = posterior.interval(1.0, 0.0, 0.9).scaled(span)
     axes.axvspan(found.low, found.high, color="tab:blue", alpha=0.12, label="90 % interval")
     axes.axvline(truth, color="k", ls="--", lw=1, label="true S")
-    axes.set(xlabel="stick band S", yticks=[])
+    axes.set(xlabel="stick band S", yticks=[], xlim=(edges[0], edges[-1]))
     valves = " or ".join(
         f"S {span * peak.band:.2f}, J {span * peak.jump:.2f} ({100 * peak.share:.0f} %)"
         for peak in posterior.peaks()
     )
     axes.set_title(valves, fontsize=9)
+
+
+def _plot_wear(file: Path) -> None:
+    """A valve whose S grows by a quarter percent a week, until it is repaired."""
+    grown = [2.0 + 0.25 * week for week in range(_REPAIRED)]
+    bands = [*grown, *[0.8] * (_WEEKS - _REPAIRED)]
+    truth = [(band, 0.3 * band) for band in bands]
+    results = []
+    for week, (band, jump) in enumerate(truth):
+        example = replace(EXAMPLES[0], valve=ValveModel(band, jump))
+        window = example_window(example, week)
+        results.append(identify(window.op, window.pv))
+    begun = [_BEGUN + week * _WEEK for week in range(_WEEKS)]
+    plot_course(course_of(begun, results), file, truth)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -94,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--images", type=Path, required=True, help="folder for the pictures")
     options = parser.parse_args(arguments)
     options.images.mkdir(parents=True, exist_ok=True)
@@ -108,6 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     pair[0].legend(loc="upper left", fontsize=8)
     figure.savefig(options.images / "likelihood.png", dpi=110)
     pyplot.close("all")
+    _plot_wear(options.images / "valve-course.png")
     return 0
 
 

@@ -70,6 +70,18 @@ def _by(found: Sequence[Answer], attribute: str) -> dict[str, Counts]:
     return {name: count([a for a in found if getattr(a, attribute) == name]) for name in names}
 
 
+def _reasons(found: Sequence[Answer]) -> list[tuple[Any, ...]]:
+    """Why loops were declined: each reason with its healthy, sticky and hopeless loops."""
+    declined = [a for a in found if a.is_declined]
+    rows = []
+    for code in dict.fromkeys(code for a in declined for code in a.reasons):
+        named = [a for a in declined if code in a.reasons]
+        fair = [a for a in named if a.is_assessable]
+        sticky = sum(a.is_sticky for a in fair)
+        rows.append((code, len(fair) - sticky, sticky, len(named) - len(fair)))
+    return rows
+
+
 def _wrong(found: Sequence[Answer]) -> str:
     """The seeds of every loop that was answered wrongly, to draw it again."""
     lines = []
@@ -102,6 +114,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table(_NUMBERS, [*(_numbers(k, c) for k, c in by_kind.items()), _numbers("all", total)]),
         "## The same by the true valve's law",
         table(("law", *_NUMBERS[1:]), laws),
+        "## Why declined",
+        table(("reason", "healthy", "sticky", "hopeless"), _reasons(found)),
         f"## Seeds\n\nSeeds {options.seed_base} to {last} of every kind. Certain and wrong:",
         _wrong(found),
     ]

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from benchmarks.recorded import Judged
 from benchmarks.report import table
-from estimator import Interval, Track, track
+from estimator import Identification, Interval, Track, Verdict, track
 
-__all__ = ["Course", "course_of", "longest_loop", "plot_course"]
-
-_DAY = 86400.0
+__all__ = ["Course", "course_of", "plot_course"]
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """The windows of one loop, in order of time, and their track."""
+    """The results of one loop's windows, in order of time, and their track."""
 
-    loop: str
-    windows: tuple[Judged, ...]
+    results: tuple[Identification, ...]
     track: Track
 
     def markdown(self) -> str:
@@ -32,14 +26,20 @@ class Course:
         band, jump = self.track.stick_band, self.track.slip_jump
         header = ("begun", "verdict", "S", "low", "high", "S, smoothed", "J", "J, smoothed")
         rows = []
-        for i, one in enumerate(self.windows):
-            s, j = one.result.stick_band, one.result.slip_jump
+        for i, one in enumerate(self.results):
+            s, j = one.stick_band, one.slip_jump
+            verdict = one.verdict.value + (" (uncertain)" if one.uncertain else "")
             smooth = (float(band.value[i]), float(jump.value[i]))
             rows.append(
                 (
-                    *(_date(band.times[i]), one.result.verdict.value),
-                    *(s.value, s.low, s.high, smooth[0]),
-                    *(j.value, smooth[1]),
+                    _date(band.times[i]),
+                    verdict,
+                    s.value,
+                    s.low,
+                    s.high,
+                    smooth[0],
+                    j.value,
+                    smooth[1],
                 )
             )
         slope = band.trend_per_day
@@ -54,9 +54,8 @@ class Course:
         """Plain types."""
         band = self.track.stick_band
         return {
-            "loop": self.loop,
             "begun": [_date(t) for t in band.times],
-            "stick_band": [one.result.stick_band.to_dict() for one in self.windows],
+            "stick_band": [one.stick_band.to_dict() for one in self.results],
             "stick_band_smoothed": band.value.tolist(),
             "trend_per_day": band.trend_per_day.to_dict(),
             "changes": [
@@ -69,42 +68,41 @@ def _date(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
 
 
-def longest_loop(windows: Sequence[Judged]) -> str:
-    """The loop with the most windows."""
-    return Counter(one.window.loop for one in windows).most_common(1)[0][0]
-
-
-def course_of(windows: Sequence[Judged], loop: str) -> Course:
-    """Track the windows of ``loop``; a window without the verdict stiction says nothing of S."""
-    own = [one for one in windows if one.window.loop == loop and one.window.begun is not None]
-    own.sort(key=lambda one: one.window.begun or 0.0)
-    unknown = Interval(math.nan, math.nan, math.nan)
-    sticky = [one.result.verdict.value == "stiction" for one in own]
+def course_of(begun: Sequence[float], results: Sequence[Identification]) -> Course:
+    """Track one loop; ``begun`` are seconds since 1970. Only the verdict stiction gives S and J."""
+    order = sorted(range(len(begun)), key=lambda i: begun[i])
+    own = tuple(results[i] for i in order)
+    sticky = [one.verdict is Verdict.STICTION for one in own]
+    unknown = Interval.unknown()
     return Course(
-        loop=loop,
-        windows=tuple(own),
+        results=own,
         track=track(
-            [one.window.begun or 0.0 for one in own],
-            [o.result.stick_band if s else unknown for o, s in zip(own, sticky, strict=True)],
-            [o.result.slip_jump if s else unknown for o, s in zip(own, sticky, strict=True)],
+            [begun[i] for i in order],
+            [one.stick_band if s else unknown for one, s in zip(own, sticky, strict=True)],
+            [one.slip_jump if s else unknown for one, s in zip(own, sticky, strict=True)],
         ),
     )
 
 
-def plot_course(course: Course, file: Path) -> None:
-    """Draw S and J with intervals and their smoothed course into a PNG."""
+def plot_course(course: Course, file: Path, truth: Sequence[tuple[float, float]] = ()) -> None:
+    """Draw S and J with intervals and their smoothed course into a PNG.
+
+    ``truth`` holds the true S and J of every window, where they are known.
+    """
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(2, 1, figsize=(7.5, 5.0), sharex=True, layout="constrained")
-    for axis, name, series in (
-        (axes[0], "stick_band", course.track.stick_band),
-        (axes[1], "slip_jump", course.track.slip_jump),
+    for number, (axis, name, series) in enumerate(
+        (
+            (axes[0], "stick_band", course.track.stick_band),
+            (axes[1], "slip_jump", course.track.slip_jump),
+        )
     ):
         when = [datetime.fromtimestamp(t, UTC) for t in series.times]
-        each = [getattr(one.result, name) for one in course.windows]
+        each = [getattr(one, name) for one in course.results]
         value = [one.value for one in each]
         error = [
             [max(0.0, one.value - one.low) for one in each],
@@ -113,9 +111,11 @@ def plot_course(course: Course, file: Path) -> None:
         axis.errorbar(when, value, yerr=error, fmt="o", ms=4, capsize=3, label="window, 90 %")
         axis.plot(when, series.value, label="smoothed")
         axis.fill_between(when, series.low, series.high, alpha=0.2)
+        if truth:
+            axis.plot(when, [pair[number] for pair in truth], "k--", lw=1, label="true")
         axis.set_ylabel(f"{'S' if name == 'stick_band' else 'J'}, % of OP")
         axis.set_ylim(bottom=0.0)
-    axes[0].legend(loc="lower left")
+    axes[0].legend(loc="upper left")
     figure.autofmt_xdate()
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=110)

@@ -1,4 +1,4 @@
-"""Recorded loops: labels joined to windows, Table 1, and the published files from end to end."""
+"""Recorded loops: labels joined to windows, Table 1, and published files from end to end."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import json
 import pytest
 from scipy.io import savemat
 
+from benchmarks.families.tuning import draw
 from benchmarks.industrial import main
-from benchmarks.loops import named_loop
 from benchmarks.recorded import labelled_loops
-from benchmarks.recording import record
 from benchmarks.table1 import CASES, table_of
 
 
@@ -41,9 +40,8 @@ def test_table_1_is_the_papers():
 
 
 def test_published_files_give_table_1_and_verdicts(tmp_path, capsys):
-    sticky = named_loop("s3")
-    window = record(sticky, samples=400)
-    op, pv = window.op, window.pv
+    sticky = draw("he", True, 0)
+    op, pv = sticky.op, sticky.pv
     loop = {"OP": op[:, None], "PV": pv[:, None], "Ts": 1.0, "comments": "made up"}
     isdb = tmp_path / "isdb.mat"
     savemat(

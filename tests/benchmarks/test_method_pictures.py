@@ -7,5 +7,5 @@ from benchmarks.method_pictures import main
 
 def test_pictures_are_drawn(tmp_path) -> None:
     assert main(["--images", str(tmp_path / "new")]) == 0
-    for name in ("valve.png", "likelihood.png"):
+    for name in ("valve.png", "likelihood.png", "valve-course.png"):
         assert (tmp_path / "new" / name).read_bytes().startswith(b"\x89PNG")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from benchmarks.families.report.plants import (
     valve_flow,
 )
 from benchmarks.families.report.valves import STATES, Valve, move_stem, start_stem
+from compiled import kernel
 
 __all__ = ["Wiring", "simulate"]
 
@@ -42,7 +42,7 @@ class Wiring(NamedTuple):
     """Length of a scan in the valves' unit of time."""
 
 
-@numba.njit(cache=True)
+@kernel
 def _control(c: Controller, memory: Array, sp: float, pv: float) -> float:
     """One execution; memory: OP, last error, filtered PV, last and last but one filtered PV."""
     if c.filter_lag > 0.0:
@@ -65,14 +65,14 @@ def _control(c: Controller, memory: Array, sp: float, pv: float) -> float:
     return float(memory[0])
 
 
-@numba.njit(cache=True)
+@kernel
 def _card(c: Controller, op: float) -> float:
     if c.resolution > 0.0:
         return float(np.round(op / c.resolution) * c.resolution)
     return op
 
 
-@numba.njit(cache=True)
+@kernel
 def simulate(
     plants: tuple[Plant, Plant],
     valves: tuple[Valve, Valve],

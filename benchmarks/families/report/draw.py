@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from zlib import crc32
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from benchmarks.families.report.records import (
     store_swinging_door,
 )
 from benchmarks.families.report.scenario import Scenario, draw_scenario, log_uniform
+from compiled import kernel
 
 __all__ = ["draw"]
 
@@ -63,7 +63,7 @@ class _Window:
     notes: str
 
 
-@numba.njit(cache=True)
+@kernel
 def _turns(path: Array, least: float) -> Array:
     """Samples at which ``path`` turns round for more than ``least``, shape ``(m,)``."""
     found = np.empty(path.size)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from compiled import kernel
 
 __all__ = ["NO_LOOP", "PLANT_STATES", "Controller", "Plant", "step_plant", "tune", "valve_flow"]
 
@@ -71,7 +72,7 @@ NO_LOOP = (
 """Plant and controller where a second loop is not wanted."""
 
 
-@numba.njit(cache=True)
+@kernel
 def _installed(plant: Plant, x: float) -> float:
     opening = min(max(x, 0.0), 100.0) / 100.0
     area = opening
@@ -80,7 +81,7 @@ def _installed(plant: Plant, x: float) -> float:
     return area / math.sqrt(1.0 - plant.choke + plant.choke * area * area)
 
 
-@numba.njit(cache=True)
+@kernel
 def valve_flow(plant: Plant, x: float) -> float:
     """Flow through the installed valve as a deviation, of slope 1 at the plant's middle."""
     if plant.rangeability <= 1.0 and plant.choke <= 0.0:
@@ -89,7 +90,7 @@ def valve_flow(plant: Plant, x: float) -> float:
     return (_installed(plant, x) - _installed(plant, plant.middle)) / slope
 
 
-@numba.njit(cache=True)
+@kernel
 def step_plant(plant: Plant, state: Array, inflow: float, load: float, dt: float) -> float:
     """Move the plant by ``dt`` under the (already delayed) ``inflow``; its measured output."""
     if plant.lag > 0.0:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from compiled import kernel
 
 __all__ = ["hold_by_exception", "lose_samples", "quantise", "store_box_car", "store_swinging_door"]
 
@@ -18,7 +19,7 @@ def quantise(signal: Array, step: float) -> Array:
     return np.asarray(np.round(signal / step) * step)
 
 
-@numba.njit(cache=True)
+@kernel
 def hold_by_exception(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
     """The last stored value until the signal leaves it by ``band`` or ``longest`` samples pass.
 
@@ -36,7 +37,7 @@ def hold_by_exception(signal: Array, band: float, longest: int) -> tuple[Array, 
     return out, kept
 
 
-@numba.njit(cache=True)
+@kernel
 def store_swinging_door(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
     """Swinging-door compression (Bristol, 1990), read back by straight lines.
 
@@ -61,7 +62,7 @@ def store_swinging_door(signal: Array, band: float, longest: int) -> tuple[Array
     return np.interp(np.arange(n), knots, signal[knots]), kept
 
 
-@numba.njit(cache=True)
+@kernel
 def store_box_car(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
     """Box-car compression: store when the value leaves the last stored one by ``band``; lines back.
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from compiled import kernel
 
 __all__ = ["HEALTHY", "LAWS", "STATES", "Valve", "measure_by_ramp", "move_stem", "start_stem"]
 
@@ -51,7 +52,7 @@ class Valve(NamedTuple):
 HEALTHY = Valve(0, 0.0, 0.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def start_stem(state: Array, u: float) -> None:
     """Put a valve's memory at rest at ``u``."""
     state[:] = 0.0
@@ -62,7 +63,7 @@ def start_stem(state: Array, u: float) -> None:
     state[7] = u
 
 
-@numba.njit(cache=True)
+@kernel
 def _he(valve: Valve, state: Array, u: float) -> None:
     """He et al. (2007): jump whenever the spring's force exceeds static friction, else stay."""
     error = u - state[0]
@@ -70,7 +71,7 @@ def _he(valve: Valve, state: Array, u: float) -> None:
         state[0] = u - math.copysign(valve.dynamic, error)
 
 
-@numba.njit(cache=True)
+@kernel
 def _kano(valve: Valve, state: Array, u: float) -> None:
     """Kano et al. (2004): stuck since OP's last turn, or moving along with OP."""
     band, jump = valve.static + valve.dynamic, valve.static - valve.dynamic
@@ -91,7 +92,7 @@ def _kano(valve: Valve, state: Array, u: float) -> None:
         state[0] = u - state[3] * valve.dynamic
 
 
-@numba.njit(cache=True)
+@kernel
 def _sliding(valve: Valve, state: Array, u: float) -> None:
     """Choudhury et al. (2005): stick, jump, then slide with OP until OP turns.
 
@@ -116,7 +117,7 @@ def _sliding(valve: Valve, state: Array, u: float) -> None:
     state[0] = u - state[3] * valve.dynamic
 
 
-@numba.njit(cache=True)
+@kernel
 def _karnopp(valve: Valve, state: Array, u: float, dt: float) -> None:
     """Karnopp (1985): a force balance with a zone of speeds in which the stem counts as at rest.
 
@@ -143,7 +144,7 @@ def _karnopp(valve: Valve, state: Array, u: float, dt: float) -> None:
     state[0] = x + dt * faster
 
 
-@numba.njit(cache=True)
+@kernel
 def _lugre(valve: Valve, state: Array, u: float, dt: float) -> None:
     """LuGre (Canudas de Wit et al., 1995): bristles that bend before they slip, implicit in dt."""
     x, speed, z = state[0], state[5], state[6]
@@ -161,7 +162,7 @@ def _lugre(valve: Valve, state: Array, u: float, dt: float) -> None:
     state[0] = x + dt * faster
 
 
-@numba.njit(cache=True)
+@kernel
 def move_stem(valve: Valve, state: Array, u: float, dt: float) -> float:
     """Move the stem for one step ``dt`` under OP ``u``; the stem's position after it."""
     if valve.air_lag > 0.0:
@@ -183,7 +184,7 @@ def move_stem(valve: Valve, state: Array, u: float, dt: float) -> float:
     return float(state[0])
 
 
-@numba.njit(cache=True)
+@kernel
 def _ramp_test(valve: Valve, span: float, rate: float, dt: float) -> tuple[float, float]:
     state = np.zeros(STATES)
     start_stem(state, 0.0)
