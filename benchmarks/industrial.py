@@ -75,11 +75,9 @@ def _unlabelled(title: str, loops: Sequence[RecordedLoop], complaints: Sequence[
 
 def _chem10(data: Path) -> dict[str, RecordedLoop]:
     """CHEM 10 from the labelled loops, under the name it has in the data base."""
-    return {
-        _CHEM10: RecordedLoop(_CHEM10, w.op, w.pv, w.sp, w.period_s, "")
-        for w in labelled_loops(data, "isdb")
-        if w.file == "CHEM10.csv"
-    }
+    windows = [w for w in labelled_loops(data, "isdb") if w.file == "CHEM10.csv"]
+    loops = [RecordedLoop(_CHEM10, w.op, w.pv, w.sp, w.period_s, "") for w in windows]
+    return {loop.name: loop for loop in loops}
 
 
 def _longest_course(data: Path) -> tuple[str, Course]:

@@ -21,8 +21,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.examples import Example, ExampleWindow
 from estimator import grid_search, identify, nlp_paper, nlp_polish
-from estimator.published.same_moves import best_with_same_moves
 from estimator.published.paper_fit import ArxStructure, ArxWindow, PaperFit
+from estimator.published.same_moves import best_with_same_moves
 from estimator.valves import HeValve
 from loop_model import ProcessModel
 
