@@ -40,6 +40,9 @@ class Wiring(NamedTuple):
     """Steps of the valve and process in one scan."""
     valve_seconds: float
     """Length of a scan in the valves' unit of time."""
+    lowest: float = -np.inf
+    """Least PV that the first loop's transmitter can send."""
+    highest: float = np.inf
 
 
 @kernel
@@ -106,7 +109,7 @@ def simulate(
         start_stem(stem[i], memory[i, 0])
     at = 0
     for k in range(n):
-        pv_0 = state[0, 4] + noise[0, k]
+        pv_0 = min(max(state[0, 4] + noise[0, k], wiring.lowest), wiring.highest)
         pv_1 = state[1, 4] + noise[1, k]
         sp = set_points[0, k]
         if loops == 2 and k % controllers[1].every == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.families.loop import RecordedLoop
-from benchmarks.families.report.closed_loop import simulate
+from benchmarks.families.report.closed_loop import Wiring, simulate
 from benchmarks.families.report.kinds import KINDS, Kind
 from benchmarks.families.report.loads import measurement_noise
 from benchmarks.families.report.oracle import log_ratio
@@ -96,6 +96,7 @@ def _simulate(rng: Rng, kind: Kind, s: Scenario) -> tuple[Array, Array, Array, A
         np.zeros((2, PILOT + SETTLED)),
     )
     swing = float(np.std((quiet - sp)[SETTLED:]))
+    wiring = _narrow_transmitter(rng, s, quiet[SETTLED:]) if kind.name == "saturation" else s.wiring
     noise = np.zeros((2, n))
     share = log_uniform(rng, 0.02, 0.35)
     if kind.name == "tight-tuning":
@@ -105,8 +106,18 @@ def _simulate(rng: Rng, kind: Kind, s: Scenario) -> tuple[Array, Array, Array, A
         ratio = abs(s.plants[1].gain / s.plants[0].gain)
         noise[1] = 0.3 * share * swing * ratio * measurement_noise(rng, n)
     return simulate(
-        s.plants, s.valves, s.controllers, s.wiring, s.set_points, s.inflow, s.outflow, noise
+        s.plants, s.valves, s.controllers, wiring, s.set_points, s.inflow, s.outflow, noise
     )
+
+
+def _narrow_transmitter(rng: Rng, s: Scenario, pv: Array) -> Wiring:
+    """A transmitter whose range ends inside PV's swing, where OP has no narrow limits already."""
+    if s.controllers[0].high < 100.0 or s.controllers[0].low > 0.0:
+        return s.wiring
+    end = rng.uniform(0.05, 0.25)
+    if rng.random() < 0.5:
+        return s.wiring._replace(highest=float(np.quantile(pv, 1.0 - end)))
+    return s.wiring._replace(lowest=float(np.quantile(pv, end)))
 
 
 def _cut(rng: Rng, kind: Kind, s: Scenario, run: tuple[Array, Array, Array, Array]) -> _Window:
@@ -133,9 +144,6 @@ def _spread(signal: Array) -> float:
 def _store(rng: Rng, kind: Kind, s: Scenario, w: _Window) -> _Window:
     """The window after its transmitter, network and historian."""
     op, pv = w.op, w.pv
-    if kind.name == "saturation" and s.controllers[0].high > 99.0 and s.controllers[0].low < 1.0:
-        edge = float(np.quantile(pv, rng.uniform(0.75, 0.95)))
-        pv = np.minimum(pv, edge) if rng.random() < 0.5 else np.maximum(pv, 2 * np.mean(pv) - edge)
     if kind.name == "quantised":
         step = log_uniform(rng, 0.15, 1.2) * _spread(pv)
         pv, op = quantise(pv, step), quantise(op, float(rng.choice([0.1, 0.2, 0.5])))
