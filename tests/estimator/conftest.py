@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimator.evidence.hypothesis import Case
+from estimator.evidence.sign import controller_action
+from estimator.rows import rows_of
+from estimator.settings import SETTINGS
+from estimator.window import harmonise
 from loop_model import ValveModel
 
 Array = NDArray[np.float64]
@@ -24,11 +30,17 @@ def closed_loop(
     noise: float = 0.05,
     drift: float = 0.0,
     sine: float = 0.0,
+    triangle: float = 0.0,
+    curve: float = 0.0,
     seed: int = 0,
     aggressive: float = 1.0,
     setpoints: tuple[float, ...] = (7.0,),
 ) -> tuple[Array, Array, Array]:
-    """OP, PV and stem of a loop after 600 samples of settling (gain 1, SIMC tuning)."""
+    """OP, PV and stem of a loop after 600 samples of settling (gain 1, SIMC tuning).
+
+    Outside oscillations have a period of 60 samples. A ``curve`` bends the installed
+    characteristic: the flow is ``x + curve (x - 7)^2``, 7 being the set-point.
+    """
     rng = np.random.default_rng(seed)
     total = samples + 600
     pole = np.exp(-1.0 / time_constant)
@@ -46,6 +58,7 @@ def closed_loop(
         target = setpoints[k * len(setpoints) // total]
         walk = 0.999 * walk + drift * rng.standard_normal()
         outside = sine * np.sin(2.0 * np.pi * k / 60.0)
+        outside += triangle * (2.0 * abs(2.0 * (k / 60.0 % 1.0) - 1.0) - 1.0)
         pv[k] = y + walk + outside + noise * rng.standard_normal()
         last, error = error, target - pv[k]
         u += gain * ((error - last) + error / integral)
@@ -54,6 +67,7 @@ def closed_loop(
         stem[k] = x
         moved = [x, *moved[:-1]]
         delayed = moved[dead_time - 1]
+        delayed += curve * (delayed - 7.0) ** 2
         y = y + 0.05 * delayed if integrating else pole * y + (1.0 - pole) * delayed
     return op[600:] + 40.0, pv[600:], stem[600:] + 40.0
 
@@ -68,3 +82,17 @@ def loop() -> Loop:
 def sticky_window() -> tuple[Array, Array, Array]:
     """OP, PV and stem of a loop with S = 5 and J = 2."""
     return closed_loop(ValveModel(5.0, 2.0), samples=500, noise=0.05, seed=3)
+
+
+def case_of(op: Array, pv: Array, *, signed: bool = True) -> Case:
+    """The rows of a window as `identify` prepares them; ``signed`` is whether the sign is told."""
+    action = controller_action(op, pv, None) if signed else 0.0
+    sign = math.copysign(1.0, action) if abs(action) > SETTINGS.modelling.action_t else 0.0
+    window = harmonise(op, pv, None, None, 1.0, SETTINGS.screening)
+    return Case(rows_of(window, sign, SETTINGS.modelling), SETTINGS)
+
+
+@pytest.fixture(scope="session")
+def case() -> Callable[..., Case]:
+    """`case_of` as a fixture."""
+    return case_of

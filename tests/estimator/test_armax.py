@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from estimator.processes.armax import ArmaxOrders, armax
 from estimator.outcomes import EstimatorError
+from estimator.processes.armax import ArmaxOrders, armax
 from loop_model import ProcessModel
 
 PROCESS = ProcessModel((-1.5, 0.56), (0.03, 0.06), 2, 0.7, 1.0)

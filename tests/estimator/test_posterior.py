@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.stats import norm
-
 from estimator._one_step import OneStep, one_step_costs
 from estimator._slips import Op, first_slips, op_of, slips
 from estimator.arx import ArxOrders, ArxRegression
@@ -16,6 +13,8 @@ from estimator.noise import errs_at_slips
 from estimator.posterior import Posterior
 from estimator.structures import COARSE
 from estimator.zoomed import explore
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 Array = NDArray[np.float64]
 BAND, JUMP = 0.5, 0.2

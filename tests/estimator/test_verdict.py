@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from estimator.verdict import judge, score_of, simulated_evidence, strokes_of
 from scipy.stats import norm
 
 from estimator.outcomes import ReasonCode, Verdict
 from estimator.result import Evidence, Fit
-from estimator.verdict import judge, score_of, simulated_evidence, strokes_of
 
 GOOD, POOR = Fit(0.95, 0.8), Fit(0.2, 0.1)
 

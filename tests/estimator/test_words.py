@@ -7,10 +7,10 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
+from estimator.posterior import Peak
 
 from estimator import Verdict, identify
 from estimator.estimate import Estimate
-from estimator.posterior import Peak
 from estimator.result import Interval, Process
 from estimator.words import criterion_reason, identifiability
 from loop_model import ProcessModel

@@ -1,0 +1,86 @@
+"""The sign of the process gain: told by the controller's action, and held by both valves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from benchmarks.examples import EXAMPLES, example_window
+from estimator import Verdict, identify
+from estimator.evidence.hypothesis import Case
+from estimator.evidence.sign import controller_action
+from estimator.evidence.weighing import weigh
+from loop_model import ValveModel
+
+CaseOf = Callable[..., Case]
+
+
+@pytest.fixture(scope="module")
+def constant():
+    """Example 2 at constant set-point: its controller, read backwards, is a good process."""
+    return [example_window(EXAMPLES[1], seed, constant=True) for seed in (0, 1)]
+
+
+def test_a_controller_read_backwards_is_no_healthy_process(constant) -> None:
+    for window in constant:
+        result = identify(window.op, window.pv)
+        assert result.verdict is Verdict.STICTION
+        assert result.process.gain > 0.0
+        assert result.evidence.gain_sign == 1
+
+
+def test_without_the_sign_the_backwards_controller_is_what_fits(constant, case: CaseOf) -> None:
+    window = constant[0]
+    free = weigh(case(window.op, window.pv, signed=False))
+    held = weigh(case(window.op, window.pv))
+    assert free.healthy.gain < 0.0 < held.healthy.gain
+    # what the sign forbids is likelier, and wrong: this is why it is needed
+    assert free.healthy.likelihood > held.healthy.likelihood + 10.0
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+@pytest.mark.parametrize("valve", [None, ValveModel(5.0, 2.0)], ids=["healthy", "sticky"])
+def test_both_valves_have_the_sign_that_the_controller_tells(
+    loop, case: CaseOf, valve, mirror: float
+) -> None:
+    op, pv, _ = loop(valve, samples=500, noise=0.2, drift=0.05)
+    found = weigh(case(op, mirror * pv))
+    assert found.sticky is not None
+    for one in (found.healthy, found.sticky):
+        assert mirror * one.gain >= 0.0
+
+
+def test_the_action_is_the_t_value_of_a_regression(loop) -> None:
+    # of OP's moves on the last four errors, by NumPy; the mean taken out of both
+    op, pv, _ = loop(None, samples=300, noise=0.3)
+    op = op + 0.2 * np.random.default_rng(1).normal(size=300)  # a PI alone leaves nothing over
+    setpoint = np.full(300, 7.0)
+    error = setpoint - pv
+    past = np.stack([error[3 - i : 300 - i] for i in range(4)], axis=1)
+    moves = np.diff(op)[2:]
+    past, moves = past - past.mean(axis=0), moves - moves.mean()
+    shares, left, *_ = np.linalg.lstsq(past, moves)
+    spread = left[0] / moves.size * np.linalg.inv(past.T @ past).sum()
+    expected = shares.sum() / np.sqrt(spread)
+    for sp in (setpoint, None):  # a constant set-point tells nothing more
+        assert controller_action(op, pv, sp) == pytest.approx(expected, rel=1e-5)
+    assert controller_action(op, -pv, None) == pytest.approx(-expected, rel=1e-5)
+
+
+def test_the_set_point_tells_the_action_where_it_moves(loop) -> None:
+    op, pv, _ = loop(None, samples=600, noise=0.05, setpoints=(7.0, 11.0, 5.0, 9.0))
+    # 1,200 samples of which the last 600 are the window: two of the four set-points
+    setpoint = np.array([(5.0, 9.0)[k >= 300] for k in range(600)])
+    assert controller_action(op, pv, setpoint) > 2.0 * abs(controller_action(op, pv, None))
+
+
+def test_op_that_no_controller_moves_tells_no_sign() -> None:
+    rng = np.random.default_rng(0)
+    actions = [
+        controller_action(np.cumsum(rng.normal(size=400)), rng.normal(size=400), None)
+        for _ in range(50)
+    ]
+    assert np.abs(actions).max() < 4.0
+    assert np.std(actions) == pytest.approx(1.0, abs=0.3)
