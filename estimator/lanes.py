@@ -287,24 +287,28 @@ def paired_costs(
     first: int,
     shortest: int,
     count: int,
+    stride: int,
     sign: float,
 ) -> Array:
     """Least sum of squares ``(count, L)`` on the responses of two dead times in a row.
 
     The two gains have one sign (that of the loop where ``sign`` is not 0): together they are a dead
-    time between two samples.
+    time between two samples. With a ``stride`` above 1 it is a ranking, as in `delayed_costs`.
     """
     lanes = responses.shape[1]
     out = np.empty((count, lanes))
     sums = np.empty((count + 1, 3, lanes))
     share = np.empty((count + 1, basis.shape[0], lanes))
     for d in range(count + 1):
-        _sums(responses, weight, target, basis, first, shortest + d, 1, sums[d], share[d])
+        _sums(responses, weight, target, basis, first, shortest + d, stride, sums[d], share[d])
         for j in range(lanes):
-            energy = sums[d, 0, j]
+            energy = stride * sums[d, 0, j]
+            sums[d, 1, j] *= stride
+            sums[d, 2, j] *= stride
             for c in range(basis.shape[0]):
+                share[d, c, j] *= stride
                 energy -= share[d, c, j] * share[d, c, j]
-            sums[d, 0, j] = energy if energy > 1e-7 * sums[d, 0, j] else 0.0
+            sums[d, 0, j] = energy if energy > 1e-7 * stride * sums[d, 0, j] else 0.0
     for d in range(count):
         for j in range(lanes):
             e1, e2 = sums[d, 0, j], sums[d + 1, 0, j]

@@ -91,7 +91,9 @@ class Design:
         )
         return found
 
-    def paired(self, stems: Array, processes: Array, shortest: int, count: int) -> Array:
+    def paired(
+        self, stems: Array, processes: Array, shortest: int, count: int, stride: int = 1
+    ) -> Array:
         """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on."""
         rows = self.rows
         found: Array = paired_costs(
@@ -103,6 +105,7 @@ class Design:
             rows.first,
             shortest,
             count,
+            stride,
             rows.sign,
         )
         return found

@@ -23,6 +23,8 @@ __all__ = ["Weighing", "weigh"]
 
 _PAYS = 0.5
 """Nats that a nuisance must gain beyond its price."""
+_CLEAR = -8.0
+"""Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
 _HOPELESS = -15.0
 """Evidence (nats) at which no closer look makes a sticky valve likely."""
 
@@ -50,6 +52,9 @@ def weigh(case: Case) -> Weighing:
     sticky = find_valve(case, healthy)
     if sticky is None:
         return Weighing(healthy, None)
+    grown_healthy = _grown(case, healthy, sticky)
+    if grown_healthy is healthy and sticky.likelihood - healthy.likelihood < _CLEAR:
+        return Weighing(healthy, sticky, (sticky,))
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
     grown_sticky = _grown(case, sticky, healthy)
@@ -87,7 +92,7 @@ def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
 
 def _healthy(case: Case) -> Hypothesis:
     noises: tuple[Array, ...] = (np.zeros(0), np.array([case.settings.searching.differencing]))
-    first, second = (polish(case, None, (COARSE[4], 1), (), taps, passes=3) for taps in noises)
+    first, second = (polish(case, None, (COARSE[3], 1), (), taps, passes=2) for taps in noises)
     return _likelier(first, second)
 
 
@@ -95,8 +100,8 @@ def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     """Poles freed; the healthy valve tried with the process and the noise of the sticky one."""
     sticky = refine_valve(case, settle(case, sticky), 0.02)
     healthy = settle(case, healthy)
-    exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=3, wide=False)
-    return _likelier(healthy, settle(case, exchanged)), sticky
+    exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=2, wide=False)
+    return _likelier(healthy, exchanged), sticky
 
 
 def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:

@@ -165,14 +165,14 @@ def _integrating(fast: float = 0.0) -> Poles:
 
 
 COARSE = (
-    *(_lags(t) for t in (0.0, 0.7, 1.5, 3.0, 6.0, 12.0, 24.0, 50.0, 120.0)),
+    *(_lags(t) for t in (0.0, 1.0, 3.0, 8.0, 20.0, 60.0)),
     _integrating(),
 )
 """Processes that every valve of the coarse search is tried with."""
 
 STARTS = (
     *COARSE,
-    *(_lags(t) for t in (1.0, 2.0, 4.5, 9.0, 17.0, 35.0, 80.0, 300.0)),
+    *(_lags(t) for t in (0.6, 1.6, 2.2, 4.5, 6.0, 12.0, 35.0, 120.0, 300.0)),
     *(_lags(t, f * t) for t in (1.5, 3.0, 6.0, 12.0, 24.0, 50.0) for f in (0.3, 1.0)),
     *(Poles(Shape.SWINGING, t, z) for t in (8, 14, 24, 40, 70, 120) for z in (0.2, 0.4, 0.7)),
     *(_integrating(t) for t in (2.0, 5.0, 12.0)),

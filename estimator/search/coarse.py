@@ -31,7 +31,7 @@ _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""
 _SHIFTS = 6
 """Dead times of that ranking."""
-_TOPS, _NEAR = 16, 32
+_TOPS, _NEAR = 10, 24
 """Valves of that ranking that are looked around, and valves around each."""
 _REACHES = (0.03, 0.012, 0.005)
 """How far around them, as shares of S."""
@@ -124,6 +124,7 @@ def simulated_starts(
                     searching.wide,
                     searching.generations,
                     searching.few,
+                    stride,
                 )
             )
     bands = np.array([end.valve.band for end in ends])

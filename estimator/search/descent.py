@@ -58,7 +58,13 @@ def moved_valves(valve: Array, steps: Array) -> Array:
 
 
 def descend(
-    case: Case, design: Design, start: Found, width: float, rounds: int, lanes: int
+    case: Case,
+    design: Design,
+    start: Found,
+    width: float,
+    rounds: int,
+    lanes: int,
+    stride: int = 1,
 ) -> Found:
     """Valve and poles refined together under one noise model.
 
@@ -89,7 +95,7 @@ def descend(
         stems = LAWS[law](case.rows.u, moved_valves(valve, table))
         shortest = max(0, late - 1)
         count = min(3, case.max_dead_time + 1 - shortest)
-        costs = design.paired(stems, processes, shortest, count)
+        costs = design.paired(stems, processes, shortest, count, stride)
         of_lane = costs.min(axis=0)
         order = np.argsort(of_lane, kind="stable")[:chosen]
         top = int(order[0])

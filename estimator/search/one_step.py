@@ -17,12 +17,15 @@ from estimator.rows import Rows
 
 __all__ = ["OneStep", "one_step_costs"]
 
-_COEFFICIENTS = 3
+BLOCK = 8
+"""Samples that a walk skips at once where they stay inside the stick band."""
 
 
 @kernel
 def one_step_costs(
     op: Array,
+    top: Array,
+    bottom: Array,
     valves: Array,
     sums: Array,
     counts: Array,
@@ -33,6 +36,7 @@ def one_step_costs(
 ) -> tuple[Array, Index]:
     """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m,)``.
 
+    ``top`` and ``bottom`` are OP's extremes in blocks of eight samples, by which a walk skips.
     ``sums`` ``(c, n + 1)`` holds, of PV (first row) and the columns beside the stem, the sums from
     a row to the end; ``counts`` ``(n + 1,)`` the judged rows from a row to the end. ``shifts`` dead
     times are tried from ``shortest`` on.
@@ -49,13 +53,17 @@ def one_step_costs(
         now = valves[v, 2]
         level[0] = now
         slips = 0
-        for k in range(n):
-            error = op[k] - now
-            if error > static or error < -static:
-                now = op[k] - dynamic if error > 0.0 else op[k] + dynamic
-                at[slips] = k
-                slips += 1
-                level[slips] = now
+        for b in range(top.size):
+            # no sample of the block moves the stem
+            if top[b] - now <= static and bottom[b] - now >= -static:
+                continue
+            for k in range(BLOCK * b, min(BLOCK * b + BLOCK, n)):
+                error = op[k] - now
+                if error > static or error < -static:
+                    now = op[k] - dynamic if error > 0.0 else op[k] + dynamic
+                    at[slips] = k
+                    slips += 1
+                    level[slips] = now
         if slips < 2 or slips > n // 3:
             continue
         for w in range(wide):
@@ -137,11 +145,17 @@ class OneStep:
         self.counts = np.append(np.cumsum(rows.weight[::-1])[::-1], 0.0)
         self.rest = float(target @ target)
         self.rows = rows
+        blocks = -(-n // BLOCK)
+        padded = np.concatenate([rows.u, np.full(blocks * BLOCK - n, rows.u[-1])])
+        self.top = padded.reshape(blocks, BLOCK).max(axis=1)
+        self.bottom = padded.reshape(blocks, BLOCK).min(axis=1)
 
     def costs(self, valves: Array, shortest: int, shifts: int) -> tuple[Array, Index]:
         """Cost and dead time of every valve; see :func:`one_step_costs`."""
         found: tuple[Array, Index] = one_step_costs(
             self.rows.u,
+            self.top,
+            self.bottom,
             np.ascontiguousarray(valves),
             self.sums,
             self.counts,

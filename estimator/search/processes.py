@@ -66,12 +66,12 @@ def polish(
     return best
 
 
-def settle(case: Case, start: Hypothesis, passes: int = 3) -> Hypothesis:
+def settle(case: Case, start: Hypothesis, passes: int = 2) -> Hypothesis:
     """The hypothesis with its poles freed further (a third one if it pays), valve held."""
     best = start
-    for _ in range(passes):
+    for turn in range(passes):
         found = polish(case, best.valve, best, best.nuisances, best.taps, passes=1, wide=False)
-        if best.poles.third == 0.0:
+        if turn == 0 and best.poles.third == 0.0:
             seeded = replace(best.poles, third=max(0.3, 0.3 * _shortest(best.poles)))
             third = polish(
                 case,
@@ -123,9 +123,9 @@ def _starts() -> dict[Shape, tuple[Poles, ...]]:
 
 
 _REACH = 0.6
-_LANES = 32
-_ROUNDS = 5
-_NARROWER = 0.45
+_LANES = 24
+_ROUNDS = 4
+_NARROWER = 0.4
 
 
 def refine_poles(
