@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compiled import kernel
 from estimator.valves.base import SlipStickValve, ValveState
 
 __all__ = ["HeValve", "SemiPhysicalValve", "SmoothedValve"]
 
 
-@njit(cache=True)
+@kernel
 def _slip(stem: float, op: float, static: float, dynamic: float, overshoot: float) -> float:
     error = op - stem
     if error > static:
@@ -24,7 +24,7 @@ def _slip(stem: float, op: float, static: float, dynamic: float, overshoot: floa
     return stem
 
 
-@njit(cache=True)
+@kernel
 def _run_slip(
     op: NDArray[np.float64], stem: float, static: float, dynamic: float, overshoot: float
 ) -> NDArray[np.float64]:
@@ -35,7 +35,7 @@ def _run_slip(
     return out
 
 
-@njit(cache=True)
+@kernel
 def _blend(stem: float, op: float, static: float, dynamic: float, tau: float) -> float:
     error = op - stem
     upper = math.tanh(tau * (static - error))
@@ -45,7 +45,7 @@ def _blend(stem: float, op: float, static: float, dynamic: float, tau: float) ->
     return stay * stem + (1.0 - stay) * op + shift * dynamic
 
 
-@njit(cache=True)
+@kernel
 def _run_blend(
     op: NDArray[np.float64], stem: float, static: float, dynamic: float, tau: float
 ) -> NDArray[np.float64]:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compiled import kernel
 from estimator.valves.base import SlipStickValve, ValveState
 
 __all__ = ["KanoValve"]
 
 
-@njit(cache=True)
+@kernel
 def _advance(state: ValveState, op: float, stick_band: float, slip_jump: float) -> ValveState:
     trend = np.sign(op - state.op)
     moving = state.moving
@@ -33,7 +33,7 @@ def _advance(state: ValveState, op: float, stick_band: float, slip_jump: float) 
     return ValveState(stem, op, trend, direction, moving, False, rest_op)
 
 
-@njit(cache=True)
+@kernel
 def _run(
     op: NDArray[np.float64], state: ValveState, stick_band: float, slip_jump: float
 ) -> NDArray[np.float64]:

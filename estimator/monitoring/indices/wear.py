@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from compiled import kernel
 from estimator.monitoring.indices._signals import vector
 from estimator.outcomes import EstimatorError
 
@@ -24,7 +24,7 @@ class ValveWear:
     reversals_per_day: float
 
 
-@njit(cache=True)
+@kernel
 def _turns(position: NDArray[np.float64], deadband: float) -> tuple[float, int]:
     travel, reversals = 0.0, 0
     anchor, direction = position[0], 0.0
