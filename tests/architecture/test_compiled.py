@@ -1,0 +1,137 @@
+"""Compiled kernels: strict arithmetic, and one cache folder for one state of the sources."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compiled import cache_folder, kernel, source_hash
+from estimator.lanes import dot
+
+ROOT = Path(__file__).resolve().parents[2]
+KERNELS = [ROOT / "compiled.py", *sorted((ROOT / "estimator").rglob("*.py"))]
+
+CALLEE = (
+    "from compiled import kernel\n\n@kernel\ndef inner(x: float) -> float:\n    return x + {}\n"
+)
+CALLER = """
+from compiled import kernel
+from estimator.callee import inner
+
+@kernel
+def outer(x: float) -> float:
+    return 10.0 * inner(x)
+"""
+RUN = """
+from compiled import cache_folder
+from estimator.caller import outer
+print(outer(1.0), cache_folder())
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package with one kernel that calls another one in another file."""
+    root = tmp_path / "root"
+    (root / "estimator").mkdir(parents=True)
+    shutil.copy(ROOT / "compiled.py", root)
+    (root / "estimator" / "__init__.py").write_text("")
+    (root / "estimator" / "callee.py").write_text(CALLEE.format("1.0"))
+    (root / "estimator" / "caller.py").write_text(CALLER)
+    return root
+
+
+def _run(root: Path, folder: Path) -> tuple[float, Path]:
+    """What the caller's kernel gives in a process of its own, and its cache folder."""
+    env = os.environ | {"NUMBA_CACHE_DIR": str(folder)}
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], cwd=root, env=env, capture_output=True, text=True, check=True
+    )
+    value, used = done.stdout.split(maxsplit=1)
+    return float(value), Path(used.strip())
+
+
+def _kernels(folder: Path) -> dict[Path, int]:
+    """Compiled kernels with the times when they were written."""
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*.nb?")}
+
+
+def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_not(
+    package: Path, tmp_path: Path
+) -> None:
+    named = tmp_path / "named"
+    value, folder = _run(package, named)
+    assert value == 20.0
+    assert folder.parent == named  # the folder that the user names goes first
+    written = _kernels(folder)
+    assert written
+    assert _run(package, named) == (20.0, folder)
+    assert _kernels(folder) == written
+    (package / "estimator" / "callee.py").write_text(CALLEE.format("2.0"))
+    value, other = _run(package, named)
+    assert value == 30.0
+    assert other != folder
+
+
+def test_without_a_named_folder_kernels_are_beside_the_sources(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    folder = cache_folder.__wrapped__()
+    assert folder.parent in {ROOT / "__pycache__", Path.home() / ".cache" / "fieldlink"}
+    assert folder.is_dir()
+
+
+def test_the_hash_changes_with_every_source_and_with_nothing_else(package: Path) -> None:
+    seen = {source_hash(package)}
+    (package / "estimator" / "notes.txt").write_text("no kernel")
+    assert source_hash(package) in seen
+    for name in ("callee.py", "caller.py", "__init__.py", "new.py", "../compiled.py"):
+        with (package / "estimator" / name).open("a") as file:
+            file.write("# another line\n")
+        assert source_hash(package) not in seen
+        seen.add(source_hash(package))
+
+
+def test_the_cache_of_this_process_holds_the_hash_of_its_sources() -> None:
+    assert cache_folder().name.endswith(source_hash(ROOT))
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_nothing_but_the_strict_compiler_compiles(path: Path) -> None:
+    tree = ast.parse(path.read_text())
+    loose = [n for n in ast.walk(tree) if isinstance(n, ast.keyword) and n.arg == "fastmath"]
+    assert loose == []
+    parallel = [n for n in ast.walk(tree) if isinstance(n, ast.keyword) and n.arg == "parallel"]
+    assert parallel == []
+    if path.name != "compiled.py":
+        imported = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+        imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+        assert not {name for name in imported if name and name.split(".")[0] == "numba"}
+
+
+def test_a_kernel_s_sum_has_the_bits_of_a_plain_loop() -> None:
+    # neither reordered into lanes nor fused: Python's own floats give the same bits
+    rng = np.random.default_rng(0)
+    for n in (1, 7, 64, 1001):
+        a, b = rng.normal(size=n), rng.normal(size=n) * 10.0 ** rng.integers(-8, 8, n)
+        total = 0.0
+        for x, y in zip(a.tolist(), b.tolist(), strict=True):
+            total += x * y
+        assert dot(a, b) == total
+
+
+def test_a_division_by_zero_in_a_kernel_is_numpy_s() -> None:
+    @kernel
+    def divide(a: float, b: float) -> float:
+        return a / b
+
+    assert divide(1.0, 0.0) == np.inf
+    assert np.isnan(divide(0.0, 0.0))

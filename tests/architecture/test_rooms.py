@@ -1,0 +1,78 @@
+"""The estimator's rooms: which of them know of which, and no module that needs itself."""
+
+from __future__ import annotations
+
+import graphlib
+from functools import cache
+from pathlib import Path
+
+import grimp
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+ROOMS = {"prepare", "search", "criteria", "evidence", "intervals", "valves", "processes",
+         "published", "monitoring"}  # fmt: skip
+"""Rooms that the design names; ``prepare`` and ``report`` are modules beside `identify`."""
+
+
+@cache
+def _arrows() -> dict[str, set[str]]:
+    """Modules of the estimator that each of its modules imports, by name below the package."""
+    graph = grimp.build_graph("estimator", cache_dir=None)
+    return {
+        module.removeprefix("estimator."): {
+            name.removeprefix("estimator.")
+            for name in graph.find_modules_directly_imported_by(module)
+        }
+        for module in graph.modules
+        if module != "estimator"
+    }
+
+
+def _imports_of(room: str) -> set[str]:
+    """Rooms (or modules beside them) that the modules of a room import."""
+    found = {
+        name.split(".")[0]
+        for module, names in _arrows().items()
+        if module.split(".")[0] == room
+        for name in names
+    }
+    return found - {room}
+
+
+def test_the_rooms_of_the_design_are_there() -> None:
+    folders = {path.parent.name for path in (ROOT / "estimator").glob("*/__init__.py")}
+    assert folders == ROOMS - {"prepare"}
+    modules = {path.stem for path in (ROOT / "estimator").glob("*.py")}
+    assert {"window", "rows", "identify", "report", "settings"} <= modules
+
+
+@pytest.mark.parametrize(
+    ("room", "may_know"),
+    [
+        # laws and processes are added without knowing of evidence or search
+        ("valves", {"lanes", "outcomes"}),
+        ("lanes", set()),
+        ("settings", set()),
+        ("outcomes", set()),
+        # windows are made before anything is known of models
+        ("window", {"lanes", "outcomes", "settings"}),
+        ("rows", {"lanes", "settings", "window"}),
+        # a course over many windows is made of results
+        ("monitoring", {"lanes", "outcomes", "result"}),
+    ],
+)
+def test_a_lower_room_knows_no_higher_one(room: str, may_know: set[str]) -> None:
+    assert _imports_of(room) <= may_know
+
+
+@pytest.mark.parametrize("apart", ["published", "monitoring", "report", "identify"])
+@pytest.mark.parametrize("room", ["search", "criteria", "evidence", "intervals", "processes"])
+def test_the_search_knows_nothing_of_what_stands_beside_or_above_it(room: str, apart: str) -> None:
+    assert apart not in _imports_of(room)
+
+
+def test_no_module_needs_itself() -> None:
+    order = graphlib.TopologicalSorter(_arrows()).static_order()
+    assert "identify" in list(order)
