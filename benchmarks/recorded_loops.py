@@ -49,9 +49,16 @@ DRAWS = 2000
 """Resamplings of the loops; the interval's own error is then about a hundredth of its width."""
 
 
+LEAST_LOOPS = 3
+"""Loops of each label below which drawing them again says nothing: one or two are always alike."""
+
+
 @dataclass(frozen=True, slots=True)
 class Area:
-    """Area under the ROC curve with its 90 % interval, NaN where one class is empty."""
+    """Area under the ROC curve, NaN where a label is missing, with its 90 % interval.
+
+    The interval is NaN where there are too few loops to draw again.
+    """
 
     value: float
     low: float
@@ -86,6 +93,10 @@ def area_of(scores: Sequence[float], sticky: Sequence[bool], loops: Sequence[str
     count = int(label.sum())
     if count in (0, label.size):
         return Area(math.nan, math.nan, math.nan, count, label.size - count)
+    value = auc(score, label)
+    fewest = min(np.unique(names[label]).size, np.unique(names[~label]).size)
+    if fewest < LEAST_LOOPS:
+        return Area(value, math.nan, math.nan, count, label.size - count)
     rng = np.random.default_rng(0)
     members = [np.flatnonzero(names == name) for name in dict.fromkeys(loops)]
     drawn = []
@@ -94,7 +105,7 @@ def area_of(scores: Sequence[float], sticky: Sequence[bool], loops: Sequence[str
         if 0 < label[rows].sum() < rows.size:
             drawn.append(auc(score[rows], label[rows]))
     low, high = np.quantile(drawn, [0.05, 0.95])
-    return Area(auc(score, label), float(low), float(high), count, label.size - count)
+    return Area(value, float(low), float(high), count, label.size - count)
 
 
 def _per_loop(

@@ -90,12 +90,14 @@ def test_a_window_at_a_rail_cannot_be_labelled():
     assert class_of(_window(swing, swing, "plant_14.csv")) == "disputed"
 
 
-def test_an_area_is_drawn_again_by_loops():
-    few = area_of([3, 3, 3, 3, 1, 2, 4, 1], [True] * 4 + [False] * 4, ["a"] * 4 + list("bcde"))
-    many = area_of([3, 3, 3, 3, 1, 2, 4, 1], [True] * 4 + [False] * 4, list("abcdefgh"))
-    assert few.value == many.value == 0.75
-    assert few.low < few.value < few.high
-    assert area_of([1.0], [True], ["a"]).healthy == 0
+def test_an_area_has_an_interval_only_where_there_are_loops_to_draw():
+    scores, sticky = [3, 3, 3, 3, 1, 2, 4, 1], [True] * 4 + [False] * 4
+    many = area_of(scores, sticky, list("abcdefgh"))
+    one_sticky_loop = area_of(scores, sticky, list("aaaabcde"))
+    assert many.value == one_sticky_loop.value == 0.75
+    assert many.low < many.value < many.high
+    assert math.isnan(one_sticky_loop.low)
+    assert math.isnan(area_of([1.0], [True], ["a"]).value)
 
 
 @pytest.mark.parametrize("how", STORES)
