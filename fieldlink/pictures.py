@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,10 +82,15 @@ def identification_figure(
     for axes in (upper, lower):
         axes.legend(loc="upper right", ncols=3, fontsize="small")
         axes.margins(x=0.0)
-    figure.suptitle(f"{title}: {result.verdict.value.replace('_', ' ')}, score {result.score:.2f}")
+    figure.suptitle(f"{title}: {_verdict_text(result)}")
     _phase(figure.add_subplot(grid[2, 0]), op, pv, result)
     _surface(figure.add_subplot(grid[2, 1]), result)
     return figure
+
+
+def _verdict_text(result: Identification) -> str:
+    words = result.verdict.value.replace("_", " ") + (" (uncertain)" if result.uncertain else "")
+    return f"{words}, score {result.score:.1f}" if math.isfinite(result.score) else words
 
 
 def _phase(axes: Axes, op: Array, pv: Array, result: Identification) -> None:

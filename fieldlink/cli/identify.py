@@ -94,7 +94,7 @@ def _print_summary(
         console.print(f"[yellow]note[/yellow] {note}")
     console.print(identification_table(result))
     for reason in result.reasons:
-        console.print(f"  • {reason}")
+        console.print(f"  • {reason}. {reason.advice}")
     if plot is not None:
         console.print(f"picture: {plot}")
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["counted", "identification_table", "interval_text", "number", "verdict_text"]
 
 _COLOUR = {"stiction": "bold red", "no_stiction": "bold green", "not_assessable": "bold yellow"}
+_UNCERTAIN = "bold yellow"
 _WORDS = {
     "stiction": "the valve sticks",
     "no_stiction": "no stiction in this window",
@@ -39,15 +40,25 @@ def interval_text(interval: Interval) -> str:
 
 
 def verdict_text(result: Identification) -> Text:
-    """Return the verdict in words and colour, with the score."""
+    """Return the verdict in words and colour, with the score; both say it where it is uncertain."""
     verdict = result.verdict.value
-    text = Text(_WORDS[verdict], style=_COLOUR[verdict])
-    text.append(f"   (verdict {verdict}, score {result.score:.2f})", style="dim")
+    if result.uncertain:
+        text = Text(f"{_WORDS[verdict]}, but this is uncertain", style=_UNCERTAIN)
+        verdict += ", uncertain"
+    else:
+        text = Text(_WORDS[verdict], style=_COLOUR[verdict])
+    text.append(f"   (verdict {verdict}, score {number(result.score)})", style="dim")
     return text
 
 
+def _runner_up_text(result: Identification) -> str:
+    """The explanation that is the least behind the best one, and how far."""
+    nearest = result.runners_up[0]
+    return f"{nearest.explanation}, {number(nearest.behind, 3)} nats less likely"
+
+
 def identification_table(result: Identification) -> Table:
-    """Return what was identified: valve, process and fit."""
+    """Return what was identified: valve, process, fit, and what speaks for another answer."""
     table = Table(show_header=True, header_style="bold", box=None, pad_edge=False)
     table.add_column("quantity")
     table.add_column(f"value  [{result.confidence:.0%} interval]")
@@ -62,8 +73,12 @@ def identification_table(result: Identification) -> Table:
     table.add_row("dead time", counted(process.dead_time_samples, "sample"))
     fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
     table.add_row("share of PV explained", fit)
+    if math.isfinite(result.evidence.effect):
+        table.add_row("effect of sticking", f"{number(result.evidence.effect, 3)} of PV's variance")
+    if result.runners_up:
+        table.add_row("next explanation", _runner_up_text(result))
     why = f": {result.criterion_reason}" if result.criterion_reason else ""
     table.add_row("criterion", f"{result.criterion}{why}")
     for sentence in result.identifiability:
-        table.add_row("not told", sentence)
+        table.add_row("cannot tell", sentence)
     return table

@@ -48,7 +48,16 @@ def test_json_is_the_contract(fieldlink: Run, recording: Path) -> None:
         "samples",
         "period_s",
         "seconds",
+        "uncertain",
+        "reason_codes",
+        "advice",
+        "evidence",
+        "identifiability",
+        "runners_up",
     }
+    assert document["uncertain"] is False
+    assert document["evidence"]["log_bayes_factor"] == document["score"]
+    assert len(document["advice"]) == len(document["reasons"]) == len(document["reason_codes"])
     for name in ("stick_band", "slip_jump", "static_friction", "dynamic_friction"):
         assert set(document[name]) == NUMBERS
     assert set(document["process"]) == {"structure", "parameters", "dead_time_samples", "gain"}

@@ -1,0 +1,54 @@
+"""What a person reads of a result: verdict, doubt and the next best explanation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from estimator import Identification, Verdict, identify
+from estimator.result import RunnerUp
+from fieldlink.cli.tables import identification_table, verdict_text
+from fieldlink.pictures import identification_figure
+
+OP, PV = np.full(80, 40.0), np.linspace(49.0, 51.0, 80)
+
+
+@pytest.fixture(scope="module")
+def sure() -> Identification:
+    """A result of our own making: the verdict is no matter of a search here."""
+    return replace(identify(OP, PV), verdict=Verdict.STICTION, score=12.345)
+
+
+def test_an_uncertain_verdict_is_worded_as_one(sure: Identification) -> None:
+    assert verdict_text(sure).plain == "the valve sticks   (verdict stiction, score 12.35)"
+    doubtful = verdict_text(replace(sure, uncertain=True)).plain
+    assert doubtful.startswith("the valve sticks, but this is uncertain")
+    assert "verdict stiction, uncertain, score 12.35" in doubtful
+
+
+def test_a_window_without_a_score_shows_a_dash() -> None:
+    assert verdict_text(identify(OP, PV)).plain.endswith("(verdict not_assessable, score -)")
+
+
+def test_the_table_names_the_next_explanation_and_what_cannot_be_told(
+    sure: Identification,
+) -> None:
+    rival = RunnerUp("healthy valve", "lags", 2, 12.345)
+    result = replace(sure, runners_up=(rival,), identifiability=("the slip jump is vague",))
+    console = Console(width=120)
+    with console.capture() as printed:
+        console.print(identification_table(result))
+    rows = {line[:21].strip(): line[21:].strip() for line in printed.get().splitlines()}
+    assert rows["next explanation"].endswith("healthy valve, 12.3 nats less likely")
+    assert rows["cannot tell"].endswith("the slip jump is vague")
+
+
+def test_the_picture_names_an_uncertain_verdict(sure: Identification) -> None:
+    doubtful = replace(sure, uncertain=True)
+    figure = identification_figure(OP, PV, None, doubtful, title="FC101")
+    assert figure.get_suptitle() == "FC101: stiction (uncertain), score 12.3"
+    figure = identification_figure(OP, PV, None, identify(OP, PV), title="FC101")
+    assert figure.get_suptitle() == "FC101: not assessable"
