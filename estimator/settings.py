@@ -143,9 +143,11 @@ class Spreading:
             stroke while the model's do not (tuning family: coverage per kind).
         late: standard deviation of S and J, as a share of what OP moves in a sample: a real valve
             slips between two samples (uniform: 1 over the square root of 12).
-        law: standard deviation of S, as a share of S, that the choice of three laws leaves
-            (tuning family).
+        law: standard deviation of S, as a share of S, that three laws leave where one of them
+            explains the window far better than the others (tuning family).
         law_jump: the same of J, as a share of S.
+        doubt, doubt_jump: how many times more where another law explains it as well.
+        doubt_nats: how far behind the next law must be for that to be half as much.
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
@@ -155,8 +157,11 @@ class Spreading:
     law_nats: float = 6.0
     temper: float = 0.5
     late: float = 0.29
-    law: float = 0.01
-    law_jump: float = 0.05
+    law: float = 0.006
+    law_jump: float = 0.06
+    doubt: float = 20.0
+    doubt_jump: float = 4.0
+    doubt_nats: float = 25.0
     gains: int = 12
     lanes: int = 128
     rounds: int = 5

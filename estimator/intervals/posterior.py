@@ -98,9 +98,15 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     weight = np.exp(log_weight - log_weight.max())
     step = _usual_step(case.rows.u)
     band = best.valve.band
-    blur_band = math.hypot(spreading.late * step, spreading.law * band)
-    blur_jump = math.hypot(spreading.late * step, spreading.law_jump * band)
-    return Posterior(valves, weight / weight.sum(), (blur_band, blur_jump))
+    # no law is quite that of a valve: the less one stands out, the less it can be trusted
+    rivals = [one.likelihood for one in explanations[1:]]
+    ahead = best.likelihood - max(rivals) if rivals else 0.0
+    doubt = 1.0 / (1.0 + (max(ahead, 0.0) / spreading.doubt_nats) ** 2)
+    law = spreading.law * (1.0 + spreading.doubt * doubt)
+    law_jump = spreading.law_jump * (1.0 + spreading.doubt_jump * doubt)
+    late = spreading.late * step
+    blur = math.hypot(late, law * band), math.hypot(late, law_jump * band)
+    return Posterior(valves, weight / weight.sum(), blur)
 
 
 def _usual_step(op: Array) -> float:
