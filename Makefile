@@ -45,6 +45,7 @@ format: dev
 
 # About an hour on two cores, and nothing else running; each line alone prints its own table.
 bench: dev
+	$(BIN)/python -m benchmarks.settings_page --out docs
 	$(BIN)/python -m benchmarks.estimator_evidence --out docs/benchmarks --images docs/images
 	$(BIN)/python -m benchmarks.compensation --out docs/benchmarks --images docs/images
 	$(BIN)/python -m benchmarks.fmu --out docs/benchmarks

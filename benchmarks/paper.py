@@ -37,7 +37,7 @@ from typing import Any
 
 from benchmarks.examples import EXAMPLES, Example, example_window
 from benchmarks.paper_methods import METHODS, Estimate, estimates
-from benchmarks.paper_summary import HEADER, Summary, held, published, summarise
+from benchmarks.paper_summary import CONSTANT, HEADER, Summary, held, published, summarise
 from benchmarks.report import heading, keep, machine, table
 from estimator import warm_up
 from loop_model import LoopModel
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(options.seed, options.seed + options.runs)
     with ProcessPoolExecutor(options.jobs, get_context("spawn"), warm_up) as pool:
         for example, constant in product(EXAMPLES, (False, True)):
-            name = f"{example.name}, constant set-point" if constant else example.name
+            name = f"{example.name}, {CONSTANT}" if constant else example.name
             windows = list(pool.map(partial(_of_window, options, example, constant), seeds))
             for seed, found in zip(seeds, windows, strict=True):
                 every += [{"example": name, "seed": seed, **_plain(one)} for one in found]
