@@ -74,7 +74,8 @@ def identification_table(result: Identification) -> Table:
     fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
     table.add_row("share of PV explained", fit)
     if math.isfinite(result.evidence.effect):
-        table.add_row("effect of sticking", f"{number(result.evidence.effect, 3)} times PV's variance")
+        effect = f"{number(result.evidence.effect, 3)} times PV's variance"
+        table.add_row("effect of sticking", effect)
     if result.runners_up:
         table.add_row("next explanation", _runner_up_text(result))
     why = f": {result.criterion_reason}" if result.criterion_reason else ""
