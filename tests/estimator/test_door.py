@@ -21,9 +21,12 @@ WAVE = np.sin(np.arange(N) / 8.0)
         (["a"] * N, WAVE, {}, "op is not numeric"),
         (WAVE.reshape(2, -1), WAVE, {}, "shape (2, 150)"),
         (WAVE, np.full(N, np.nan), {}, "pv has no finite sample"),
-        ([], [], {}, "no window"),
+        ([], [], {}, "a window of 0 samples is too short"),
         (WAVE, WAVE, {"period": 0.0}, "period"),
         (WAVE, WAVE, {"criterion": "guess"}, "choose one of"),
+        (WAVE, WAVE, {"method": "guess"}, "choose one of"),
+        (WAVE, WAVE, {"criterion": "oe", "method": "grid"}, "use criterion 'arx' or 'auto'"),
+        (WAVE, WAVE, {"criterion": "oe", "method": "nlp"}, "or method 'search'"),
         (WAVE, WAVE, {"confidence": 1.5}, "confidence"),
         (WAVE, WAVE, {"auto": np.ones(3)}, "auto has 3"),
     ],
@@ -86,9 +89,15 @@ def test_json_contract(pv: np.ndarray) -> None:
     assert found["samples"] == N
     assert found["period_s"] == 10.0
     assert found["confidence"] == 0.9
-    assert isinstance(found["score"], float)
     assert found["verdict"] in {"stiction", "no_stiction", "not_assessable"}
     assert all(isinstance(text, str) for text in found["reasons"])
+    assert found["reason_codes"] == [ReasonCode(code).value for code in found["reason_codes"]]
+    assert len(found["advice"]) == len(found["reason_codes"]) == len(found["reasons"]) > 0
+    assert isinstance(found["uncertain"], bool)
+    assert {"log_bayes_factor", "effect", "informed", "gain_sign", "law"} <= set(found["evidence"])
+    assert isinstance(found["identifiability"], list)
+    for one in found["runners_up"]:
+        assert set(one) == {"explanation", "structure", "dead_time_samples", "behind"}
 
 
 def test_numbers_without_meaning_are_null() -> None:

@@ -1,156 +1,134 @@
-"""Intervals against facts that do not come from them: uniform laws, plain integration, coverage."""
+"""Intervals against facts that do not come from them: normal laws and plain integration."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from estimator._one_step import OneStep, one_step_costs
-from estimator._slips import Op, first_slips, op_of, slips
-from estimator.arx import ArxOrders, ArxRegression
-from estimator.candidate import Candidate, stem_of
-from estimator.listed import listed_posterior
-from estimator.noise import errs_at_slips
-from estimator.posterior import Posterior
-from estimator.structures import COARSE
-from estimator.zoomed import explore
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from estimator import identify
+from estimator.criteria.design import fit_linear
+from estimator.evidence.hypothesis import Case, Hypothesis, Valve
+from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
+from estimator.processes.poles import Poles, Shape
+from estimator.search.processes import spread_points
+from loop_model import ValveModel
+
 Array = NDArray[np.float64]
-BAND, JUMP = 0.5, 0.2
+CaseOf = Callable[..., Case]
 
 
-def _boxes(low: list[float], high: list[float], log: list[float]) -> Posterior:
-    """Boxes in S; J from 0.1 to 0.2, the gain that of the box's number."""
-    ends = np.array([low, [0.1] * len(low)]).T, np.array([high, [0.2] * len(low)]).T
-    nodes = np.column_stack([0.5 * (ends[0] + ends[1]), np.zeros(len(low))])
-    volume = np.prod(ends[1] - ends[0], axis=1)
-    return Posterior(nodes, *ends, volume, np.array(log), np.arange(len(low), dtype=float))
-
-
-def test_quantiles_of_one_box_are_those_of_a_uniform_law() -> None:
-    s = _boxes([1.0], [2.0], [0.0]).interval(1.0, 0.0, 0.9)
-    assert (s.low, s.value, s.high) == pytest.approx((1.05, 1.5, 1.95))
-
-
-def test_blur_is_a_normal_law() -> None:
-    s = _boxes([1.0], [1.0 + 1e-9], [0.0]).interval(1.0, 0.0, 0.9, blur=0.1)
-    reach = 0.1 * norm.ppf(0.95)
-    assert (s.low, s.value, s.high) == pytest.approx((1.0 - reach, 1.0, 1.0 + reach), abs=2e-3)
-
-
-def test_an_interval_holds_both_of_two_likely_valves_and_names_them() -> None:
-    # uniform in ln S, J / S and lead / S: a box at three times S counts a 27th
-    two = _boxes([1.0, 3.0], [1.1, 3.1], [0.0, 2.0 * np.log((3.05 / 1.05) ** 3)])
-    s = two.interval(1.0, 0.0, 0.9)
-    assert (s.low, s.high) == pytest.approx((1.01, 3.09))
-    assert [peak.share for peak in two.peaks()] == pytest.approx([0.5, 0.5])
-    assert {peak.band for peak in two.peaks()} == {1.05, 3.05}
-    apart = _boxes([1.0, 3.0], [1.1, 3.1], [0.0, -40.0])
-    assert apart.interval(1.0, 0.0, 0.9).high < 1.1
-    assert len(apart.peaks()) == 1
-
-
-def test_dynamic_friction_is_half_the_difference() -> None:
-    one = _boxes([1.0], [1.0 + 1e-9], [0.0])
-    f = one.interval(0.5, -0.5, 0.9)
-    assert (f.low, f.high) == pytest.approx((0.4025, 0.4475))
-
-
-def _window(noise: float, n: int = 240) -> tuple[Op, Array, Candidate, ArxRegression]:
-    """A wandering OP, a sticky valve and a first-order process with noise in its equation."""
-    rng = np.random.default_rng(2)
-    u = np.convolve(rng.normal(size=n + 20), np.ones(20) / 20.0, mode="valid")[:n]
-    u = (u - u.mean()) / np.ptp(u)
-    op = op_of(u)
-    stem = stem_of(op, BAND, JUMP, 0.15, 1.0)
-    y = np.zeros(n)
-    for k in range(1, n):
-        y[k] = 0.8 * y[k - 1] + 0.2 * stem[k - 1] + noise * rng.normal()
-    regression = ArxRegression(y, np.ones(n, dtype=np.bool_), ArxOrders(1, 1, 1))
-    best = Candidate(np.inf, BAND, JUMP, 0.15, 1.0, COARSE[0], 1).anchored(op)
-    return op, y, best, regression
-
-
-class _Likelihood:
-    """Of ARX(1, 1) with errors of a known size while the window is not whole."""
-
-    def __init__(self, y: Array, noise: float) -> None:
-        self._y, self._noise = y, noise
-
-    def tables(self, samples: int) -> OneStep:
-        everything = np.ones(samples, dtype=np.bool_)
-        return ArxRegression(self._y[:samples], everything, ArxOrders(1, 1, 1)).tables
-
-    def log(self, samples: int, cost: Array) -> Array:
-        if samples < self._y.size:
-            return -0.5 * cost / self._noise**2
-        return -0.5 * (samples - 1) * np.log(cost)
-
-
-def test_listing_agrees_with_plain_integration() -> None:
-    op, y, best, regression = _window(0.06)
-    likelihood = _Likelihood(y, 0.06)
-    listed = listed_posterior(op, likelihood, best)
-    assert listed is not None
+def _normal(count: int = 4000) -> Posterior:
+    """Samples of S = 1 + 0.1 a, J = 0.5 + 0.06 a + 0.08 b with a, b of a standard normal law."""
     rng = np.random.default_rng(0)
-    low, high = 0.8 * best.band, 1.2 * best.band
-    nodes = np.column_stack(
-        [
-            rng.uniform(low, high, 150_000),
-            rng.uniform(0.0, high, 150_000),
-            rng.uniform(best.lead - 0.06, best.lead + 0.06, 150_000),
-        ]
+    wide = 2.0 * rng.normal(size=(count, 2))  # drawn too wide, weighted back
+    weight = np.exp(-0.5 * np.square(wide).sum(axis=1) + 0.125 * np.square(wide).sum(axis=1))
+    band = 1.0 + 0.1 * wide[:, 0]
+    jump = 0.5 + 0.06 * wide[:, 0] + 0.08 * wide[:, 1]
+    samples = np.column_stack([band, jump, np.zeros(count)])
+    return Posterior(samples, weight / weight.sum(), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize(
+    ("of_band", "of_jump", "centre", "spread"),
+    [
+        (1.0, 0.0, 1.0, 0.1),
+        (0.0, 1.0, 0.5, 0.1),
+        (0.5, 0.5, 0.75, np.hypot(0.08, 0.04)),
+        (0.5, -0.5, 0.25, np.hypot(0.02, 0.04)),
+    ],
+    ids=["S", "J", "fS", "fD"],
+)
+def test_an_interval_of_weighted_normal_samples_has_the_normal_law_s_ends(
+    of_band: float, of_jump: float, centre: float, spread: float, confidence: float
+) -> None:
+    found = _normal().interval(of_band, of_jump, confidence)
+    reach = spread * norm.ppf(0.5 + 0.5 * confidence)
+    ends = (found.low, found.value, found.high)
+    expected = (centre - reach, centre, centre + reach)
+    np.testing.assert_allclose(ends, expected, atol=0.12 * spread)
+
+
+def test_blur_adds_a_normal_law() -> None:
+    plain = _normal()
+    blurred = replace(plain, blur=(0.3, 0.0)).interval(1.0, 0.0, 0.9)
+    reach = np.hypot(0.3, 0.1) * norm.ppf(0.95)
+    np.testing.assert_allclose(
+        (blurred.low, blurred.high), (1.0 - reach, 1.0 + reach), atol=0.15 * 0.3
     )
-    cost, _ = one_step_costs(op, regression.tables, nodes, best.first)
-    log = likelihood.log(y.size, cost)
-    weight = np.exp(0.5 * (log - log[np.isfinite(log)].max())) / nodes[:, 0] ** 3
-    for axis, found in enumerate(
-        (listed.interval(1.0, 0.0, 0.9), listed.interval(0.0, 1.0, 0.9)),
+    assert replace(plain, blur=(0.3, 0.0)).interval(0.0, 1.0, 0.9) == plain.interval(0.0, 1.0, 0.9)
+
+
+def test_two_likely_valves_are_both_in_the_interval_and_named() -> None:
+    samples = np.array([[1.0, 0.2, 0.0], [1.01, 0.2, 0.0], [3.0, 0.4, 0.0]])
+    two = Posterior(samples, np.array([0.3, 0.3, 0.4]), (0.0, 0.0))
+    found = two.interval(1.0, 0.0, 0.9)
+    assert found.low <= 1.01
+    assert found.high == 3.0
+    assert [(peak.band, peak.jump) for peak in two.peaks()] == [(1.0, 0.2), (3.0, 0.4)]
+    assert [peak.share for peak in two.peaks()] == pytest.approx([0.6, 0.4])
+    alone = Posterior(samples, np.array([0.5, 0.49, 0.01]), (0.0, 0.0))
+    assert len(alone.peaks()) == 1
+
+
+@pytest.mark.parametrize("dimensions", [1, 3, 5])
+def test_even_points_have_the_moments_of_a_normal_law(dimensions: int) -> None:
+    points = spread_points(600, dimensions)
+    np.testing.assert_array_equal(points[0], np.zeros(dimensions))
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.04)
+    np.testing.assert_allclose(points.T @ points / 600, np.eye(dimensions), atol=0.1)
+
+
+@pytest.fixture(scope="module")
+def known(case: CaseOf) -> tuple[Case, Hypothesis]:
+    """A wandering OP behind a sliding valve: its stem is continuous in S and J."""
+    rng = np.random.default_rng(4)
+    op = np.cumsum(np.sin(np.arange(400) / 11.0) + 0.3 * rng.normal(size=400))
+    op = (op - 0.5 * (op.max() + op.min())) / np.ptp(op)
+    valve = Valve(0.3, 0.15, float(op[0]), "sliding")
+    poles = Poles(Shape.LAGS, 4.0)
+    pv = poles.response(valve.stem(op)) + 0.04 * rng.normal(size=400)
+    window = case(op, pv, signed=False)
+    spreading = replace(window.settings.spreading, late=0.0, law=0.0, law_jump=0.0)
+    window = Case(window.rows, replace(window.settings, spreading=spreading))
+    return window, window.fit(valve, poles, 0, (), np.zeros(0))
+
+
+def test_samples_of_the_posterior_agree_with_plain_integration(known) -> None:
+    # uniform in log S, J / S and start / S; gain, columns and poles (to first order) are solved for
+    window, best = known
+    posterior = sample_posterior(window, (best,))
+    rng, count = np.random.default_rng(1), 6000
+    band = 0.3 * np.exp(rng.uniform(-0.25, 0.25, count))
+    jump, start = band * rng.random(count), best.valve.start + band * rng.uniform(-1.0, 1.0, count)
+    columns = np.vstack([window.columns((), best.stem, best.poles, 0), pole_derivatives(best)])
+    log = np.empty(count)
+    for i in range(count):
+        stem = Valve(band[i], jump[i], start[i], "sliding").stem(window.rows.u)
+        response = best.poles.response(stem)
+        fits = [fit_linear(window.rows, response, d, columns, best.taps) for d in range(3)]
+        log[i] = window.log_likelihood(min(fit.squares for fit in fits))
+    weight = np.exp(window.settings.spreading.temper * (log - log.max()))
+    for found, values in (
+        (posterior.interval(1.0, 0.0, 0.9), band),
+        (posterior.interval(0.0, 1.0, 0.9), jump),
     ):
-        order = np.argsort(nodes[:, axis])
+        order = np.argsort(values)
         share = np.cumsum(weight[order]) / weight.sum()
-        plain = np.interp([0.05, 0.5, 0.95], share, nodes[order, axis])
-        width = plain[2] - plain[0]
-        assert np.abs(np.array([found.low, found.value, found.high]) - plain).max() < 0.2 * width
+        low, middle, high = np.interp([0.05, 0.5, 0.95], share, values[order])
+        ends = (found.low, found.value, found.high)
+        np.testing.assert_allclose(ends, (low, middle, high), atol=0.25 * (high - low))
 
 
-def test_first_slips_of_other_valves_are_listed_too() -> None:
-    op, y, best, _ = _window(0.06)
-    every = first_slips(op.u, best.first)
-    far = every.of(best.lead) + 4
-    low, high = float(every.feet[far]), float(every.feet[far] + every.gaps[far])
-
-    def listed(*leads: float) -> bool:
-        found = listed_posterior(op, _Likelihood(y, 0.06), best, leads)
-        assert found is not None
-        return bool(((low <= found.nodes[:, 2]) & (found.nodes[:, 2] <= high)).any())
-
-    assert not listed()
-    assert listed(float(every.leads[far]))
-
-
-def test_zooming_agrees_with_listing() -> None:
-    op, _, best, regression = _window(0.06)
-
-    def evaluate(nodes: Array) -> tuple[Array, Array]:
-        cost, gain = one_step_costs(op, regression.tables, nodes, best.first)
-        return -0.5 * regression.count * np.log(cost), gain
-
-    zoomed = explore(evaluate, best)
-    s, j = zoomed.interval(1.0, 0.0, 0.9), zoomed.interval(0.0, 1.0, 0.9)
-    assert BAND in s
-    assert JUMP in j
-    assert s.high - s.low < 0.3 * BAND
-
-
-@pytest.mark.parametrize("extra", [0.0, 0.3])
-def test_errors_that_follow_the_slips_are_seen(extra: float) -> None:
-    rng = np.random.default_rng(1)
-    op = op_of(np.sin(np.arange(1000) / 8.0))
-    at, _ = slips(op, 1.0, 0.3, 0.2, 1.0)
-    stem = stem_of(op, 1.0, 0.3, 0.2, 1.0)
-    residual = rng.normal(scale=0.1, size=1000)
-    residual[at + 2] += extra
-    assert errs_at_slips(residual, np.ones(1000), stem, 1) is (extra > 0.0)
-    assert not errs_at_slips(residual, np.ones(1000), np.zeros(1000), 1)
+@pytest.mark.parametrize("confidence", [0.6, 0.95])
+def test_the_true_valve_is_in_its_interval(loop, confidence: float) -> None:
+    op, pv, _ = loop(ValveModel(5.0, 2.0), samples=500, noise=0.3, seed=7)
+    found = identify(op, pv, confidence=confidence)
+    assert found.stick_band.low <= found.stick_band.value <= found.stick_band.high
+    assert 5.0 in found.stick_band
+    assert found.stick_band.high - found.stick_band.low < 1.5

@@ -7,6 +7,7 @@ import inspect
 import pkgutil
 import subprocess
 import sys
+import typing
 from collections.abc import Iterator
 
 import pytest
@@ -32,7 +33,9 @@ def callables_of(owner: object) -> Iterator[tuple[str, object]]:
 def test_a_module_names_what_is_public_and_says_what_it_is_for(name: str) -> None:
     module = importlib.import_module(name)
     assert module.__doc__
-    if not name.rpartition(".")[2].startswith("_"):
+    # a room that shows nothing of its own holds modules that do
+    room = hasattr(module, "__path__") and not vars(module).get("__all__", ())
+    if not name.rpartition(".")[2].startswith("_") and not room:
         assert module.__all__
     missing = [public for public in getattr(module, "__all__", ()) if not hasattr(module, public)]
     assert missing == []
@@ -49,7 +52,7 @@ def test_every_public_name_has_a_docstring(name: str) -> None:
             if not item.__doc__ or item.__doc__.startswith(f"{public}("):
                 silent.append(public)
             silent += [f"{public}.{n}" for n, member in callables_of(item) if not member.__doc__]
-        elif callable(item) and not item.__doc__:
+        elif callable(item) and typing.get_origin(item) is None and not item.__doc__:
             silent.append(public)
     assert silent == []
 

@@ -1,23 +1,24 @@
-"""What a window cannot tell, and why a criterion was taken, is said in words."""
+"""What a window cannot tell, and what else explains it, in words."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from estimator.posterior import Peak
+import pytest
 
-from estimator import Verdict, identify
+from estimator import identify
 from estimator.estimate import Estimate
+from estimator.intervals.posterior import Peak
 from estimator.result import Interval, Process
-from estimator.words import criterion_reason, identifiability
+from estimator.words import identifiability
 from loop_model import ProcessModel
 
 UNKNOWN = Interval.unknown()
 SHARP = Estimate(
     criterion="arx",
+    reason="as asked",
     band=Interval(0.5, 0.49, 0.51),
     jump=Interval(0.2, 0.18, 0.22),
     static=UNKNOWN,
@@ -26,8 +27,6 @@ SHARP = Estimate(
     simulated=np.zeros(1),
     process=Process("none", MappingProxyType({}), 1, UNKNOWN),
     model=ProcessModel((-0.5,), (0.5,), 1, 0.0, 1.0),
-    bic=0.0,
-    runners_up=(),
     peaks=(Peak(0.5, 0.2, 1.0),),
 )
 
@@ -51,21 +50,9 @@ def test_vague_parameters_are_said_to_be_vague() -> None:
     vague = replace(SHARP, band=Interval(0.5, 0.3, 0.7), jump=Interval(0.1, 0.0, 0.3))
     band, jump = identifiability(vague, 10.0, sticky=True)
     assert band.startswith("the stick band is vague in this window: anything from 3 to 7")
-    assert jump.startswith("the slip jump cannot be told from this window: any value below 3")
+    assert jump.startswith("the slip jump cannot be identified from this window: any value below 3")
     (said,) = identifiability(replace(SHARP, jump=Interval(0.2, 0.12, 0.3)), 10.0, sticky=True)
     assert said.startswith("the slip jump is vague in this window: anything from 1.2 to 3")
-
-
-def test_the_reason_of_a_criterion_quotes_the_figure_it_rests_on() -> None:
-    sticky = Verdict.STICTION
-    assert criterion_reason("oe", SHARP, sticky, 0.0) == "as asked"
-    assert "(0.30 BIC a sample)" in criterion_reason("auto", SHARP, sticky, 0.3)
-    assert "does not favour" in criterion_reason("auto", SHARP, sticky, math.inf)
-    simulated = replace(SHARP, criterion="oe")
-    assert "simulation errors are more likely" in criterion_reason("auto", simulated, sticky, -0.3)
-    assert "the same valve" in criterion_reason("auto", SHARP, sticky, -0.01)
-    assert "different valves" in criterion_reason("auto", simulated, sticky, 0.01)
-    assert "no sticky valve" in criterion_reason("auto", simulated, Verdict.NO_STICTION, 0.05)
 
 
 def test_a_healthy_valve_needs_no_words_either() -> None:
@@ -73,7 +60,18 @@ def test_a_healthy_valve_needs_no_words_either() -> None:
     assert identifiability(vague, 10.0, sticky=False) == ()
 
 
-def test_a_result_says_why_and_what_it_cannot_tell(sticky_window) -> None:
-    found = identify(*sticky_window[:2])
-    assert "errors" in found.criterion_reason
-    assert found.runners_up
+@pytest.mark.parametrize(
+    ("criterion", "words"), [("auto", "by BIC"), ("oe", "as asked"), ("arx", "as asked")]
+)
+def test_a_result_says_why_it_is_under_its_criterion(sticky_window, criterion, words) -> None:
+    found = identify(*sticky_window[:2], criterion=criterion)
+    assert words in found.criterion_reason
+    assert found.criterion == ("arx" if criterion == "arx" else "oe")
+
+
+def test_runners_up_are_in_order_and_behind(sticky_window) -> None:
+    found = identify(*sticky_window[:2]).runners_up
+    behind = [one.behind for one in found]
+    assert behind == sorted(behind)
+    assert behind[0] > 0.0
+    assert "healthy valve" in {one.explanation for one in found}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.published.grid import grid_search
 from estimator.outcomes import EstimatorError
+from estimator.published.grid import grid_search
 from estimator.published.paper_fit import ArxStructure, ArxWindow, InitialStem
 from estimator.valves import HeValve
 from loop_model import ProcessModel

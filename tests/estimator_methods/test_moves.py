@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.published.same_moves import MoveCell, best_with_same_moves
 from estimator.published.paper_fit import ArxStructure, ArxWindow
+from estimator.published.same_moves import MoveCell, best_with_same_moves
 from estimator.valves import HeValve
 
 

@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
+from estimator.outcomes import EstimatorError
 from estimator.published.nlp import nlp_paper, nlp_polish
 from estimator.published.nlp_problem import Programme
 from estimator.published.nlp_starts import starting_frictions
-from estimator.outcomes import EstimatorError
 from estimator.published.paper_fit import ArxStructure, ArxWindow
 from estimator.valves import HeValve, SmoothedValve
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from estimator.monitoring.changes import ChangeKind, find_changes
-from estimator.outcomes import EstimatorError
-from estimator.result import Interval
 from estimator.monitoring.tracking import track
 from estimator.monitoring.trend import smooth_trend
+from estimator.outcomes import EstimatorError
+from estimator.result import Interval
 
 DAY = 86400.0
 QUANTILE = 1.6448536

@@ -1,0 +1,91 @@
+"""What a historian leaves of a window: drawn lines, held values, missing samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from estimator import ReasonCode, Verdict, identify
+from estimator.evidence.records import informed_share
+from loop_model import ValveModel
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def window(loop) -> tuple[Array, Array]:
+    op, pv, _ = loop(ValveModel(5.0, 2.0), samples=600, noise=0.05, seed=1)
+    return op, pv
+
+
+def _interpolated(signal: Array, every: int) -> Array:
+    """Straight lines between every so many samples."""
+    k = np.arange(signal.size)
+    return np.interp(k, k[::every], signal[::every])
+
+
+def _held(signal: Array, dead_band: float) -> Array:
+    """Stored by exception: the last value until the signal has left it by the dead band."""
+    held, last = [], signal[0]
+    for value in signal:
+        if abs(value - last) > dead_band:
+            last = value
+        held.append(last)
+    return np.array(held)
+
+
+@pytest.mark.parametrize("every", [2, 3, 6, 10])
+def test_the_informed_share_of_straight_lines_is_that_of_their_knots(every: int) -> None:
+    signal = np.random.default_rng(0).normal(size=1201)
+    assert informed_share(_interpolated(signal, every)) == pytest.approx(1.0 / every, abs=0.01)
+    assert informed_share(signal) == 1.0
+
+
+@pytest.mark.parametrize("which", ["op", "pv", "both"])
+def test_an_interpolated_record_is_not_judged_but_polled(window, which: str) -> None:
+    op, pv = window
+    if which != "pv":
+        op = _interpolated(op, 4)
+    if which != "op":
+        pv = _interpolated(pv, 4)
+    result = identify(op, pv)
+    assert result.verdict is Verdict.NOT_ASSESSABLE
+    (reason,) = result.reasons
+    assert reason.code is ReasonCode.RECORD_INTERPOLATED
+    assert reason.advice.startswith("Poll the loop")
+
+
+def test_a_record_stored_by_exception_is_not_called_frozen(window) -> None:
+    op, pv = window
+    held = _held(pv, 0.2 * float(np.std(pv)))
+    longest = max(len(run) for run in np.split(held, np.flatnonzero(np.diff(held)) + 1))
+    assert (np.diff(held) == 0.0).mean() > 0.5  # most samples repeat, none stands still for long
+    assert longest < 0.1 * held.size
+    result = identify(op, held)
+    assert ReasonCode.PV_FROZEN not in {reason.code for reason in result.reasons}
+    assert result.verdict is Verdict.STICTION
+
+
+def test_missing_samples_up_to_the_limit_are_judged_without_them(window) -> None:
+    op, pv = window
+    rng = np.random.default_rng(2)
+    for share, judged in ((0.1, True), (0.4, False)):
+        worse = pv.copy()
+        worse[rng.permutation(pv.size)[: int(share * pv.size)]] = np.nan
+        result = identify(op, worse)
+        assert (result.verdict is Verdict.STICTION) is judged
+        codes = {reason.code for reason in result.reasons}
+        assert (ReasonCode.TOO_MANY_BAD_SAMPLES in codes) is not judged
+
+
+def test_the_value_of_a_bad_sample_changes_nothing(window) -> None:
+    # a sentinel that a driver writes into OP where PV is bad is the only thing that differs
+    op, pv = window
+    pv = pv.copy()
+    pv[100:104] = np.nan
+    masked = op.copy()
+    masked[101:103] = np.nan
+    plain, other = identify(op, pv), identify(masked, pv)
+    assert other.verdict is plain.verdict
+    assert other.stick_band.value == pytest.approx(plain.stick_band.value, rel=0.02)
