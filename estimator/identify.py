@@ -141,11 +141,10 @@ def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidenc
     assert sticky is not None
     assert sticky.valve is not None
     moves, reversals, strokes = describe_stem(sticky.stem)
-    without = case.without_process(healthy)
     evidence = Evidence(
         log_bayes_factor=weighing.evidence,
         effect=effect_of(case, sticky),
-        process=max(sticky.likelihood, healthy.likelihood) - without,
+        process=max(case.evidence_of_process(one) for one in (healthy, sticky)),
         disturbances=healthy.disturbances,
         moves=moves,
         reversals=reversals,

@@ -109,7 +109,7 @@ class Evidence:
         log_bayes_factor: of a sticky over a healthy valve, in nats; both judged on the same rows,
             every parameter paid for; negative where the healthy valve is likelier.
         effect: share of PV's variance that the difference between stem and OP makes.
-        process: log Bayes factor of the better hypothesis over a PV that does not follow OP.
+        process: log-likelihood ratio of the better hypothesis over a PV that does not follow OP.
         disturbances: oscillations from outside that the healthy valve needs.
         moves: samples in which the identified stem moves; reversals: changes of direction;
             strokes: runs of moves in one direction.

@@ -83,9 +83,11 @@ class Searching:
         seeds: valves of each law that a first look follows.
         wide, generations, few: first reach (share of S), rounds and candidates of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
-        polished, refined: of all looks, valves whose process is fitted, and those refined last.
+        polished, refined: of all looks, valves of each law whose process is fitted, and those
+            refined last.
         lanes, rounds, turns: candidates and rounds of the last refinement, and how often the noise
             model follows.
+        swept: other slip jumps from which the last refinement is repeated.
         enough: nats of a turn below which it was the last.
     """
 
@@ -96,7 +98,7 @@ class Searching:
     jumps: tuple[float, ...] = (0.05, 0.4, 1.0)
     starts: tuple[float, ...] = (-0.9, 0.0, 0.9)
     fine_jumps: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
-    fine_starts: tuple[float, ...] = (-0.95, 0.0, 0.95)
+    fine_starts: tuple[float, ...] = (-0.95, -0.5, 0.0, 0.5, 0.95)
     delays: tuple[int, ...] = (0, 1, 3, 7, 14)
     differencing: float = 0.95
     seeds: int = 5
@@ -105,11 +107,12 @@ class Searching:
     few: int = 32
     basins: int = 3
     apart: float = 0.15
-    polished: int = 6
+    polished: int = 4
     refined: int = 2
     lanes: int = 32
     rounds: int = 10
     turns: int = 3
+    swept: int = 2
     enough: float = 0.3
 
 
@@ -124,13 +127,14 @@ class Judging:
         threshold: log Bayes factor from which a valve is called sticky. About 1 in 20,000 at even
             odds: a false alarm sends a technician, and loops are judged daily.
         uncertain: half-width of the zone around the threshold in which the answer is uncertain.
-        process: log Bayes factor of any process over none, below which PV does not follow OP.
+        process: log-likelihood ratio of a process over none, below which PV does not follow OP:
+            4.5 is a gain three deviations from zero.
     """
 
     price: float = 2.0
     threshold: float = 10.0
     uncertain: float = 4.0
-    process: float = 5.0
+    process: float = 4.5
 
 
 @dataclass(frozen=True, slots=True)

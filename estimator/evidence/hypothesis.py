@@ -181,18 +181,22 @@ class Case:
             stem,
         )
 
-    def without_process(self, like: Hypothesis) -> float:
-        """Likelihood of a PV that does not follow OP, with the nuisances of a hypothesis."""
-        waves = tuple(one for one in like.nuisances if isinstance(one, Sinusoid))
-        columns = self.columns(waves, like.stem, like.poles, like.dead_time)
+    def evidence_of_process(self, hypothesis: Hypothesis) -> float:
+        """Log-likelihood ratio of its process over a PV that does not follow OP, in nats.
+
+        The same disturbances and a noise model of its own for both. Nothing is paid for the process
+        here: the question is whether its gain can be told from zero.
+        """
+        waves = tuple(one for one in hypothesis.nuisances if isinstance(one, Sinusoid))
+        columns = self.columns(waves, hypothesis.stem, hypothesis.poles, hypothesis.dead_time)
         nothing = np.zeros(self.rows.size)
-        taps = like.taps
+        taps = hypothesis.taps
         for _ in range(2):
             fit = fit_linear(self.rows, nothing, 0, columns, taps)
             taps = fit_noise(self.rows, fit.residual, self.settings.modelling)
         fit = fit_linear(self.rows, nothing, 0, columns, taps)
-        cost = 0.5 * math.log(self.rows.count) * taps.size + price_of(waves, self.rows.count)
-        return self.log_likelihood(fit.squares) - cost
+        orders = 0.5 * math.log(self.rows.count) * (taps.size - hypothesis.taps.size)
+        return self.log_likelihood(hypothesis.squares) - self.log_likelihood(fit.squares) + orders
 
     def error(self, hypothesis: Hypothesis) -> float:
         """Mean square of the simulation error over the judged rows, PV's variance being 1."""

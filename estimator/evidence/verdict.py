@@ -66,8 +66,8 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
         return answer(
             Verdict.NOT_ASSESSABLE,
             ReasonCode.NO_MODEL_EXPLAINS_PV,
-            f"PV does not follow OP in this window (log Bayes factor of any process "
-            f"{evidence.process:.1f})",
+            f"PV does not follow OP in this window (log-likelihood ratio of any process "
+            f"{evidence.process:.1f}, {judging.process:g} is three deviations)",
         )
     if sticks and evidence.strokes < screening.min_strokes:
         return answer(

@@ -14,9 +14,9 @@ from estimator.evidence.growing import add_best
 from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.lanes import Array
 from estimator.processes.poles import COARSE
-from estimator.search.descent import refine_valve
+from estimator.search.descent import refine_valve, sweep_jump
 from estimator.search.processes import polish, settle
-from estimator.search.valves import find_valve
+from estimator.search.valves import find_valves
 from estimator.valves.laws import LAWS
 
 __all__ = ["Weighing", "weigh"]
@@ -49,9 +49,10 @@ class Weighing:
 def weigh(case: Case) -> Weighing:
     """Both hypotheses of a window, made as likely as they can be."""
     healthy = _healthy(case)
-    sticky = find_valve(case, healthy)
-    if sticky is None:
+    valves = find_valves(case, healthy)
+    if not valves:
         return Weighing(healthy, None)
+    sticky = valves[0]
     grown_healthy = _grown(case, healthy, sticky)
     if grown_healthy is healthy and sticky.likelihood - healthy.likelihood < _CLEAR:
         return Weighing(healthy, sticky, (sticky,))
@@ -59,9 +60,10 @@ def weigh(case: Case) -> Weighing:
     grown_healthy = _grown(case, healthy, sticky)
     grown_sticky = _grown(case, sticky, healthy)
     if grown_healthy.nuisances:
-        again = find_valve(case, grown_healthy, grown_healthy.nuisances)
-        if again is not None:
-            grown_sticky = _likelier(grown_sticky, again)
+        again = find_valves(case, grown_healthy, grown_healthy.nuisances)
+        valves = (*valves, *again)
+        if again:
+            grown_sticky = _likelier(grown_sticky, again[0])
         exchanged = polish(
             case,
             sticky.valve,
@@ -80,7 +82,7 @@ def weigh(case: Case) -> Weighing:
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _HOPELESS:
-        laws = _all_laws(case, sticky)
+        laws = _all_laws(case, sticky, valves)
         return Weighing(healthy, laws[0], laws)
     return Weighing(healthy, sticky, (sticky,))
 
@@ -98,7 +100,7 @@ def _healthy(case: Case) -> Hypothesis:
 
 def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypothesis, Hypothesis]:
     """Poles freed; the healthy valve tried with the process and the noise of the sticky one."""
-    sticky = refine_valve(case, settle(case, sticky), 0.02)
+    sticky = sweep_jump(case, refine_valve(case, settle(case, sticky), 0.02))
     healthy = settle(case, healthy)
     exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=2, wide=False)
     return _likelier(healthy, exchanged), sticky
@@ -119,11 +121,21 @@ def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:
     return best
 
 
-def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
-    """The sticky valve under every law, the likeliest first."""
+def _all_laws(
+    case: Case, sticky: Hypothesis, valves: tuple[Hypothesis, ...]
+) -> tuple[Hypothesis, ...]:
+    """The likeliest valve of every law: near the sticky one, or where the search had found it."""
     assert sticky.valve is not None
-    found = [
-        sticky if law == sticky.valve.law else refine_valve(case, sticky, 0.06, law=law)
-        for law in LAWS
-    ]
+    found = []
+    for law in LAWS:
+        best = sticky if law == sticky.valve.law else refine_valve(case, sticky, 0.06, law=law)
+        for one in valves:
+            if one.valve is None or one.valve.law != law:
+                continue
+            other = polish(
+                case, one.valve, sticky, sticky.nuisances, sticky.taps, passes=1, wide=True
+            )
+            best = _likelier(best, sweep_jump(case, refine_valve(case, other, 0.03)))
+            break
+        found.append(best)
     return tuple(sorted(found, key=lambda one: -round(one.likelihood, 6)))

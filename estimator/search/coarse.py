@@ -31,7 +31,7 @@ _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""
 _SHIFTS = 6
 """Dead times of that ranking."""
-_TOPS, _NEAR = 10, 24
+_TOPS, _NEAR = 16, 40
 """Valves of that ranking that are looked around, and valves around each."""
 _REACHES = (0.03, 0.012, 0.005)
 """How far around them, as shares of S."""
@@ -151,8 +151,10 @@ def one_step_starts(
     cost, late = ranking.costs(valves, 1, shifts)
     points = spread_points(_NEAR + 1, 3)[1:]
     for reach in _REACHES:
-        # one in each neighbourhood, so that not all of them stand in one valley
+        # the best, and the best of each neighbourhood, so that not all stand in one valley
         tops = first_apart(valves[:, 0], cost, _TOPS, reach)
+        tops = sorted({*tops, *(int(i) for i in np.argsort(cost, kind="stable")[:_TOPS])})
+        tops = [top for top in tops if np.isfinite(cost[top])]
         more = np.vstack([_around(valves[top], points, reach) for top in tops] or [valves[:1]])
         more_cost, more_late = ranking.costs(more, 1, shifts)
         valves = np.vstack([valves, more])
@@ -166,6 +168,6 @@ def one_step_starts(
 def _around(valve: Array, points: Array, reach: float) -> Array:
     """Valves ``(m, 3)`` around one, ``reach`` wide as a share of S."""
     band = np.clip(valve[0] * np.exp(2.0 * reach * points[:, 0]), 0.004, 1.1)
-    jump = np.clip(valve[1] + 4.0 * reach * band * points[:, 1], 0.0, band)
+    jump = np.clip(valve[1] + 2.0 * reach * band * points[:, 1], 0.0, band)
     start = valve[2] + reach * band * points[:, 2]
     return np.ascontiguousarray(np.stack([band, jump, start], axis=1))

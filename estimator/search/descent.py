@@ -15,7 +15,7 @@ from estimator.processes.poles import Poles, Shape, coefficients
 from estimator.search.processes import spread_points
 from estimator.valves.laws import LAWS
 
-__all__ = ["Found", "descend", "moved_valves", "refine_valve", "turned_points"]
+__all__ = ["Found", "descend", "moved_valves", "refine_valve", "sweep_jump", "turned_points"]
 
 _LEAST_BAND, _WIDEST_BAND = 0.004, 1.1
 """Stick bands that are tried, as shares of OP's span."""
@@ -137,4 +137,56 @@ def refine_valve(
         if gained < searching.enough:
             break
         width *= 0.5
+    return best
+
+
+_SWEPT_JUMPS = np.linspace(0.0, 1.0, 33)
+_SWEPT_BANDS = np.array([-0.02, -0.01, -0.005, -0.0025, 0.0, 0.0025, 0.005, 0.01, 0.02])
+"""Slip jumps over S, and steps in log S, of the sweep."""
+_SWEPT_BLOCK = 33
+_OTHER_JUMP = 0.07
+"""Slip jumps over S that differ by less end in one place."""
+
+
+def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
+    """The hypothesis from the best of all slip jumps, where that is likelier.
+
+    Where a stroke is one slip, J moves no slip and trades against the gain: its valley is flat and
+    long, with a step wherever one slip becomes two.
+    """
+    assert start.valve is not None
+    valve = np.array(start.valve.numbers)
+    ratio = valve[1] / valve[0]
+    friction = 0.5 * (valve[0] + valve[1])
+    design = case.design(start.nuisances, start.taps, start.stem, start.poles, start.dead_time)
+    row = np.array([[start.poles.slow, start.poles.fast, start.poles.third]])
+    processes = np.repeat(coefficients(start.poles.shape, row), _SWEPT_BLOCK, axis=1)
+    shortest = max(0, start.dead_time - 1)
+    count = min(3, case.max_dead_time + 1 - shortest)
+    tables, costs = [], []
+    for log_band in _SWEPT_BANDS:
+        # the first slip stays where it is, upwards or downwards
+        for side in (-1.0, 0.0, 1.0):
+            steps = np.zeros((_SWEPT_BLOCK, 3))
+            steps[:, 0] = log_band
+            steps[:, 1] = _SWEPT_JUMPS - ratio
+            table = moved_valves(valve, steps)
+            table[:, 2] += side * (0.5 * (table[:, 0] + table[:, 1]) - friction)
+            stems = LAWS[start.valve.law](case.rows.u, table)
+            tables.append(table)
+            costs.append(design.paired(stems, processes, shortest, count).min(axis=0))
+    every, all_costs = np.vstack(tables), np.concatenate(costs)
+    best, tried = start, [ratio]
+    for i in np.argsort(all_costs, kind="stable"):
+        if len(tried) > case.settings.searching.swept:
+            break
+        band, jump, first = (float(v) for v in every[i])
+        if min(abs(jump / band - one) for one in tried) < _OTHER_JUMP:
+            continue
+        tried.append(jump / band)
+        moved = replace(start.valve, band=band, jump=jump, start=first)
+        at = case.fit(moved, start.poles, start.dead_time, start.nuisances, start.taps)
+        found = refine_valve(case, at, 0.01)
+        if found.likelihood > best.likelihood:
+            best = found
     return best

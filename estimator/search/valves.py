@@ -13,16 +13,18 @@ from estimator.search.coarse import first_apart, one_step_starts, simulated_star
 from estimator.search.descent import refine_valve
 from estimator.search.processes import polish
 
-__all__ = ["find_valve"]
+__all__ = ["find_valves"]
 
 _SAME = 0.02
 """Stick bands that differ by less, as a share, are one valve."""
 
 
-def find_valve(
+def find_valves(
     case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...] = ()
-) -> Hypothesis | None:
-    """The most likely sticky valve of the window; None where no valve moves often enough.
+) -> tuple[Hypothesis, ...]:
+    """The most likely sticky valves of each law, the likeliest first.
+
+    Empty where no valve moves often enough.
 
     Valves are looked at by simulation under white and under nearly differenced noise, and by
     one-step errors: which of them shows the valve depends on what else moves PV.
@@ -42,16 +44,15 @@ def find_valve(
         polish(case, one.valve, one, nuisances, one.taps, passes=2, wide=False) for one in kept
     ]
     ended = [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
-    return max(ended, key=lambda one: one.likelihood, default=None)
+    return tuple(sorted(ended, key=lambda one: -one.likelihood))
 
 
 def _best_apart(found: list[Hypothesis], count: int) -> list[Hypothesis]:
-    """The likeliest ones that are not the same valve under the same law."""
+    """The likeliest ones of each law that are not the same valve, at most ``count`` a law."""
     kept: list[Hypothesis] = []
     for law in sorted({one.valve.law for one in found if one.valve is not None}):
         of_law = [one for one in found if one.valve is not None and one.valve.law == law]
         bands = np.array([one.valve.band for one in of_law if one.valve is not None])
         costs = np.array([-one.likelihood for one in of_law])
         kept += [of_law[i] for i in first_apart(bands, costs, count, _SAME)]
-    kept.sort(key=lambda one: -one.likelihood)
-    return kept[:count]
+    return kept
