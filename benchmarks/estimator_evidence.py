@@ -59,7 +59,7 @@ class Criterion:
         if math.isinf(self.high):
             return f"at least {self.low:g}"
         return (
-            f"at most {self.high:g}" if math.isinf(self.low) else f"{self.low:g} to {self.high:g}"
+            f"at most {self.high:.3g}" if math.isinf(self.low) else f"{self.low:g} to {self.high:g}"
         )
 
 

@@ -76,7 +76,7 @@ class Limit:
     def words(self) -> str:
         """The limits in words."""
         if math.isinf(self.low):
-            return f"at most {self.high:g}"
+            return f"at most {self.high:.3g}"
         return f"{self.low:g} to {self.high:g}"
 
     def met(self, value: float) -> bool | None:

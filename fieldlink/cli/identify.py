@@ -46,7 +46,7 @@ def identify(
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
     period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
-    criterion: Annotated[str, typer.Option(help="auto, oe or arx.")] = "auto",
+    criterion: Annotated[str, typer.Option(help="auto (coloured noise), oe or arx.")] = "auto",
     confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
     window: Annotated[str | None, typer.Option(help="START:STOP in rows.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,

@@ -52,7 +52,7 @@ class EstimatorSettings(Model):
     """``[loops.NAME.estimator]``: how the loop's windows are judged."""
 
     criterion: Literal["auto", "oe", "arx"] = "auto"
-    """Fit criterion; auto lets the estimator choose."""
+    """Fit criterion: auto allows coloured noise, oe white noise only, arx looks one step ahead."""
     confidence: float = Field(default=0.9, gt=0.5, lt=1)
     """Confidence of the intervals."""
 
