@@ -126,6 +126,7 @@ def native(windows: Path) -> dict[str, Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # kernels are compiled anew for two of the settings
 @pytest.mark.parametrize("name", SETTINGS)
 def test_no_answer_hangs_on_the_processor(
     name: str, windows: Path, native: dict[str, Any], tmp_path: Path
