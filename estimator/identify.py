@@ -139,19 +139,20 @@ def _assess(window: Window, request: Request, settings: Settings) -> Identificat
 def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidence, Fit]:
     sticky, healthy = weighing.sticky, weighing.healthy
     assert sticky is not None
-    assert sticky.valve is not None
+    best = weighing.laws[0]
+    assert best.valve is not None
     moves, reversals, strokes = describe_stem(sticky.stem)
     evidence = Evidence(
         log_bayes_factor=weighing.evidence,
-        effect=effect_of(case, sticky),
+        effect=effect_of(case, best),
         process=max(case.evidence_of_process(one) for one in (healthy, sticky)),
         disturbances=healthy.disturbances,
         moves=moves,
         reversals=reversals,
         strokes=strokes,
-        band_over_span=sticky.valve.band,
+        band_over_span=best.valve.band,
         informed=request.informed,
         gain_sign=int(case.rows.sign),
-        law=sticky.valve.law,
+        law=best.valve.law,
     )
-    return evidence, Fit(simulate(case, sticky)[1], simulate(case, healthy)[1])
+    return evidence, Fit(simulate(case, best)[1], simulate(case, healthy)[1])

@@ -20,7 +20,6 @@ __all__ = [
     "Mask",
     "cholesky",
     "combine",
-    "count_moves",
     "delayed_costs",
     "dot",
     "filter_rows",
@@ -31,6 +30,7 @@ __all__ = [
     "respond",
     "respond_one",
     "solve_spd",
+    "tells",
     "whiten_lanes",
 ]
 
@@ -147,14 +147,38 @@ def project_out(signal: Array, basis: Array) -> Array:
 
 
 @kernel
-def count_moves(stems: Array) -> Index:
-    """Samples in which each stem of ``(n, L)`` moves, ``(L,)``."""
+def tells(stems: Array, op: Array, least_reversals: int, least_variance: float) -> Array:
+    """1 for each stem of ``(n, L)`` that works like a valve, else 0; ``(L,)``.
+
+    It turns often enough (what happens once is a step, which anything explains), and its variance
+    is at least a share of OP's: (11b) of Bacci di Capaci et al., 2018.
+    """
     n, lanes = stems.shape
-    found = np.zeros(lanes, dtype=np.int64)
+    direction, turns = np.zeros(lanes), np.zeros(lanes)
+    total, squares = np.zeros(lanes), np.zeros(lanes)
+    for j in range(lanes):
+        total[j] = stems[0, j]
+        squares[j] = stems[0, j] * stems[0, j]
     for k in range(1, n):
         for j in range(lanes):
-            found[j] += stems[k, j] != stems[k - 1, j]
-    return found
+            x = stems[k, j]
+            step = x - stems[k - 1, j]
+            total[j] += x
+            squares[j] += x * x
+            now = 1.0 if step > 0.0 else (-1.0 if step < 0.0 else direction[j])
+            turns[j] += 1.0 if now * direction[j] < 0.0 else 0.0
+            direction[j] = now
+    sum_op = squares_op = 0.0
+    for k in range(n):
+        sum_op += op[k]
+        squares_op += op[k] * op[k]
+    spread_op = squares_op - sum_op * sum_op / n
+    out = np.zeros(lanes)
+    for j in range(lanes):
+        spread = squares[j] - total[j] * total[j] / n
+        if turns[j] >= least_reversals and spread >= least_variance * spread_op:
+            out[j] = 1.0
+    return out
 
 
 @kernel

@@ -85,7 +85,7 @@ def unassessed(
     return Identification(
         verdict=Verdict.NOT_ASSESSABLE,
         reasons=reasons,
-        score=nan,
+        score=0.0,
         stick_band=unknown,
         slip_jump=unknown,
         static_friction=unknown,

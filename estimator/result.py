@@ -191,7 +191,7 @@ class Identification:
         uncertain: whether the evidence is so near to the threshold that the other verdict is
             possible.
         score: log Bayes factor of a sticky over a healthy valve, in nats; never clipped, so that
-            loops can be ranked by it. NaN when not assessable before a model was tried.
+            loops can be ranked by it. 0 when the window was refused before a model was tried.
         stick_band, slip_jump: S and J with intervals at ``confidence``.
         static_friction, dynamic_friction: fS = (S + J)/2 and fD = (S - J)/2, likewise.
         process, fit, criterion, evidence: what was identified, and how well.

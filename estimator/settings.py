@@ -35,7 +35,7 @@ class Screening:
     max_still: float = 0.9
     min_informed: float = 0.5
     min_band: float = 0.02
-    min_strokes: int = 3
+    min_strokes: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,8 @@ class Modelling:
         action_t: t-value of the controller's action on the error from which its sign is taken as
             known: four deviations are one error in 16,000.
         max_sinusoids: outside oscillations that may be added to a hypothesis.
-        harmonics: harmonics of an outside oscillation that is not a sine.
+        waves: harmonics of the outside oscillations that are offered: a sine, a wave of any shape,
+            and one that is alike up and down (a triangle to its ninth: 1 % of its first).
     """
 
     memory: int = 30
@@ -65,7 +66,7 @@ class Modelling:
     startup: float = 40.0
     action_t: float = 4.0
     max_sinusoids: int = 4
-    harmonics: int = 3
+    waves: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3), (1, 3, 5, 7, 9))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,9 @@ class Searching:
         starts: first positions of the stem, as shares of fS around OP's first sample.
         fine_jumps, fine_starts: the same of the ranking by one-step errors, which is cheap.
         delays: dead times of the coarse search in samples.
+        reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
+            which anything explains.
+        variance: least variance of the stem over OP's, alpha of (11b) of the paper.
         differencing: pole of the second whitening filter of the first look, between none and
             differences; the noise of loops lies between the two.
         seeds: valves of each law that a first look follows.
@@ -100,6 +104,8 @@ class Searching:
     fine_jumps: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
     fine_starts: tuple[float, ...] = (-0.95, -0.5, 0.0, 0.5, 0.95)
     delays: tuple[int, ...] = (0, 1, 3, 7, 14)
+    reversals: int = 1
+    variance: float = 0.001
     differencing: float = 0.95
     seeds: int = 5
     wide: float = 0.12
@@ -166,7 +172,7 @@ class Spreading:
     doubt: float = 20.0
     doubt_jump: float = 4.0
     doubt_nats: float = 25.0
-    gains: int = 12
+    gains: int = 16
     lanes: int = 128
     rounds: int = 5
     reach: tuple[float, float, float] = (0.04, 0.1, 0.15)

@@ -89,18 +89,19 @@ def _gain_interval(
     The variance for one valve is that of least squares with the poles free to first order.
     """
     assert best.valve is not None
-    gains, weights = [best.gain], [posterior.weights.max()]
-    for i in np.argsort(-posterior.weights, kind="stable")[: case.settings.spreading.gains]:
+    # samples drawn evenly from the posterior: each stands for as much probability as the others
+    count = case.settings.spreading.gains
+    share = np.cumsum(posterior.weights)
+    drawn = np.searchsorted(share, (np.arange(count) + 0.5) / count * share[-1])
+    gains = []
+    for i in drawn:
         band, jump, start = (float(v) for v in posterior.samples[i])
         valve = replace(best.valve, band=band, jump=jump, start=start)
         found = case.fit(
             valve, best.poles, best.dead_time, best.nuisances, best.taps, refit_noise=False
         )
         gains.append(found.gain)
-        weights.append(posterior.weights[i])
-    share = np.array(weights) / sum(weights)
-    middle = float(share @ np.array(gains))
-    between = float(share @ np.square(np.array(gains) - middle))
+    between = float(np.square(np.array(gains) - best.gain).mean())
     response = delay(best.poles.response(best.stem), best.dead_time)
     others = np.vstack(
         [

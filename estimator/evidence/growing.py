@@ -52,9 +52,10 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
     if len(waves) < case.settings.modelling.max_sinusoids:
         cycles = _frequency(case, of, other)
         if cycles is not None:
-            sine = tried(Sinusoid(cycles))
-            full = tried(Sinusoid(cycles, case.settings.modelling.harmonics))
-            found.append(max(sine, full, key=lambda one: one.likelihood))
+            most = 0.25 * case.rows.size / cycles
+            for harmonics in case.settings.modelling.waves:
+                if max(harmonics) <= max(1.0, most):
+                    found.append(tried(Sinusoid(cycles, harmonics)))
     if not any(isinstance(one, Characteristic) for one in of.nuisances):
         found.append(tried(Characteristic()))
     return max(found, key=lambda one: one.likelihood, default=None)

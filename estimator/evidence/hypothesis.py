@@ -10,7 +10,7 @@ import numpy as np
 from estimator.criteria.design import Design, fit_linear
 from estimator.criteria.noise import fit_noise
 from estimator.evidence.nuisances import Nuisance, Sinusoid, columns_of, price_of
-from estimator.lanes import Array, dot
+from estimator.lanes import Array, Mask, dot, tells
 from estimator.processes.poles import Poles, Shape
 from estimator.rows import Rows
 from estimator.settings import Settings
@@ -94,6 +94,12 @@ class Case:
     def stem(self, valve: Valve | None) -> Array:
         """The stem of a valve; a healthy one's is OP."""
         return self.rows.u if valve is None else valve.stem(self.rows.u)
+
+    def tells(self, stems: Array) -> Mask:
+        """Which of the stems ``(n, L)`` work like a valve; see `lanes.tells`."""
+        searching = self.settings.searching
+        found: Array = tells(stems, self.rows.u, searching.reversals, searching.variance)
+        return found > 0.0
 
     def columns(
         self, nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, dead_time: int

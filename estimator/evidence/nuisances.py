@@ -32,23 +32,25 @@ class Nuisance(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sinusoid:
-    """An oscillation from outside: ``cycles`` in the window, with ``harmonics`` (1 is a sine)."""
+    """An oscillation from outside: ``cycles`` in the window, with the given ``harmonics``.
+
+    ``(1,)`` is a sine, ``(1, 2, 3)`` a wave of any shape, odd ones a wave that is alike up and down,
+    as a triangle or the cycle of a neighbour with a sticky valve.
+    """
 
     cycles: float
-    harmonics: int = 1
+    harmonics: tuple[int, ...] = (1,)
 
     def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
         """Sine and cosine of every harmonic."""
         del poles, dead_time
         n = stem.size
         angle = 2.0 * math.pi * self.cycles / n * np.arange(n)
-        return np.stack(
-            [wave(h * angle) for h in range(1, self.harmonics + 1) for wave in (np.sin, np.cos)]
-        )
+        return np.stack([wave(h * angle) for h in self.harmonics for wave in (np.sin, np.cos)])
 
     def price(self, rows: float) -> float:
         """Two sizes a harmonic, and the frequency, which is told ``n^(3/2)`` sharp."""
-        return (1.5 + self.harmonics) * math.log(rows)
+        return (1.5 + len(self.harmonics)) * math.log(rows)
 
 
 @dataclass(frozen=True, slots=True)

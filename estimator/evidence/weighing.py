@@ -25,8 +25,6 @@ _PAYS = 0.5
 """Nats that a nuisance must gain beyond its price."""
 _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
-_HOPELESS = -15.0
-"""Evidence (nats) at which no closer look makes a sticky valve likely."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +33,9 @@ class Weighing:
 
     healthy: Hypothesis
     sticky: Hypothesis | None
+    """He's valve: the evidence is his. Further laws would only add ways to explain noise."""
     laws: tuple[Hypothesis, ...] = ()
-    """The sticky valve under every law that was tried, the likeliest first."""
+    """The sticky valve under every law that was tried, the likeliest first: for the estimate."""
 
     @property
     def evidence(self) -> float:
@@ -61,7 +60,6 @@ def weigh(case: Case) -> Weighing:
     grown_sticky = _grown(case, sticky, healthy)
     if grown_healthy.nuisances:
         again = find_valves(case, grown_healthy, grown_healthy.nuisances)
-        valves = (*valves, *again)
         if again:
             grown_sticky = _likelier(grown_sticky, again[0])
         exchanged = polish(
@@ -81,10 +79,11 @@ def weigh(case: Case) -> Weighing:
     healthy, sticky = grown_healthy, grown_sticky
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
-    if sticky.likelihood - healthy.likelihood > _HOPELESS:
-        laws = _all_laws(case, sticky, valves)
-        return Weighing(healthy, laws[0], laws)
-    return Weighing(healthy, sticky, (sticky,))
+    judging = case.settings.judging
+    laws: tuple[Hypothesis, ...] = (sticky,)
+    if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
+        laws = _all_laws(case, sticky)
+    return Weighing(healthy, sticky, laws)
 
 
 def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
@@ -121,21 +120,16 @@ def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:
     return best
 
 
-def _all_laws(
-    case: Case, sticky: Hypothesis, valves: tuple[Hypothesis, ...]
-) -> tuple[Hypothesis, ...]:
-    """The likeliest valve of every law: near the sticky one, or where the search had found it."""
+def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
+    """The likeliest valve of every law, the likeliest of all first: for the estimate."""
     assert sticky.valve is not None
-    found = []
+    found = [sticky]
     for law in LAWS:
-        best = sticky if law == sticky.valve.law else refine_valve(case, sticky, 0.06, law=law)
-        for one in valves:
-            if one.valve is None or one.valve.law != law:
-                continue
-            other = polish(
-                case, one.valve, sticky, sticky.nuisances, sticky.taps, passes=1, wide=True
-            )
-            best = _likelier(best, sweep_jump(case, refine_valve(case, other, 0.03)))
-            break
+        if law == sticky.valve.law:
+            continue
+        best = refine_valve(case, sticky, 0.06, law=law)
+        if law == "sliding":
+            for one in find_valves(case, sticky, sticky.nuisances, law)[:1]:
+                best = _likelier(best, sweep_jump(case, settle(case, one)))
         found.append(best)
     return tuple(sorted(found, key=lambda one: -round(one.likelihood, 6)))

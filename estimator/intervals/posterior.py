@@ -26,6 +26,8 @@ __all__ = ["Peak", "Posterior", "pole_derivatives", "sample_posterior"]
 
 _NUDGE = 0.02
 """Step of log time constants for the derivative of a response."""
+_IMPOSSIBLE = 1e6
+"""Nats by which a stem that does not work like a valve is behind."""
 _PARTS = ndtri((np.arange(9) + 0.5) / 9.0)
 """Nine equal parts of a normal distribution."""
 
@@ -157,7 +159,9 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array, float]:
         stems = LAWS[valve.law](case.rows.u, moved_valves(centre, table))
         costs = design.paired(stems, process, shortest, count).min(axis=0)
         tables.append(table)
-        likelihoods.append(-spreading.temper * case.worth(costs))
+        likelihood = -spreading.temper * case.worth(costs)
+        # never minus infinity for all: the valve itself is among them
+        likelihoods.append(np.where(case.tells(stems), likelihood, likelihood - _IMPOSSIBLE))
         proposals.append((middle, root))
         every = np.vstack(tables)
         log_like = np.concatenate(likelihoods)

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.evidence.hypothesis import Case, Hypothesis, Valve
 from estimator.evidence.nuisances import Nuisance
-from estimator.lanes import Array, count_moves
+from estimator.lanes import Array
 from estimator.processes.poles import COARSE
 from estimator.search.descent import Found, descend
 from estimator.search.one_step import OneStep
@@ -21,10 +21,6 @@ __all__ = ["first_apart", "one_step_starts", "simulated_starts"]
 
 _BLOCK = 32
 """Valves of a block: its signals stay in the cache."""
-_FEWEST = 2
-"""A stem that moves less often explains a step, not a valve."""
-_LAWS = ("he", "sliding")
-"""Laws of the first look; a third one is near one of these two."""
 _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
 _PAST = 3
@@ -72,9 +68,9 @@ def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[in
 
 
 def simulated_starts(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], taps: Array
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], taps: Array, law: str
 ) -> list[Found]:
-    """The best valves under one noise model, drawn to the bottom of their valleys."""
+    """The best valves of a law under one noise model, drawn to the bottom of their valleys."""
     searching = case.settings.searching
     u = case.rows.u
     valves = _placed(_table(searching.bands, searching.jumps, searching.starts), float(u[0]))
@@ -92,41 +88,39 @@ def simulated_starts(
     }
     processes = np.array([p.coefficients for p in COARSE]).T.copy()
     m = len(valves)
-    cost = np.full((len(_LAWS), m), np.inf)
-    process = np.zeros((len(_LAWS), m), dtype=np.int64)
-    late = np.zeros((len(_LAWS), m), dtype=np.int64)
-    for row, law in enumerate(_LAWS):
-        for begin in range(0, m, _BLOCK):
-            block = slice(begin, min(begin + _BLOCK, m))
-            stems = LAWS[law](u, np.ascontiguousarray(valves[block]))
-            still = count_moves(stems) < _FEWEST
-            for number, poles in enumerate(COARSE):
-                lanes = np.repeat(processes[:, number : number + 1], stems.shape[1], axis=1)
-                costs = designs[poles.integrating].single(stems, lanes, delays, stride)
-                best = costs.argmin(axis=0)
-                least = costs[best, np.arange(costs.shape[1])]
-                least[still] = np.inf
-                better = least < cost[row, block]
-                cost[row, block] = np.where(better, least, cost[row, block])
-                process[row, block] = np.where(better, number, process[row, block])
-                late[row, block] = np.where(better, delays[best], late[row, block])
+    cost = np.full(m, np.inf)
+    process = np.zeros(m, dtype=np.int64)
+    late = np.zeros(m, dtype=np.int64)
+    for begin in range(0, m, _BLOCK):
+        block = slice(begin, min(begin + _BLOCK, m))
+        stems = LAWS[law](u, np.ascontiguousarray(valves[block]))
+        useless = ~case.tells(stems)
+        for number, poles in enumerate(COARSE):
+            lanes = np.repeat(processes[:, number : number + 1], stems.shape[1], axis=1)
+            costs = designs[poles.integrating].single(stems, lanes, delays, stride)
+            best = costs.argmin(axis=0)
+            least = costs[best, np.arange(costs.shape[1])]
+            least[useless] = np.inf
+            better = least < cost[block]
+            cost[block] = np.where(better, least, cost[block])
+            process[block] = np.where(better, number, process[block])
+            late[block] = np.where(better, delays[best], late[block])
     ends = []
-    for row, law in enumerate(_LAWS):
-        for i in first_apart(valves[:, 0], cost[row], searching.seeds, searching.apart):
-            poles = COARSE[process[row, i]]
-            valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
-            start = Found(float(cost[row, i]), valve, poles, int(late[row, i]))
-            ends.append(
-                descend(
-                    case,
-                    designs[poles.integrating],
-                    start,
-                    searching.wide,
-                    searching.generations,
-                    searching.few,
-                    stride,
-                )
+    for i in first_apart(valves[:, 0], cost, searching.seeds, searching.apart):
+        poles = COARSE[process[i]]
+        valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
+        start = Found(float(cost[i]), valve, poles, int(late[i]))
+        ends.append(
+            descend(
+                case,
+                designs[poles.integrating],
+                start,
+                searching.wide,
+                searching.generations,
+                searching.few,
+                stride,
             )
+        )
     bands = np.array([end.valve.band for end in ends])
     squares = np.array([end.squares for end in ends])
     return [ends[i] for i in first_apart(bands, squares, searching.basins, 0.05)]

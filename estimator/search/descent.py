@@ -96,9 +96,11 @@ def descend(
         shortest = max(0, late - 1)
         count = min(3, case.max_dead_time + 1 - shortest)
         costs = design.paired(stems, processes, shortest, count, stride)
-        of_lane = costs.min(axis=0)
+        of_lane = np.where(case.tells(stems), costs.min(axis=0), np.inf)
         order = np.argsort(of_lane, kind="stable")[:chosen]
         top = int(order[0])
+        if not np.isfinite(of_lane[top]):
+            break
         if of_lane[top] < least * (1.0 - _TIE):
             least, best = float(of_lane[top]), table[top].copy()
             late = shortest + int(costs[:, top].argmin())
@@ -174,11 +176,12 @@ def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
             table[:, 2] += side * (0.5 * (table[:, 0] + table[:, 1]) - friction)
             stems = LAWS[start.valve.law](case.rows.u, table)
             tables.append(table)
-            costs.append(design.paired(stems, processes, shortest, count).min(axis=0))
+            cost = design.paired(stems, processes, shortest, count).min(axis=0)
+            costs.append(np.where(case.tells(stems), cost, np.inf))
     every, all_costs = np.vstack(tables), np.concatenate(costs)
     best, tried = start, [ratio]
     for i in np.argsort(all_costs, kind="stable"):
-        if len(tried) > case.settings.searching.swept:
+        if len(tried) > case.settings.searching.swept or not np.isfinite(all_costs[i]):
             break
         band, jump, first = (float(v) for v in every[i])
         if min(abs(jump / band - one) for one in tried) < _OTHER_JUMP:

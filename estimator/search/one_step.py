@@ -33,6 +33,7 @@ def one_step_costs(
     shortest: int,
     shifts: int,
     sign: float,
+    reversals: int,
 ) -> tuple[Array, Index]:
     """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m,)``.
 
@@ -52,7 +53,8 @@ def one_step_costs(
         dynamic = 0.5 * (valves[v, 0] - valves[v, 1])
         now = valves[v, 2]
         level[0] = now
-        slips = 0
+        slips = turns = 0
+        direction = 0.0
         for b in range(top.size):
             # no sample of the block moves the stem
             if top[b] - now <= static and bottom[b] - now >= -static:
@@ -61,10 +63,12 @@ def one_step_costs(
                 error = op[k] - now
                 if error > static or error < -static:
                     now = op[k] - dynamic if error > 0.0 else op[k] + dynamic
+                    turns += 1 if error * direction < 0.0 else 0
+                    direction = error
                     at[slips] = k
                     slips += 1
                     level[slips] = now
-        if slips < 2 or slips > n // 3:
+        if turns < reversals or slips > n // 3:
             continue
         for w in range(wide):
             d = shortest + w
@@ -150,7 +154,9 @@ class OneStep:
         self.top = padded.reshape(blocks, BLOCK).max(axis=1)
         self.bottom = padded.reshape(blocks, BLOCK).min(axis=1)
 
-    def costs(self, valves: Array, shortest: int, shifts: int) -> tuple[Array, Index]:
+    def costs(
+        self, valves: Array, shortest: int, shifts: int, reversals: int = 2
+    ) -> tuple[Array, Index]:
         """Cost and dead time of every valve; see :func:`one_step_costs`."""
         found: tuple[Array, Index] = one_step_costs(
             self.rows.u,
@@ -163,5 +169,6 @@ class OneStep:
             shortest,
             shifts,
             self.rows.sign,
+            reversals,
         )
         return found

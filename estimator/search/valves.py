@@ -1,4 +1,4 @@
-"""The likeliest sticky valve of a window: several looks at all of them, then closer."""
+"""The likeliest sticky valves of a window: several looks at all of them, then closer."""
 
 from __future__ import annotations
 
@@ -20,39 +20,35 @@ _SAME = 0.02
 
 
 def find_valves(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...] = ()
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...] = (), law: str = "he"
 ) -> tuple[Hypothesis, ...]:
-    """The most likely sticky valves of each law, the likeliest first.
+    """The most likely sticky valves of one law, the likeliest first.
 
-    Empty where no valve moves often enough.
-
-    Valves are looked at by simulation under white and under nearly differenced noise, and by
-    one-step errors: which of them shows the valve depends on what else moves PV.
+    Empty where no valve moves often enough. Valves are looked at by simulation under white and
+    under nearly differenced noise, and He's also by one-step errors: which of them shows the valve
+    depends on what else moves PV.
     """
     searching = case.settings.searching
     looks: tuple[Array, ...] = (WHITE, np.array([searching.differencing]))
     starts = [
         case.fit(start.valve, start.poles, start.dead_time, nuisances, taps)
         for taps in looks
-        for start in simulated_starts(case, near, nuisances, taps)
+        for start in simulated_starts(case, near, nuisances, taps, law)
     ]
-    for valve, dead_time in one_step_starts(case, near, nuisances):
-        lag = Poles(Shape.LAGS, 6.0), dead_time
-        starts.append(polish(case, valve, lag, nuisances, near.taps, passes=2, wide=True))
-    kept = _best_apart(starts, searching.polished)
+    if law == "he":
+        for valve, dead_time in one_step_starts(case, near, nuisances):
+            lag = Poles(Shape.LAGS, 6.0), dead_time
+            starts.append(polish(case, valve, lag, nuisances, near.taps, passes=2, wide=True))
     found = [
-        polish(case, one.valve, one, nuisances, one.taps, passes=2, wide=False) for one in kept
+        polish(case, one.valve, one, nuisances, one.taps, passes=2, wide=False)
+        for one in _best_apart(starts, searching.polished)
     ]
     ended = [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
     return tuple(sorted(ended, key=lambda one: -one.likelihood))
 
 
 def _best_apart(found: list[Hypothesis], count: int) -> list[Hypothesis]:
-    """The likeliest ones of each law that are not the same valve, at most ``count`` a law."""
-    kept: list[Hypothesis] = []
-    for law in sorted({one.valve.law for one in found if one.valve is not None}):
-        of_law = [one for one in found if one.valve is not None and one.valve.law == law]
-        bands = np.array([one.valve.band for one in of_law if one.valve is not None])
-        costs = np.array([-one.likelihood for one in of_law])
-        kept += [of_law[i] for i in first_apart(bands, costs, count, _SAME)]
-    return kept
+    """The likeliest ones that are not the same valve, at most ``count``."""
+    bands = np.array([one.valve.band for one in found if one.valve is not None])
+    costs = np.array([-one.likelihood for one in found])
+    return [found[i] for i in first_apart(bands, costs, count, _SAME)]
