@@ -67,10 +67,10 @@ def cache_folder() -> Path:
 
 def kernel(function: _Function) -> _Function:
     """Compile a loop with strict arithmetic; division by zero gives infinity or NaN as in NumPy."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(cache_folder())
+    before = config.CACHE_DIR  # type: ignore[attr-defined]
+    config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
     try:
         compiled = njit(cache=True, error_model="numpy")(function)
     finally:
-        config.CACHE_DIR = before
+        config.CACHE_DIR = before  # type: ignore[attr-defined]
     return cast("_Function", compiled)

@@ -34,7 +34,7 @@ class Nuisance(Protocol):
 class Sinusoid:
     """An oscillation from outside: ``cycles`` in the window, with the given ``harmonics``.
 
-    ``(1,)`` is a sine, ``(1, 2, 3)`` a wave of any shape, odd ones a wave that is alike up and down,
+    ``(1,)`` is a sine, ``(1, 2, 3)`` a wave of any shape, odd ones one that is alike up and down,
     as a triangle or the cycle of a neighbour with a sticky valve.
     """
 
