@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,6 +18,10 @@ _FEWEST_CYCLES = 1.5
 """An oscillation of fewer cycles in the window is a drift."""
 _STEPS = (0.4, 0.2, 0.1, 0.05)
 """Cycles by which a frequency is moved while it is refined."""
+_SHARP_STEPS = (0.03, 0.015, 0.007)
+"""The same for a wave with harmonics."""
+_HOPE = 8.0
+"""Nats a harmonic by which a wave may be behind before its frequency is sharpened."""
 _NEAR = 3
 """Bins of a spectrum that one peak takes."""
 
@@ -55,10 +60,24 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
             most = 0.25 * case.rows.size / cycles
             for harmonics in case.settings.modelling.waves:
                 if max(harmonics) <= max(1.0, most):
-                    found.append(tried(Sinusoid(cycles, harmonics)))
+                    found.append(_sharpened(tried, Sinusoid(cycles, harmonics), of.likelihood))
     if not any(isinstance(one, Characteristic) for one in of.nuisances):
         found.append(tried(Characteristic()))
     return max(found, key=lambda one: one.likelihood, default=None)
+
+
+def _sharpened(tried: Callable[[Nuisance], Hypothesis], wave: Sinusoid, least: float) -> Hypothesis:
+    """The hypothesis with the wave at its best frequency: harmonics tell it sharper than a sine."""
+    best = tried(wave)
+    if len(wave.harmonics) == 1 or best.likelihood < least - _HOPE * len(wave.harmonics):
+        return best
+    cycles = wave.cycles
+    for step in _SHARP_STEPS:
+        for moved in (cycles - step, cycles + step):
+            found = tried(Sinusoid(moved, wave.harmonics))
+            if found.likelihood > best.likelihood:
+                best, cycles = found, moved
+    return best
 
 
 def _frequency(case: Case, of: Hypothesis, other: Hypothesis) -> float | None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.criteria.design import Design, fit_linear
+from estimator.criteria.design import Design, LinearFit, fit_linear
 from estimator.criteria.noise import fit_noise
-from estimator.evidence.nuisances import Nuisance, Sinusoid, columns_of, price_of
+from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid, columns_of, price_of
 from estimator.lanes import Array, Mask, dot, tells
 from estimator.processes.poles import Poles, Shape
 from estimator.rows import Rows
@@ -171,6 +171,9 @@ class Case:
         if refit_noise:
             taps = fit_noise(self.rows, fit.residual, self.settings.modelling)
             fit = fit_linear(self.rows, response, dead_time, columns, taps)
+        if not self._is_possible(nuisances, stem, poles, fit):
+            rest = tuple(one for one in nuisances if not isinstance(one, Characteristic))
+            return self.fit(valve, poles, dead_time, rest, taps, refit_noise=refit_noise, stem=stem)
         likelihood = self.log_likelihood(fit.squares) - self.price(
             poles, nuisances, taps, valve is not None
         )
@@ -186,6 +189,18 @@ class Case:
             likelihood,
             stem,
         )
+
+    def _is_possible(
+        self, nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, fit: LinearFit
+    ) -> bool:
+        """Whether a curved characteristic, where there is one, is that of a valve."""
+        place = 3 if poles.integrating else 2
+        for one in nuisances:
+            if isinstance(one, Characteristic):
+                square, cube = (float(v) for v in fit.columns[place : place + 2])
+                return one.is_monotonic(stem, float(fit.gains.sum()), square, cube)
+            place += 2 * len(one.harmonics) if isinstance(one, Sinusoid) else 0
+        return True
 
     def evidence_of_process(self, hypothesis: Hypothesis) -> float:
         """Log-likelihood ratio of its process over a PV that does not follow OP, in nats.

@@ -73,6 +73,18 @@ class Characteristic:
         """Two sizes."""
         return math.log(rows)
 
+    @staticmethod
+    def is_monotonic(stem: Array, gain: float, square: float, cube: float) -> bool:
+        """Whether ``gain z + square z^2 + cube z^3`` never turns back within the stem's travel.
+
+        No valve opens and passes less: a curve that turns back is no characteristic.
+        """
+        z = stem - dot(stem, np.ones(stem.size)) / stem.size
+        at = [float(z.min()), float(z.max())]
+        if cube != 0.0 and at[0] < (turn := -square / (3.0 * cube)) < at[1]:
+            at.append(turn)
+        return all((gain + 2.0 * square * x + 3.0 * cube * x * x) * gain > 0.0 for x in at)
+
 
 def columns_of(
     nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, dead_time: int

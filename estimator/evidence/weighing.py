@@ -71,11 +71,10 @@ def weigh(case: Case) -> Weighing:
             wide=False,
         )
         grown_sticky = _likelier(grown_sticky, refine_valve(case, exchanged))
-    if grown_sticky.nuisances:
-        exchanged = polish(
-            case, None, grown_sticky, grown_sticky.nuisances, grown_sticky.taps, wide=True
-        )
-        grown_healthy = _likelier(grown_healthy, exchanged)
+    exchanged = polish(
+        case, None, grown_sticky, grown_sticky.nuisances, grown_sticky.taps, passes=3, wide=True
+    )
+    grown_healthy = _likelier(grown_healthy, exchanged)
     healthy, sticky = grown_healthy, grown_sticky
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
