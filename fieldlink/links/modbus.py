@@ -39,7 +39,7 @@ class ModbusSettings:
         device: how it is reached, and its quirks.
         site: the site that the device's certificates belong to; None without one.
         backoff: pauses after failures; from the device unless given.
-        quarantine: seconds until a register that answered with an exception is tried again.
+        quarantine: longest seconds until a register that answered with an exception is tried again.
         writable: holding registers (first, last) that may be written; nothing by default.
         writable_coils: coils (first, last) that may be written; nothing by default.
         beat: seconds between two scans, for requests that are not in every scan; with 0 they are.
