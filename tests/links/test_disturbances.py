@@ -83,11 +83,11 @@ async def test_a_burst_of_exceptions_costs_seconds_not_a_minute(
     assert {reading.quality for reading in (await link.scan()).readings.values()} == {
         Quality.QUARANTINED
     }
-    for second in range(1, 300):
+    for second in range(1, 30):
         clock.advance_to(float(second))
         await link.scan()
     device.exception = None
-    clock.advance_to(302.0)
+    clock.advance_to(32.0)
     scan = await link.scan()
     assert all(reading.good for reading in scan.readings.values())
     assert link.state is LinkState.GOOD
