@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
-from fieldlink.daemon.clock_watch import ClockWatch
-from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.journal import Journal
-from fieldlink.daemon.pipeline import LoopCounts
-from fieldlink.daemon.pool import PoolReport
-from fieldlink.daemon.status import DaemonStatus
+from fieldlink.daemon.estimation.pool import PoolReport
+from fieldlink.daemon.reporting.journal import Journal
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.links import Clock, Link, open_link
 from fieldlink.site import Site
 from fieldlink.store import Record, StoreReport, WritebackRecord

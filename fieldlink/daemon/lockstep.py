@@ -10,10 +10,10 @@ import asyncio
 from collections.abc import Callable
 
 from fieldlink.daemon.assembly import Assembly, OpenLink
-from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.estimating import Estimator, InlineEstimator
+from fieldlink.daemon.estimation.estimating import Estimator, InlineEstimator
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.settings import retention_of
-from fieldlink.daemon.status import DaemonStatus
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Link, SteppedLink, VirtualClock, open_link
 from fieldlink.site import Site

@@ -1,6 +1,6 @@
 """The live daemon: polls on monotonic deadlines, judges windows, writes back, until told to stop.
 
-Every device has two tasks of its own (`fieldlink.daemon.tasks`), so a silent device delays nobody
+Every device has two tasks of its own (`fieldlink.daemon.sampling.tasks`), so a silent device delays nobody
 else and a slow write delays no poll. Windows are judged in other processes on the scheduler's beat;
 records go to a thread. The event loop itself only waits. A changed site file is taken over while
 all this runs, device by device.
@@ -13,17 +13,17 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from functools import partial
 
-from fieldlink.daemon.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.assembly import Assembly
-from fieldlink.daemon.clock_watch import CHECK_EVERY, ClockWatch
-from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.outcomes import WritebackOutcome
-from fieldlink.daemon.pool import EstimatorPool, PoolReport, PoolSettings
+from fieldlink.daemon.estimation.pool import EstimatorPool, PoolReport, PoolSettings
 from fieldlink.daemon.reload import FileWatch, SiteChange
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.accounts import ACCOUNT_EVERY, SlotAccounts
+from fieldlink.daemon.sampling.clock_watch import CHECK_EVERY, ClockWatch
+from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.daemon.sampling.tasks import DeviceTasks, spawn, wait_for
 from fieldlink.daemon.schedule import Schedule
 from fieldlink.daemon.settings import pool_settings_of, retention_of
-from fieldlink.daemon.status import DaemonStatus
-from fieldlink.daemon.tasks import DeviceTasks, spawn, wait_for
+from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
 from fieldlink.site import Site, load_site

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.exchange import Exchange
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
-from fieldlink.daemon.writeback import WriteBack
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.exchange_io import Exchange
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.writer import WriteBack
 from fieldlink.links import LinkError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import WRITTEN_PARTS, ModbusLink, ModbusSettings

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import tests.daemon.live
-from fieldlink.daemon.estimating import Findings, Interval
+from fieldlink.daemon.estimation.estimating import Findings, Interval
 from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.daemon.bench import Bench, benches

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.exchange import Exchange
-from fieldlink.daemon.outcomes import WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.exchange_io import Exchange
+from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.registers import (
     Bank,
     BlockReader,

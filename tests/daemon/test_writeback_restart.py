@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.registers import (
     BLOCK_REGISTERS,
     ExchangeLayout,

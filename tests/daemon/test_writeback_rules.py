@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.outcomes import WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.links.modbus import WRITTEN_PARTS
 from fieldlink.registers import (
     ExchangeLayout,

@@ -24,7 +24,7 @@ from fieldlink.daemon import (
     LoopStatus,
     WritebackOutcome,
 )
-from fieldlink.daemon.pipeline import LoopCounts
+from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.links import LinkState
 from fieldlink.store import StoreReport
 from fieldlink.web import render_metrics

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fieldlink.daemon.estimating import Estimate
-from fieldlink.daemon.lateness import LatenessReport
-from fieldlink.daemon.outcomes import Attempt
-from fieldlink.daemon.pipeline import LoopCounts
-from fieldlink.daemon.pool import PoolReport
+from fieldlink.daemon.estimation.estimating import Estimate
+from fieldlink.daemon.estimation.pool import PoolReport
+from fieldlink.daemon.sampling.lateness import LatenessReport
+from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.links import LinkState
 from fieldlink.store import SampleRecord, StoreReport
 

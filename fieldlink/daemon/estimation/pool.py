@@ -25,14 +25,14 @@ from typing import ParamSpec, TypeVar
 
 import structlog
 
-from fieldlink.daemon.estimating import (
+from fieldlink.daemon.estimation.estimating import (
     Estimate,
     EstimateOutcome,
     EstimateRequest,
     estimate,
     warm_up,
 )
-from fieldlink.daemon.priority import stand_back
+from fieldlink.daemon.estimation.priority import stand_back
 
 __all__ = ["EstimatorPool", "PoolReport", "PoolSettings"]
 
@@ -201,7 +201,7 @@ def _context() -> multiprocessing.context.BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["fieldlink.daemon.preloaded"])
+    context.set_forkserver_preload(["fieldlink.daemon.estimation.preloaded"])
     return context
 
 

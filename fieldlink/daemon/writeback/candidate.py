@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fieldlink.daemon.estimating import Findings, Interval
+from fieldlink.daemon.estimation.estimating import Findings, Interval
 from fieldlink.registers import Bounded, ParameterBlock, Status, Verdict
 
 __all__ = ["Agreement", "Candidate"]

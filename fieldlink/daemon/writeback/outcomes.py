@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from fieldlink.daemon.candidate import Candidate
+from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.registers import Bank, ParameterBlock
 from fieldlink.store import WritebackRecord
 

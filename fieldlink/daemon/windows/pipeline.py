@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from fieldlink.daemon.clock_watch import ClockWatch
-from fieldlink.daemon.estimating import EstimateRequest
-from fieldlink.daemon.placing import BeatPlacer, CounterPlacer, Place, Placer
-from fieldlink.daemon.window import LoopSample, Window
+from fieldlink.daemon.estimation.estimating import EstimateRequest
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place, Placer
+from fieldlink.daemon.windows.window import LoopSample, Window
 from fieldlink.links import Quality, Reading, Scan
 from fieldlink.registers import Tag
 from fieldlink.site import Loop, Site

@@ -19,11 +19,11 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from fieldlink.daemon.candidate import Agreement, Candidate
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.exchange import ControlWords, Exchange
-from fieldlink.daemon.handover import Handover
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.candidate import Agreement, Candidate
+from fieldlink.daemon.writeback.exchange_io import ControlWords, Exchange
+from fieldlink.daemon.writeback.handover import Handover
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.links import LinkError
 from fieldlink.registers import (
     ACCEPTED,

@@ -16,9 +16,9 @@ from contextlib import asynccontextmanager
 
 import structlog
 
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.tasks import spawn
 from fieldlink.daemon.service import Daemon
-from fieldlink.daemon.status import DaemonStatus
-from fieldlink.daemon.tasks import spawn
 
 __all__ = ["Notifier", "supervised"]
 

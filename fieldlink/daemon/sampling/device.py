@@ -12,16 +12,16 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import TypeVar
 
-from fieldlink.daemon.clock_watch import ClockWatch
-from fieldlink.daemon.estimating import Estimate
-from fieldlink.daemon.exchange import Exchange
-from fieldlink.daemon.journal import Journal
-from fieldlink.daemon.lateness import Lateness
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
-from fieldlink.daemon.pipeline import LoopPipeline
+from fieldlink.daemon.estimation.estimating import Estimate
 from fieldlink.daemon.reload import same_samples
-from fieldlink.daemon.status import DeviceStatus, LoopStatus
-from fieldlink.daemon.writeback import WriteBack
+from fieldlink.daemon.reporting.journal import Journal
+from fieldlink.daemon.reporting.status import DeviceStatus, LoopStatus
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.lateness import Lateness
+from fieldlink.daemon.windows.pipeline import LoopPipeline
+from fieldlink.daemon.writeback.exchange_io import Exchange
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.writer import WriteBack
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import (
     CountingLink,

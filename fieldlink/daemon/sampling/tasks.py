@@ -9,7 +9,7 @@ import asyncio
 import math
 from collections.abc import Coroutine
 
-from fieldlink.daemon.device import DeviceRunner
+from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.links import Clock
 
 __all__ = ["DeviceTasks", "spawn", "wait_for"]

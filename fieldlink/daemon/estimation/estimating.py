@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
-from fieldlink.daemon.window import WindowData
+from fieldlink.daemon.windows.window import WindowData
 from fieldlink.store import EstimateRecord
 from loop_model import LoopModel
 

@@ -11,8 +11,8 @@ from concurrent.futures import Future
 
 import structlog
 
-from fieldlink.daemon.estimating import Estimate, EstimateOutcome
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.links import Clock
 from fieldlink.store import EventRecord, Record, SampleRecord
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
-from fieldlink.daemon.candidate import Candidate
-from fieldlink.daemon.exchange import ControlWords, Exchange
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.candidate import Candidate
+from fieldlink.daemon.writeback.exchange_io import ControlWords, Exchange
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.links import LinkError
 from fieldlink.registers import Bank, ParameterBlock, commit_word, is_newer, next_seq
 from fieldlink.store import WritebackRecord

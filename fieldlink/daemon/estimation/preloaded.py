@@ -10,11 +10,11 @@ from __future__ import annotations
 import gc
 
 import estimator
-import fieldlink.daemon.estimating
+import fieldlink.daemon.estimation.estimating
 
 __all__ = ["SHARED"]
 
-SHARED = (estimator, fieldlink.daemon.estimating)
+SHARED = (estimator, fieldlink.daemon.estimation.estimating)
 
 gc.collect()
 gc.freeze()
