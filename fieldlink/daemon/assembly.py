@@ -87,6 +87,7 @@ class Assembly:
         """Close every link."""
         for runner in self.runners.values():
             await runner.link.close()
+        self.journal.summarize(at_the_end=True)
 
     def runner_of(self, loop: str) -> DeviceRunner | None:
         """Return the runner of a loop; None when the site has no such loop any more."""
@@ -124,4 +125,5 @@ class Assembly:
             clock_steps=0 if self._watch is None else self._watch.steps,
             reloads=reloads,
             refused=refused,
+            defects=self.journal.defects,
         )

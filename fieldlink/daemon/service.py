@@ -187,6 +187,8 @@ class Daemon:
                 task.cancel()
             await asyncio.gather(warming, *watching, return_exceptions=True)
             await self._end(self._devices.values(), self._judging)
+            for tasks in self._devices.values():
+                tasks.account_for_open_slots()
             self._account(accounts)
             schedule.stop()
             self._failed.cancel()
@@ -244,6 +246,7 @@ class Daemon:
     async def _watch_clock(self, schedule: Schedule) -> None:
         while True:
             await asyncio.sleep(CHECK_EVERY)
+            self._assembly.journal.summarize()
             step = self._clock_watch.look()
             if step == 0.0:
                 continue
@@ -313,7 +316,10 @@ class Daemon:
 
     def _do(self, work: Callable[..., None], *arguments: object) -> Callable[[], Awaitable[None]]:
         async def job() -> None:
-            work(*arguments)
+            try:
+                work(*arguments)
+            except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
+                self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
 
@@ -337,6 +343,8 @@ class Daemon:
                 now_with = self._assembly.runner_of(loop)
                 if now_with is not None:
                     now_with.accept(estimate)
+            except Exception as error:  # noqa: BLE001  (told; the other loops go on)
+                self._assembly.journal.defect(loop, error, "this estimate is left out")
             finally:
                 self._judging.discard(task)
 

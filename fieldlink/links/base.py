@@ -43,6 +43,8 @@ class Quality(Enum):
     QUARANTINED = (5, "the register answered with an exception and is left out for a while")
     INVALID = (7, "the register holds the value that the map declares to mean invalid")
     NOT_DUE = (8, "not asked for in this scan: its loop has a longer period than others")
+    NO_COUNT = (9, "the cycle counter holds no count: check its type and its word order in the map")
+    LATE = (10, "asked for so late that the value is not of its slot: look at the lateness metric")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
     def __init__(self, code: int, advice: str) -> None:

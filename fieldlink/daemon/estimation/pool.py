@@ -15,7 +15,6 @@ import os
 import signal
 import sys
 import threading
-import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -33,6 +32,7 @@ from fieldlink.daemon.estimation.estimating import (
     warm_up,
 )
 from fieldlink.daemon.estimation.priority import stand_back
+from fieldlink.daemon.reporting.defects import describe_defect
 
 __all__ = ["EstimatorPool", "PoolReport", "PoolSettings"]
 
@@ -245,9 +245,7 @@ def _bounded(
     except MemoryError as error:
         return Estimate.failed(request, EstimateOutcome.OUT_OF_MEMORY, str(error) or "no memory")
     except Exception as error:  # noqa: BLE001  (it is reported; the daemon must not end by it)
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{frame.filename}:{frame.lineno} in {frame.name}"
-        return Estimate.failed(request, EstimateOutcome.FAILED, f"{error!r} at {where}")
+        return Estimate.failed(request, EstimateOutcome.FAILED, describe_defect(error))
     finally:
         faulthandler.cancel_dump_traceback_later()
 

@@ -1,7 +1,7 @@
 """What happens is said once and kept: a log line for people, a record for the store.
 
 Events are for changes, not for states: a device that is silent for a day is two lines, not a line a
-second.
+second. What changes all the time is summed up once a minute (`event_limit`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from concurrent.futures import Future
 import structlog
 
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome
+from fieldlink.daemon.reporting.defects import describe_defect
+from fieldlink.daemon.reporting.event_limit import EventLimit
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.links import Clock
 from fieldlink.store import EventRecord, Record, SampleRecord
@@ -43,6 +45,9 @@ class Journal:
         clock: gives the time of day.
         keep: takes a record and promises that it will be stored; None where nothing has to outlive
             the process, as in a simulation.
+
+    Attributes:
+        defects: errors met that the program does not foresee.
     """
 
     def __init__(
@@ -54,6 +59,9 @@ class Journal:
         self._put = put
         self._clock = clock
         self._keep = keep
+        self._limit = EventLimit(clock)
+        self._defects: dict[str, str] = {}
+        self.defects = 0
 
     def sample(self, record: SampleRecord) -> None:
         """Store a sample."""
@@ -109,10 +117,37 @@ class Journal:
         return kept
 
     def event(self, kind: str, source: str, message: str, *, bad: bool = False) -> None:
-        """Log and store something that happened to ``source``."""
-        self._put(self.event_record(kind, source, message))
-        (_log.warning if bad else _log.info)(kind, source=source, message=message)
+        """Log and store something that happened to ``source``, unless that happens all the time."""
+        if self._limit.admits(kind, source, message):
+            self._tell(kind, source, message, bad=bad)
+
+    def summarize(self, *, at_the_end: bool = False) -> None:
+        """Tell how many events were held back, where a minute or the run is over."""
+        for summary in self._limit.summaries(at_the_end=at_the_end):
+            self._tell(summary.kind, summary.source, summary.message, bad=True)
+
+    def defect(self, source: str, error: Exception, consequence: str) -> str:
+        """Count an error that nobody foresaw, and tell it once for each source and cause.
+
+        Args:
+            source: the device, loop or job in whose work it was met.
+            error: what was raised.
+            consequence: what is done about it, as the end of a sentence.
+
+        Returns:
+            The error and its place in one line.
+        """
+        self.defects += 1
+        found = describe_defect(error)
+        if self._defects.get(source) != found:
+            self._defects[source] = found
+            self.event("defect", source, f"{found}; {consequence}; please report it", bad=True)
+        return found
 
     def event_record(self, kind: str, source: str, message: str) -> EventRecord:
         """Return an event that happens now."""
         return EventRecord(round(self._clock.utc() * 1000.0), kind, source, message)
+
+    def _tell(self, kind: str, source: str, message: str, *, bad: bool) -> None:
+        self._put(self.event_record(kind, source, message))
+        (_log.warning if bad else _log.info)(kind, source=source, message=message)

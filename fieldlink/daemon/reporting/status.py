@@ -86,6 +86,7 @@ class DaemonStatus:
         pool: what the estimator's processes have done.
         clock_steps: times the wall clock was seen to step.
         reloads: site files taken over while running; refused: those that were wrong.
+        defects: errors met that the program does not foresee; the log tells where.
     """
 
     devices: Mapping[str, DeviceStatus]
@@ -95,6 +96,7 @@ class DaemonStatus:
     clock_steps: int = 0
     reloads: int = 0
     refused: int = 0
+    defects: int = 0
 
     @property
     def pool_rebuilt(self) -> int:

@@ -121,12 +121,31 @@ class DeviceRunner:
         self._requests += scan.requests
         self._watch(scan)
         for pipeline in self.pipelines.values():
-            record = pipeline.take(scan, now, due)
-            if record is not None:
-                self._journal.sample(record)
-                if record.late_ms is not None:
-                    self.lateness.note(0.001 * record.late_ms)
-            self._watch_loop(pipeline, now, sampled=record is not None)
+            try:
+                self._take(pipeline, scan, now, due)
+            except Exception as error:  # noqa: BLE001  (told; the other loops go on)
+                self._journal.defect(pipeline.name, error, "this sample of the loop is left out")
+
+    def note_defect(self, error: Exception, now: float) -> None:
+        """Demote the device for an error in a poll that nobody foresaw; it is polled again.
+
+        Args:
+            error: what was raised.
+            now: the plant second at which the poll was due.
+        """
+        self._now = now
+        self._failures += 1
+        self._state = LinkState.DEMOTED
+        self._last_failure = self._journal.defect(
+            self.name, error, "the device is demoted and polled again, the others go on"
+        )
+        for pipeline in self.pipelines.values():
+            pipeline.pass_by(now)
+
+    def account_for_open_slots(self, now: float) -> None:
+        """Count what has not come by plant second ``now`` as missed: nothing more will come."""
+        for pipeline in self.pipelines.values():
+            pipeline.pass_by(now, grace=0.0)
 
     def accept(self, estimate: Estimate) -> None:
         """Take over an estimate of one of the loops: say it, and hand it to the write-back."""
@@ -150,6 +169,8 @@ class DeviceRunner:
                 looked = await writeback.service(now)
             except LinkError as error:
                 self._note_service(loop, str(error))
+            except Exception as error:  # noqa: BLE001  (told; the other loops go on)
+                self._journal.defect(loop, error, "the loop's write-back is tried again")
             else:
                 if looked:
                     self._note_service(loop, "")
@@ -219,6 +240,16 @@ class DeviceRunner:
             before, after = old._writebacks.get(loop), self._writebacks.get(loop)
             if before is not None and after is not None:
                 after.inherit(before)
+
+    def _take(
+        self, pipeline: LoopPipeline, scan: Scan, now: float, due: float | None = None
+    ) -> None:
+        record = pipeline.take(scan, now, due)
+        if record is not None:
+            self._journal.sample(record)
+            if record.late_ms is not None:
+                self.lateness.note(0.001 * record.late_ms)
+        self._watch_loop(pipeline, now, sampled=record is not None)
 
     def _watch(self, scan: Scan) -> None:
         self._failures += len(scan.failures)

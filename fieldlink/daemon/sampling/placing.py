@@ -18,6 +18,10 @@ __all__ = ["BeatPlacer", "CounterPlacer", "Place", "Placed", "Placer"]
 CATCH_UP = 500.0
 """Counts that a controller may catch up between two polls."""
 
+LARGEST_COUNT = 2.0**53
+"""Beyond it a double cannot tell one count from the next, and no controller has counted so far: at
+a thousand cycles a second it takes 285,000 years. Such a count is that of another type or order."""
+
 
 class Place(Enum):
     """What a sample turned out to be."""
@@ -25,6 +29,7 @@ class Place(Enum):
     NEXT = "a new sample"
     DUPLICATE = "a sample that is in the window already"
     RESTARTED = "a new sample after the controller's counter began anew; the gap is estimated"
+    NO_COUNT = "a sample whose counter holds no count: placed by the clock, to be marked bad"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +88,8 @@ class CounterPlacer:
     def __init__(self, period: float, modulus: float = math.inf) -> None:
         self._period = period
         self._modulus = modulus
-        self._last: tuple[float, float] | None = None
+        self._at: float | None = None
+        self._count: float | None = None
         self._slot = 0
 
     def place(self, now: float, counter: float) -> Placed:
@@ -93,20 +99,33 @@ class CounterPlacer:
         anew: then the gap is as long as the time that went by. A controller that stood still for a
         moment and catches up is no restart, its counts are the truth.
         """
-        if self._last is None:
-            self._last = (now, counter)
-            self._slot = round(counter)
+        if not abs(counter) <= LARGEST_COUNT:
+            return self._place_by_clock(now)
+        then, before = self._at, self._count
+        if then is None:
+            self._at, self._count, self._slot = now, counter, round(counter)
             return Placed(self._slot, Place.NEXT)
-        then, before = self._last
-        step = counter - before
-        if math.isfinite(self._modulus):
+        elapsed = (now - then) / self._period
+        # Without a count before, it is as if the counter had begun anew.
+        step = math.inf if before is None else counter - before
+        if before is not None and math.isfinite(self._modulus):
             step %= self._modulus
         if step == 0:
             return Placed(self._slot, Place.DUPLICATE)
-        self._last = (now, counter)
-        elapsed = (now - then) / self._period
+        self._at, self._count = now, counter
         if 0 < step <= max(2.0 * elapsed, CATCH_UP):
             self._slot += round(step)
             return Placed(self._slot, Place.NEXT)
         self._slot += max(1, round(elapsed))
         return Placed(self._slot, Place.RESTARTED)
+
+    def _place_by_clock(self, now: float) -> Placed:
+        if self._at is None:
+            self._at = now
+            return Placed(self._slot, Place.NO_COUNT)
+        passed = math.floor((now - self._at) / self._period + 1e-3)
+        if passed < 1:
+            return Placed(self._slot, Place.DUPLICATE)
+        self._at, self._count = self._at + passed * self._period, None
+        self._slot += passed
+        return Placed(self._slot, Place.NO_COUNT)

@@ -48,6 +48,11 @@ class DeviceTasks:
         """Begin nothing more; what is under way may be waited for in ``running``."""
         self._ending.set()
 
+    def account_for_open_slots(self) -> None:
+        """Count what has not come up to now as missed; to be called when the tasks have ended."""
+        elapsed = self._clock.monotonic() - self.begin
+        self.runner.account_for_open_slots(elapsed * self.runner.speed)
+
     @property
     def stuck(self) -> bool:
         """Whether the polling task has not had its turn for much too long."""
@@ -63,7 +68,10 @@ class DeviceTasks:
         slot = max(0, math.ceil((clock.monotonic() - self.begin) / beat))
         while not await wait_for(self._ending, self.begin + slot * beat - clock.monotonic()):
             self._turn = clock.monotonic()
-            await runner.poll(slot * period, self.begin + slot * beat)
+            try:
+                await runner.poll(slot * period, self.begin + slot * beat)
+            except Exception as error:  # noqa: BLE001  (told; the other devices go on)
+                runner.note_defect(error, slot * period)
             self._polled.set()
             reached = math.floor((clock.monotonic() - self.begin) / beat)
             following = max(slot + 1, reached)

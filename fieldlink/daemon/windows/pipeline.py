@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
-from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place, Placer
+from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
 from fieldlink.daemon.windows.window import LoopSample, Window
-from fieldlink.links import Quality, Reading, Scan
+from fieldlink.links import Quality, Scan
 from fieldlink.registers import Tag
 from fieldlink.site import Loop, Site
 from fieldlink.store import SampleRecord
@@ -21,6 +21,14 @@ __all__ = ["LoopCounts", "LoopPipeline"]
 
 LATE_SHARE = 0.1
 """Share of a period by which a reply may come later than due and still be in time."""
+
+LATEST_START = 0.25
+"""Share of a period by which a poll may begin late where samples are placed by the clock: what is
+read then is three times nearer to its own slot than to the next. Later it is marked bad."""
+
+GRACE = 3.0
+"""Periods without a sample after which its open slots count as missed: a controller whose cycles
+are a little longer than the period of the site file misses none of its own."""
 
 _NOT_THERE = frozenset(
     {Quality.NOT_READ, Quality.NOT_DUE, Quality.QUARANTINED, Quality.UNKNOWN_TAG}
@@ -32,7 +40,8 @@ class LoopCounts:
     """What became of a loop's samples; ``expected = read + bad + missed``.
 
     Attributes:
-        expected: slots from the first to the last sample.
+        expected: slots from the first poll on, by the controller's count where there is one, and
+            by the clock while no samples come.
         read: slots filled with good OP and PV.
         bad: slots filled with a value of bad quality.
         missed: slots left empty.
@@ -80,6 +89,9 @@ class LoopPipeline:
         )
         self._every = max(1, round(loop.estimate_period / loop.period))
         self._estimated_at: int | None = None
+        self._latest_start = LATEST_START * loop.period / speed
+        self._sampled_at: float | None = None
+        self._open = 0
         self.counts = LoopCounts()
         self.latest: SampleRecord | None = None
 
@@ -124,22 +136,17 @@ class LoopPipeline:
         Returns:
             What to store; None when the scan has nothing new of this loop.
         """
-        op, pv = scan[self.loop.op], scan[self.loop.pv]
-        if op.quality in _NOT_THERE or pv.quality in _NOT_THERE:
+        placed = self._place(scan, now)
+        if placed is None:
+            if due is not None:
+                self.pass_by(now)
             return None
-        counter = 0.0
-        if self.loop.scan is not None:
-            reading = scan[self.loop.scan]
-            if not reading.good:
-                return None
-            counter = reading.value
-        placed = self._placer.place(now, counter)
-        if placed.place is Place.DUPLICATE:
-            self.counts = replace(self.counts, duplicates=self.counts.duplicates + 1)
-            return None
-        sample = self._sample(scan, op, pv)
-        skipped = self._window.put(placed.slot, sample)
+        sample = self._sample(scan, self._worst(scan, placed.place, due))
+        # What the clock has counted as missed already is not counted again.
+        skipped = max(0, self._window.put(placed.slot, sample) - self._open)
+        self._sampled_at, self._open = now, 0
         good = sample.quality == 0
+        pv = scan[self.loop.pv]
         late = None if due is None else max(0.0, pv.monotonic - due)
         # Written out: it runs for every sample of every loop.
         counts = self.counts
@@ -155,6 +162,25 @@ class LoopPipeline:
         steps = 0 if self._watch is None else self._watch.stretch_of(pv.utc - pv.monotonic)
         self.latest = self._record(placed.slot, sample, late, steps)
         return self.latest
+
+    def pass_by(self, now: float, grace: float = GRACE) -> None:
+        """Count slots that stay open as missed, although no sample has come that ends the gap.
+
+        Args:
+            now: plant seconds.
+            grace: periods that may pass without a sample; 0 when none will come any more.
+        """
+        if self._sampled_at is None:
+            self._sampled_at = now - self.loop.period
+        periods = (now - self._sampled_at) / self.loop.period
+        # A slot counts when it is overdue: by half a period at the end, before that by a whole one.
+        overdue = math.floor(periods - (1.0 if grace else 0.5) + 1e-3)
+        if periods > grace and overdue > self._open:
+            more, self._open = overdue - self._open, overdue
+            counts = self.counts
+            self.counts = replace(
+                counts, expected=counts.expected + more, missed=counts.missed + more
+            )
 
     def restart_window(self) -> None:
         """Begin a new window: the loop's controller is another one from here on.
@@ -175,14 +201,44 @@ class LoopPipeline:
             settings.confidence,
         )
 
-    def _sample(self, scan: Scan, op: Reading, pv: Reading) -> LoopSample:
+    def _place(self, scan: Scan, now: float) -> Placed | None:
+        """Return the slot of what a scan has of the loop; None when it has nothing new."""
+        if self._sampled_at is None:
+            self._sampled_at = now - self.loop.period
+        op, pv = scan[self.loop.op], scan[self.loop.pv]
+        if op.quality in _NOT_THERE or pv.quality in _NOT_THERE:
+            return None
+        counter = 0.0
+        if self.loop.scan is not None:
+            reading = scan[self.loop.scan]
+            if not reading.good:
+                return None
+            counter = reading.value
+        placed = self._placer.place(now, counter)
+        if placed.place is Place.DUPLICATE:
+            self.counts = replace(self.counts, duplicates=self.counts.duplicates + 1)
+            return None
+        return placed
+
+    def _worst(self, scan: Scan, place: Place, due: float | None) -> Quality:
+        """Return what the sample is worth: a moment that is not its slot's is as bad as a value."""
+        if place is Place.NO_COUNT:
+            return Quality.NO_COUNT
+        if due is not None and self.loop.scan is None and scan.monotonic - due > self._latest_start:
+            return Quality.LATE
+        op, pv = scan[self.loop.op].quality, scan[self.loop.pv].quality
+        return op if op.code > pv.code else pv
+
+    def _sample(self, scan: Scan, worst: Quality) -> LoopSample:
         sp = math.nan if self.loop.sp is None else scan[self.loop.sp].value
         auto = math.nan
         if self.loop.mode is not None:
             mode = scan[self.loop.mode]
             auto = float(mode.value in self.loop.auto_values) if mode.good else math.nan
-        quality = max(op.quality.code, pv.quality.code)
-        return LoopSample(op.value, pv.value, sp, auto, pv.utc, quality)
+        op, pv = scan[self.loop.op], scan[self.loop.pv]
+        misplaced = worst in (Quality.NO_COUNT, Quality.LATE)
+        values = (math.nan, math.nan) if misplaced else (op.value, pv.value)
+        return LoopSample(*values, sp, auto, pv.utc, worst.code)
 
     def _record(
         self, slot: int, sample: LoopSample, late: float | None, clock_steps: int

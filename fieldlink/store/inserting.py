@@ -1,0 +1,68 @@
+"""Putting records into tables, and what a failure to do so means."""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+
+from sqlalchemy import Engine, insert
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
+
+from fieldlink.store.damage import is_corruption
+from fieldlink.store.records import Record
+
+__all__ = ["Refusals", "insert_batch", "may_pass"]
+
+TELL_EVERY = 60.0
+"""Seconds between two messages about records that are refused for the same cause."""
+
+MOST_CAUSES = 100
+"""Causes that are remembered."""
+
+
+def insert_batch(engine: Engine, batch: Sequence[Record]) -> int:
+    """Insert all of ``batch`` in one transaction and return how many records that were."""
+    by_table = defaultdict(list)
+    for record in batch:
+        by_table[record.table].append(record.row())
+    with engine.begin() as connection:
+        for table, rows in by_table.items():
+            connection.execute(insert(table), rows)
+    return len(batch)
+
+
+def may_pass(error: SQLAlchemyError) -> bool:
+    """Whether waiting may cure it: locked, full, unplugged, a server that is being restarted.
+
+    A table or column that is missing is an operational error of SQLite, too, and stays missing.
+    """
+    if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_ERROR:
+        return False
+    if isinstance(error, OperationalError | InterfaceError):
+        return True
+    return is_corruption(error) or (isinstance(error, DBAPIError) and error.connection_invalidated)
+
+
+class Refusals:
+    """Counts records that the database will never take, by cause."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, tuple[float, int]] = {}
+
+    def note(self, cause: str, records: int) -> int:
+        """Count refused records.
+
+        Returns:
+            How many to tell of: all since the last time, or 0 when that was less than a minute ago.
+        """
+        now = time.monotonic()
+        if cause not in self._told and len(self._told) >= MOST_CAUSES:
+            self._told.clear()
+        before, waiting = self._told.get(cause, (None, 0))
+        if before is not None and now - before < TELL_EVERY:
+            self._told[cause] = before, waiting + records
+            return 0
+        self._told[cause] = now, 0
+        return waiting + records
