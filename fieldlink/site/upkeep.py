@@ -54,7 +54,7 @@ class WebSettings(Model):
     enabled: bool = True
     """Whether the daemon answers HTTP at all."""
     host: str = "127.0.0.1"
-    """Address to bind; other machines reach it only with a token or TLS."""
+    """Address to bind; other machines reach it only with a token and TLS."""
     port: int = Field(default=9480, ge=0, le=0xFFFF)
     """TCP port; 0 picks a free one."""
     token_file: Path | None = None
@@ -76,10 +76,11 @@ class WebSettings(Model):
     def _guarded(self) -> Self:
         if (self.tls_certificate is None) != (self.tls_key is None):
             raise ValueError("tls_certificate and tls_key belong together; give both or neither")
-        guarded = self.token_file is not None or self.tls_certificate is not None
+        guarded = self.token_file is not None and self.tls_certificate is not None
         if self.enabled and not self.is_local and not guarded:
             raise ValueError(
-                f"host = {self.host!r} lets other machines in; add a token_file or a "
-                'tls_certificate with its tls_key, or bind to "127.0.0.1"'
+                f'host = "{self.host}" lets other machines in; add a token_file and a '
+                "tls_certificate with its tls_key (without TLS the token can be read on the way), "
+                'or bind to "127.0.0.1"'
             )
         return self

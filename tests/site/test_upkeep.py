@@ -11,13 +11,14 @@ from fieldlink.site.upkeep import HistorianSettings, WebSettings
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.7", "::", "plc-gateway"])
-def test_other_machines_need_a_token_or_tls(host: str) -> None:
-    with pytest.raises(ValidationError, match="lets other machines in"):
-        WebSettings(host=host)
-    assert WebSettings(host=host, enabled=False).host == host
-    assert not WebSettings(host=host, token_file="token").is_local  # type: ignore[arg-type]
+def test_other_machines_need_a_token_and_tls(host: str) -> None:
+    token: dict[str, Any] = {"token_file": "token"}
     tls: dict[str, Any] = {"tls_certificate": "a.pem", "tls_key": "b.pem"}
-    assert not WebSettings(host=host, **tls).is_local
+    for too_little in ({}, token, tls):
+        with pytest.raises(ValidationError, match="lets other machines in"):
+            WebSettings(host=host, **too_little)
+    assert WebSettings(host=host, enabled=False).host == host
+    assert not WebSettings(host=host, **token, **tls).is_local
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
