@@ -6,11 +6,13 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
 from fieldlink.daemon.estimation.pool import PoolReport
+from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.links import Clock, Link, open_link
 from fieldlink.site import Site
 from fieldlink.store import Record, StoreReport, WritebackRecord
@@ -32,6 +34,7 @@ class Assembly:
         live: whether the clock goes by itself.
         links: makes the link of each device.
         watch: knows how the wall clock has stepped; None where none does.
+        identity: of this installation; None where it has none.
         keep: see `Journal`.
     """
 
@@ -45,6 +48,7 @@ class Assembly:
         live: bool = True,
         links: OpenLink = open_link,
         watch: ClockWatch | None = None,
+        identity: int | None = None,
         keep: Callable[[Record], Future[bool]] | None = None,
     ) -> None:
         self.journal = Journal(put, clock, keep)
@@ -53,6 +57,9 @@ class Assembly:
         self._live = live
         self._links = links
         self._watch = watch
+        self._identity = identity
+        # By the loop's name: a loop that comes back after a change of the site goes on counting.
+        self._numbers: dict[str, SequenceNumbers] = {}
         used = dict.fromkeys(loop.device for loop in site.loops.values())
         self.runners = {name: self.runner(site, name) for name in used}
 
@@ -63,16 +70,18 @@ class Assembly:
             name,
             self._links(site, name, self._clock),
             self.journal,
+            numbers=self._numbers,
+            identity=self._identity,
             read_only=self._read_only,
             live=self._live,
             watch=self._watch,
         )
 
     def resume(self, unfinished: Mapping[str, WritebackRecord]) -> None:
-        """Let the write-backs find out what became of blocks that a process before had begun."""
+        """Let the write-backs go on after the last blocks that a process before has recorded."""
         for loop, record in unfinished.items():
-            if (runner := self.runner_of(loop)) is not None:
-                runner.resume(loop, record)
+            if (found := self.loop(loop)) is not None:
+                found.resume(record)
 
     async def open(self) -> None:
         """Open every link.
@@ -89,19 +98,24 @@ class Assembly:
             await runner.link.close()
         self.journal.summarize(at_the_end=True)
 
-    def runner_of(self, loop: str) -> DeviceRunner | None:
+    def loop(self, name: str) -> LoopRunner | None:
         """Return the runner of a loop; None when the site has no such loop any more."""
+        runner = self.runner_of(name)
+        return None if runner is None else runner.loops[name]
+
+    def runner_of(self, loop: str) -> DeviceRunner | None:
+        """Return the runner of a loop's device; None when the site has no such loop any more."""
         for runner in self.runners.values():
-            if loop in runner.pipelines:
+            if loop in runner.loops:
                 return runner
         return None
 
     def counts(self) -> dict[str, LoopCounts]:
         """Return what became of every loop's samples."""
         return {
-            loop: pipeline.counts
+            name: loop.pipeline.counts
             for runner in self.runners.values()
-            for loop, pipeline in runner.pipelines.items()
+            for name, loop in runner.loops.items()
         }
 
     def status(
@@ -116,9 +130,9 @@ class Assembly:
         return DaemonStatus(
             devices={name: runner.status() for name, runner in self.runners.items()},
             loops={
-                loop: runner.loop_status(loop)
+                name: loop.status(runner.name)
                 for runner in self.runners.values()
-                for loop in runner.pipelines
+                for name, loop in runner.loops.items()
             },
             store=store,
             pool=pool or PoolReport(),

@@ -128,9 +128,10 @@ class LockstepRun:
 
     async def _step(self, runner: DeviceRunner, now: float) -> None:
         await runner.poll(now)
-        for pipeline in runner.pipelines.values():
-            if pipeline.samples_until_estimate == 0:
-                runner.accept(await self._estimator.run(pipeline.request()))
+        for loop in runner.loops.values():
+            if loop.pipeline.samples_until_estimate == 0:
+                request = loop.request()
+                loop.accept(await self._estimator.run(request), request)
         await runner.service(now)
 
     def _put(self, record: Record) -> None:

@@ -1,9 +1,9 @@
 """The live daemon: polls on monotonic deadlines, judges windows, writes back, until told to stop.
 
-Every device has two tasks of its own (`fieldlink.daemon.sampling.tasks`), so a silent device delays nobody
-else and a slow write delays no poll. Windows are judged in other processes on the scheduler's beat;
-records go to a thread. The event loop itself only waits. A changed site file is taken over while
-all this runs, device by device.
+Every device has two tasks of its own (`fieldlink.daemon.sampling.tasks`), so a silent device delays
+nobody else and a slow write delays no poll. Windows are judged in other processes on the
+scheduler's beat; records go to a thread. The event loop itself only waits. A changed site file is
+taken over while all this runs, device by device.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.sampling.tasks import DeviceTasks, spawn, wait_for
 from fieldlink.daemon.schedule import Schedule
 from fieldlink.daemon.settings import pool_settings_of, retention_of
-from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
 from fieldlink.site import Site, load_site
-from fieldlink.store import Historian, HistorianSettings, StoreError, unfinished_writebacks
+from fieldlink.store import Historian, HistorianSettings, StoreError, last_blocks
 
 __all__ = ["Daemon"]
 
@@ -150,16 +149,13 @@ class Daemon:
         return self.status()
 
     async def _resume_writebacks(self) -> None:
-        """Take up the blocks that a daemon before this one began and whose end is not stored."""
-        open_ones = [outcome.code for outcome in WritebackOutcome if outcome.leaves_open]
+        """Go on after the last block of every loop: its number, and what is open about it."""
         try:
-            unfinished = await asyncio.to_thread(
-                unfinished_writebacks, self._site.historian_url, open_ones
-            )
+            last = await asyncio.to_thread(last_blocks, self._site.historian_url)
         except StoreError as error:
             self._assembly.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
         else:
-            self._assembly.resume(unfinished)
+            self._assembly.resume(last)
 
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
@@ -207,10 +203,9 @@ class Daemon:
         self._devices[runner.name] = tasks
         for task in tasks.running:
             task.add_done_callback(self._note_end)
-        for pipeline in runner.pipelines.values():
-            seconds = pipeline.loop.estimate_period / runner.speed
-            name = _job(pipeline.name)
-            schedule.every(seconds, name, partial(self._judge, schedule, pipeline.name))
+        for loop in runner.loops.values():
+            seconds = loop.spec.loop.estimate_period / runner.speed
+            schedule.every(seconds, _job(loop.name), partial(self._judge, schedule, loop.name))
 
     def _note_end(self, task: asyncio.Task[None]) -> None:
         """Let an error of a device's task end the daemon: going on without it would be silent."""
@@ -297,15 +292,16 @@ class Daemon:
         await self._end(leaving.values())
         for name, tasks in leaving.items():
             await tasks.runner.link.close()
-            for loop in tasks.runner.pipelines:
+            for loop in tasks.runner.loops:
                 schedule.remove(_job(loop))
             del self._assembly.runners[name]
         for name, runner in opened.items():
             self._assembly.runners[name] = runner
             begin = self._clock.monotonic()
             if (before := leaving.get(name)) is not None:
-                runner.inherit(before.runner)
-                begin = before.begin
+                runner.carry_over(before.runner)
+                if runner.speed == before.runner.speed:
+                    begin = before.begin
             self._begin(runner, begin, schedule)
         self._site = site
         self._reloads += 1
@@ -328,21 +324,23 @@ class Daemon:
             runner = self._assembly.runner_of(loop)
             if runner is None or self._stopping:
                 return
-            pipeline = runner.pipelines[loop]
-            missing = pipeline.samples_until_estimate
+            asking = runner.loops[loop]
+            missing = asking.pipeline.samples_until_estimate
             if missing:
-                schedule.postpone(_job(loop), missing * pipeline.loop.period / runner.speed)
+                period = asking.spec.loop.period
+                schedule.postpone(_job(loop), missing * period / runner.speed)
                 return
             task = asyncio.current_task()
             assert task is not None
             assert self._pool is not None
             self._judging.add(task)
             try:
-                estimate = await self._pool.run(pipeline.request())
-                # The site file may have been changed meanwhile.
-                now_with = self._assembly.runner_of(loop)
-                if now_with is not None:
-                    now_with.accept(estimate)
+                request = asking.request()
+                estimate = await self._pool.run(request)
+                # The site file may have been changed meanwhile: the runner of today decides.
+                answered = self._assembly.loop(loop)
+                if answered is not None:
+                    answered.accept(estimate, request)
             except Exception as error:  # noqa: BLE001  (told; the other loops go on)
                 self._assembly.journal.defect(loop, error, "this estimate is left out")
             finally:

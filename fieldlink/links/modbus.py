@@ -24,7 +24,7 @@ WRITE_LIMIT = 123
 COIL_WRITE_LIMIT = 1968
 """The most coils one FC15 request may write (same source)."""
 
-WRITTEN_PARTS = frozenset({"heartbeat", "commit", "bank_a", "bank_b"})
+WRITTEN_PARTS = frozenset({"heartbeat", "writer", "commit", "bank_a", "bank_b"})
 """The parts of an exchange area that are Fieldlink's to write; the others are the PLC's."""
 
 Ranges = tuple[tuple[int, int], ...]

@@ -11,6 +11,7 @@ __all__ = [
     "NOTHING_SEEN",
     "BlockError",
     "BlockFault",
+    "Refusal",
     "Status",
     "Verdict",
     "describe_ack",
@@ -76,6 +77,29 @@ class BlockFault(Enum):
     def from_code(cls, code: int) -> BlockFault | None:
         """Return the fault that an ``ack_result`` stands for; None for 0, 1 and unknown codes."""
         return next((fault for fault in cls if fault.code == code), None)
+
+
+class Refusal(Enum):
+    """Why a consumer does not use an accepted model; ``code`` is the PLC's ``ack_refusal``."""
+
+    WRONG_SIGN = (20, "the gain of the process has the wrong sign", "check OP's direction")
+    UNSTABLE = (21, "the process of the model is unstable", "let the loop be identified again")
+    PERIOD = (22, "the sampling period is not the scan period", "give loop and task one period")
+    RANGE = (23, "a parameter is outside what the controller accepts", "compare the ranges")
+    WORSE = (24, "given up: PV got worse", "let the loop be identified without compensation")
+    TRAVEL = (25, "given up: the valve travels too much", "look at the valve and its noise")
+    LEFT_RANGE = (26, "given up: the error left its known range", "look for a disturbance")
+    OTHER = (27, "given up by the operator or for another reason", "ask the operator")
+
+    def __init__(self, code: int, text: str, advice: str) -> None:
+        self.code = code
+        self.text = text
+        self.advice = advice
+
+    @classmethod
+    def from_code(cls, code: int) -> Refusal | None:
+        """Return the refusal that an ``ack_refusal`` stands for; None for 0 and unknown codes."""
+        return next((refusal for refusal in cls if refusal.code == code), None)
 
 
 class BlockError(FieldlinkError, ValueError):

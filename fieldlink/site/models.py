@@ -78,6 +78,10 @@ class ExchangeAddresses(Model):
     """Fieldlink: first register of bank A."""
     bank_b: Address
     """Fieldlink: first register of bank B."""
+    ack_refusal: Address | None = None
+    """PLC: why the consumer does not use the accepted model; may be left out."""
+    writer: Address | None = None
+    """Fieldlink: identity of the installation that writes; may be left out."""
 
 
 class WriteLimits(Model):
@@ -120,6 +124,9 @@ class WriteBack(Model):
     """Plant seconds after which the PLC stops using a block."""
     min_windows: int = Field(default=2, ge=1, le=0xFFFF)
     """Windows that must agree before a block is written."""
+    max_age: float | None = Field(default=None, gt=0)
+    """Plant seconds from the end of its window for which a finding may wait to be written; four
+    estimate periods unless given."""
 
     @property
     def exchange(self) -> ExchangeLayout | None:

@@ -36,13 +36,22 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class EstimateRequest:
-    """A window of a loop and how to judge it; see `estimator.identify`."""
+    """A window of a loop and how to judge it; see `estimator.identify`.
+
+    Attributes:
+        epoch: of the loop's runner that asks; a result for another epoch is dropped.
+        asked_at: the plant second of the request.
+        compensated: whether a block may have been in force during the window.
+    """
 
     loop: str
     window: WindowData
     period: float
     criterion: str = "auto"
     confidence: float = 0.9
+    epoch: int = 0
+    asked_at: float = 0.0
+    compensated: bool = False
 
 
 class EstimateOutcome(Enum):
@@ -90,6 +99,7 @@ class Findings:
         seconds: what it took.
         model: valve and process for a compensator, None when there is none.
         document: the whole result as ``fieldlink identify --json`` prints it.
+        uncertain: whether the estimator itself doubts the figures; they are not written then.
     """
 
     verdict: str
@@ -106,6 +116,7 @@ class Findings:
     seconds: float
     model: LoopModel | None
     document: Mapping[str, object]
+    uncertain: bool = False
 
     @classmethod
     def of(cls, result: Identification) -> Findings:

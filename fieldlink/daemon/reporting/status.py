@@ -11,6 +11,7 @@ from fieldlink.daemon.sampling.lateness import LatenessReport
 from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.links import LinkState
+from fieldlink.registers import ParameterBlock
 from fieldlink.store import SampleRecord, StoreReport
 
 __all__ = ["DaemonStatus", "DeviceStatus", "LoopStatus"]
@@ -31,6 +32,10 @@ class LoopStatus:
         attempts: write-back attempts and decisions; outcomes: how many came to what, by code.
         last_attempt: the newest one; last_accepted: the newest block that the PLC acknowledged.
         idle: plant seconds since the newest sample, or since the first poll.
+        dropped_estimates: estimates that came after the site file had changed.
+        waiting: what waits to be written, and why; None when nothing does.
+        refusal: why the PLC's controller does not use the accepted model; empty when it does.
+        block: the last block that the PLC acknowledges, as far as known.
     """
 
     device: str
@@ -45,6 +50,10 @@ class LoopStatus:
     last_accepted: Attempt | None
     outcomes: Mapping[str, int] = field(default_factory=dict)
     idle: float = 0.0
+    dropped_estimates: int = 0
+    waiting: str | None = None
+    refusal: str = ""
+    block: ParameterBlock | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from collections.abc import Coroutine
 
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.links import Clock
+from fieldlink.registers import HEARTBEAT_EVERY
 
 __all__ = ["DeviceTasks", "spawn", "wait_for"]
 
@@ -32,7 +33,6 @@ class DeviceTasks:
         self.begin = begin
         self._clock = clock
         self._ending = asyncio.Event()
-        self._polled = asyncio.Event()
         self._turn = clock.monotonic()
         self.running: tuple[asyncio.Task[None], ...] = ()
 
@@ -72,19 +72,20 @@ class DeviceTasks:
                 await runner.poll(slot * period, self.begin + slot * beat)
             except Exception as error:  # noqa: BLE001  (told; the other devices go on)
                 runner.note_defect(error, slot * period)
-            self._polled.set()
             reached = math.floor((clock.monotonic() - self.begin) / beat)
             following = max(slot + 1, reached)
             runner.late += following - slot - 1
             slot = following
 
     async def _service(self) -> None:
-        """Let the write-backs run after polls; one that is still at it skips some."""
-        while not self._ending.is_set():
-            if not await wait_for(self._polled, 1.0):
-                continue
-            self._polled.clear()
-            await self.runner.service((self._clock.monotonic() - self.begin) * self.runner.speed)
+        """Let the write-backs look on a beat of their own, whatever the polling period."""
+        clock, speed = self._clock, self.runner.speed
+        # Twice a heartbeat: a look that comes a little early waits for half a beat, not a whole.
+        beat = 0.5 * HEARTBEAT_EVERY / speed
+        turn = max(0, math.ceil((clock.monotonic() - self.begin) / beat))
+        while not await wait_for(self._ending, self.begin + turn * beat - clock.monotonic()):
+            await self.runner.service((clock.monotonic() - self.begin) * speed)
+            turn = max(turn + 1, math.floor((clock.monotonic() - self.begin) / beat))
 
 
 def spawn(work: Coroutine[object, object, None], name: str) -> asyncio.Task[None]:

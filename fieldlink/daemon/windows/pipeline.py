@@ -104,9 +104,16 @@ class LoopPipeline:
         counter = None if loop.scan is None else site.maps.get(loop.device, {}).get(loop.scan)
         return cls(name, loop, counter, speed, watch)
 
-    def resettle(self, loop: Loop) -> None:
-        """Go on with changed settings of estimation or write-back, and with the window."""
+    def resettle(self, loop: Loop, *, again: bool = False) -> None:
+        """Go on with changed settings of estimation or write-back, and with the window.
+
+        Args:
+            loop: the new settings.
+            again: ask for the last estimate once more, because its result will be dropped.
+        """
         self.loop = loop
+        if again:
+            self._estimated_at = None
         self._every = max(1, round(loop.estimate_period / loop.period))
 
     @property
@@ -189,8 +196,16 @@ class LoopPipeline:
         """
         self._window.restart()
 
-    def request(self) -> EstimateRequest:
-        """Return the window as a request to the estimator; the next one is due later."""
+    def request(
+        self, epoch: int = 0, now: float = 0.0, *, compensated: bool = False
+    ) -> EstimateRequest:
+        """Return the window as a request to the estimator; the next one is due later.
+
+        Args:
+            epoch: of the loop's runner.
+            now: the plant second.
+            compensated: whether a block may have been in force during the window.
+        """
         self._estimated_at = self._window.last_slot
         settings = self.loop.estimator
         return EstimateRequest(
@@ -199,6 +214,9 @@ class LoopPipeline:
             self.loop.period,
             settings.criterion,
             settings.confidence,
+            epoch,
+            now,
+            compensated,
         )
 
     def _place(self, scan: Scan, now: float) -> Placed | None:

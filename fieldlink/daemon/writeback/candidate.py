@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fieldlink.daemon.estimation.estimating import Findings, Interval
 from fieldlink.registers import Bounded, ParameterBlock, Status, Verdict
 
-__all__ = ["Agreement", "Candidate"]
+__all__ = ["Agreement", "Candidate", "findings_agree", "same_stick_band"]
 
 SAME_STICK_BAND = 0.1
 """Stick bands of two windows that differ by this share of the larger one count as the same."""
@@ -24,22 +24,71 @@ STATUS_OF_VERDICT = {
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Findings that wait to be written.
+    """What may be written: findings, or an operator's withdrawal.
 
     Attributes:
         findings: what the estimator said.
         end_utc: end of the window, seconds since 1970.
         windows: windows in a row that agree with it, itself included.
+        since: plant second of the window's end, from which its age counts.
+        compensated: whether a block may have been in force during the window.
+        withdrawal: the operator's reason; empty for findings.
     """
 
     findings: Findings
     end_utc: float
     windows: int
+    since: float = 0.0
+    compensated: bool = False
+    withdrawal: str = ""
 
     @property
     def status(self) -> Status:
         """What the block asks of its reader."""
+        if self.withdrawal:
+            return Status.WITHDRAWN
         return STATUS_OF_VERDICT[self.findings.verdict]
+
+    @classmethod
+    def to_withdraw(cls, reason: str, end_utc: float) -> Candidate:
+        """Return what withdraws the block that is there."""
+        unknown = Interval(math.nan, math.nan, math.nan)
+        nothing = Findings(
+            verdict="not_assessable",
+            reasons=(),
+            score=0.0,
+            stick_band=unknown,
+            slip_jump=unknown,
+            static_friction=unknown,
+            dynamic_friction=unknown,
+            confidence=0.9,
+            r2=0.0,
+            criterion="",
+            samples=0,
+            seconds=0.0,
+            model=None,
+            document={},
+        )
+        return cls(nothing, end_utc, 0, withdrawal=reason)
+
+    def agrees_with(self, block: ParameterBlock) -> bool:
+        """Whether a valid block says the same of the valve: see `same_stick_band`."""
+        if self.status is not Status.VALID or block.status is not Status.VALID:
+            return self.status is block.status
+        return same_stick_band(_bounded(self.findings.stick_band), block.stick_band)
+
+    def confirming(self, block: ParameterBlock) -> Candidate:
+        """Return the same with the valve and the process of a block: it is confirmed as it is."""
+        found = replace(
+            self.findings,
+            stick_band=_interval(block.stick_band),
+            slip_jump=_interval(block.slip_jump),
+            static_friction=_interval(block.static_friction),
+            dynamic_friction=_interval(block.dynamic_friction),
+            confidence=block.confidence,
+            model=block.model,
+        )
+        return replace(self, findings=found)
 
     @classmethod
     def of_block(cls, block: ParameterBlock) -> Candidate:
@@ -60,7 +109,10 @@ class Candidate:
             model=None,
             document={},
         )
-        return cls(findings, block.window_end_ms / 1000.0, block.windows)
+        end_utc = block.window_end_ms / 1000.0
+        if block.status is Status.WITHDRAWN:
+            return cls.to_withdraw("asked for before the daemon began again", end_utc)
+        return cls(findings, end_utc, block.windows)
 
     def block(self, loop_id: int, seq: int, valid_for: int) -> ParameterBlock:
         """Return the block to send.
@@ -83,7 +135,7 @@ class Candidate:
             slip_jump=_bounded(found.slip_jump) if sticky else _NONE,
             confidence=found.confidence,
             process=None if model is None else model.process,
-            verdict=Verdict.of(found.verdict),
+            verdict=Verdict.NONE if self.withdrawal else Verdict.of(found.verdict),
             windows=min(self.windows, 0xFFFF),
             samples=found.samples,
             fit=_finite(found.r2),
@@ -108,15 +160,27 @@ class Agreement:
         self._last = findings
         return self._count
 
+    def start_again(self) -> None:
+        """Count from the next window on: the experiment is another one."""
+        self._last, self._count = None, 0
+
     def _agrees(self, findings: Findings) -> bool:
-        last = self._last
-        if last is None or last.verdict != findings.verdict:
-            return False
-        if findings.verdict != "stiction":
-            return True
-        a, b = _bounded(last.stick_band), _bounded(findings.stick_band)
-        close = abs(a.value - b.value) <= SAME_STICK_BAND * max(a.value, b.value)
-        return close or (a.low <= b.high and b.low <= a.high)
+        return self._last is not None and findings_agree(self._last, findings)
+
+
+def findings_agree(one: Findings, other: Findings) -> bool:
+    """Whether two windows say the same: one verdict and, with stiction, one stick band."""
+    if one.verdict != other.verdict:
+        return False
+    if one.verdict != "stiction":
+        return True
+    return same_stick_band(_bounded(one.stick_band), _bounded(other.stick_band))
+
+
+def same_stick_band(a: Bounded, b: Bounded) -> bool:
+    """Whether two stick bands differ by at most a tenth or have overlapping intervals."""
+    close = abs(a.value - b.value) <= SAME_STICK_BAND * max(a.value, b.value)
+    return close or (a.low <= b.high and b.low <= a.high)
 
 
 def _bounded(interval: Interval) -> Bounded:

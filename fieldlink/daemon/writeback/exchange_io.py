@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fieldlink.links import RegisterAccess
+from fieldlink.links import ExceptionReplyError, RegisterAccess
 from fieldlink.registers import (
+    ACCEPTED,
     BLOCK_REGISTERS,
     Bank,
     BlockError,
@@ -28,10 +29,12 @@ __all__ = ["ControlWords", "Exchange"]
 
 Range = tuple[int, int]
 
+_OPTIONAL = frozenset({"ack_refusal", "writer"})
+
 
 @dataclass(frozen=True, slots=True)
 class ControlWords:
-    """The single words of an exchange area, read at one time."""
+    """The single words of an exchange area, read at one time; None for one that it has not."""
 
     enable: int
     ack_seq: int
@@ -40,6 +43,8 @@ class ControlWords:
     ack_commit: int
     heartbeat: int
     commit: int
+    ack_refusal: int | None = None
+    writer: int | None = None
 
     @property
     def enabled(self) -> bool:
@@ -59,6 +64,23 @@ class ControlWords:
             return split_commit(self.commit)[0].other
         except ValueError:
             return Bank.A
+
+    @property
+    def disagreement(self) -> str:
+        """Say how acknowledgement and commit contradict each other; empty when they do not."""
+        if self.ack_seq == 0:
+            return ""
+        if self.active_bank not in (Bank.A, Bank.B):
+            return f"active_bank is {self.active_bank}, which is no bank"
+        if self.ack_result != ACCEPTED or self.ack_commit != self.commit:
+            return ""
+        said = commit_word(Bank(self.active_bank), self.ack_seq)
+        if said == self.commit:
+            return ""
+        return (
+            f"the PLC accepted commit {self.commit:#06x}, and its active_bank {self.active_bank} "
+            f"and ack_seq {self.ack_seq} belong to {said:#06x}"
+        )
 
 
 class Exchange:
@@ -85,13 +107,29 @@ class Exchange:
         self._layout = layout
         self._word_order: Order = word_order
         addresses = {name: getattr(layout, name) for name in ControlWords.__dataclass_fields__}
-        self._plan = _plan(addresses, max_gap, readable)
+        there = {name: address for name, address in addresses.items() if address is not None}
+        needed = {name: address for name, address in there.items() if name not in _OPTIONAL}
+        self._plan = _plan(there, max_gap, readable)
+        self._least = None if there == needed else _plan(needed, max_gap, readable)
         self.requests = 0
 
     async def control(self) -> ControlWords:
-        """Read the single words."""
+        """Read the single words.
+
+        A PLC of an earlier layout refuses the optional ones; they are not asked for again.
+        """
+        try:
+            return await self._control(self._plan)
+        except ExceptionReplyError as refusal:
+            if self._least is None or not refusal.code.blames_an_address:
+                raise
+            found = await self._control(self._least)
+            self._plan, self._least = self._least, None
+            return found
+
+    async def _control(self, plan: Sequence[ReadRequest]) -> ControlWords:
         found: dict[str, int] = {}
-        for request in self._plan:
+        for request in plan:
             words = await self._read(request.address, request.count)
             for tag in request.tags:
                 found[tag.name] = request.words_of(tag, words)[0]
@@ -115,6 +153,12 @@ class Exchange:
         """Write the heartbeat."""
         self.requests += 1
         await self._access.write_register(self._layout.heartbeat, heartbeat)
+
+    async def sign(self, identity: int) -> None:
+        """Write the identity of the installation that writes."""
+        assert self._layout.writer is not None
+        self.requests += 1
+        await self._access.write_register(self._layout.writer, identity)
 
     def decode(self, words: Sequence[int]) -> ParameterBlock | None:
         """Return the block in the registers of a bank; None when they hold none."""

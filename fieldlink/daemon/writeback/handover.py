@@ -1,7 +1,7 @@
 """One block into one loop's exchange area: the steps, without the rules of when and whether.
 
     read both banks - plan the block - (its record is stored) - write the inactive bank (one FC16) -
-    read it back, once more if it differs - commit (one FC6)
+    read it back, once more if it differs - read the single words again - commit (one FC6)
 
 A step that fails ends it and leaves the active bank as it was. What a daemon before this one had
 begun is found out by looking at what the PLC holds.
@@ -15,8 +15,10 @@ from dataclasses import dataclass, replace
 from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.daemon.writeback.exchange_io import ControlWords, Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.rules import Objection
+from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.links import LinkError
-from fieldlink.registers import Bank, ParameterBlock, commit_word, is_newer, next_seq
+from fieldlink.registers import Bank, commit_word
 from fieldlink.store import WritebackRecord
 
 __all__ = ["Banks", "Handover"]
@@ -24,12 +26,12 @@ __all__ = ["Banks", "Handover"]
 
 @dataclass(frozen=True, slots=True)
 class Banks:
-    """Both banks as read before a write."""
+    """Both banks as read before a write; ``disagreement`` says how they contradict the PLC."""
 
     target: Bank
     target_words: tuple[int, ...]
     active_words: tuple[int, ...]
-    active: ParameterBlock | None
+    disagreement: str
 
 
 class Handover:
@@ -40,9 +42,7 @@ class Handover:
         loop_id: as the PLC knows the loop.
         valid_for: seconds that a block is valid.
         pause: waits one scan of the PLC before a second read-back.
-
-    Attributes:
-        last_seq: the newest sequence number known.
+        numbers: the loop's sequence numbers.
     """
 
     def __init__(
@@ -52,12 +52,13 @@ class Handover:
         loop_id: int,
         valid_for: int,
         pause: Callable[[], Awaitable[None]],
+        numbers: SequenceNumbers,
     ) -> None:
         self._exchange = exchange
         self._loop_id = loop_id
         self._valid_for = valid_for
         self._pause = pause
-        self.last_seq = 0
+        self._numbers = numbers
 
     async def banks(self, control: ControlWords) -> Banks:
         """Read both banks.
@@ -71,17 +72,21 @@ class Handover:
         active = self._exchange.decode(active_words)
         for known in (active, self._exchange.decode(target_words)):
             if known is not None:
-                self._know(known.seq)
-        if control.ack_seq:
-            self._know(control.ack_seq)
-        if active is not None and active.seq != control.ack_seq:
-            active = None
-        return Banks(target, target_words, active_words, active)
+                self._numbers.learn(known.seq)
+        self._numbers.learn(control.ack_seq)
+        found = control.disagreement
+        held = 0 if active is None else active.seq
+        if not found and control.ack_seq and any(active_words) and held != control.ack_seq:
+            found = (
+                f"the PLC acknowledges block {control.ack_seq} in bank {target.other.name}, "
+                f"which holds {f'block {held}' if held else 'no block'}"
+            )
+        return Banks(target, target_words, active_words, found)
 
     def plan(self, candidate: Candidate, control: ControlWords, banks: Banks) -> Attempt:
         """Return what is about to be written, with a sequence number of its own."""
-        self.last_seq = next_seq(self.last_seq)
-        block = candidate.block(self._loop_id, self.last_seq, self._valid_for)
+        seq = self._numbers.take(banks.target, control.commit)
+        block = candidate.block(self._loop_id, seq, self._valid_for)
         return Attempt(
             WritebackOutcome.BEGUN,
             f"{control.commit:#06x} was committed before",
@@ -93,8 +98,16 @@ class Handover:
             banks.active_words,
         )
 
-    async def carry_out(self, begun: Attempt) -> Attempt:
-        """Write, read back and commit what was planned; return what came of it."""
+    async def carry_out(
+        self, begun: Attempt, object_to: Callable[[ControlWords], Objection | None]
+    ) -> Attempt:
+        """Write, read back and commit what was planned; return what came of it.
+
+        Args:
+            begun: what was planned.
+            object_to: says, by the single words as read just before the commit, why there must be
+                none; None when there may.
+        """
         assert begun.block is not None
         assert begun.words is not None
         assert begun.bank is not None
@@ -114,6 +127,13 @@ class Handover:
                 f"{len(differing)} registers differ, the first at offset {differing[0]}",
             )
         try:
+            control = await self._exchange.control()
+        except LinkError as error:
+            return begun.became(WritebackOutcome.WRITE_FAILED, str(error))
+        objection = object_to(control)
+        if objection is not None:
+            return begun.became(objection.outcome, objection.reason)
+        try:
             await self._exchange.commit(bank, begun.block.seq)
         except LinkError as error:
             return begun.became(WritebackOutcome.COMMIT_FAILED, str(error))
@@ -125,7 +145,7 @@ class Handover:
         block = self._exchange.decode(words)
         if block is None or record.bank is None:
             return None
-        self._know(block.seq)
+        self._numbers.learn(block.seq)
         return Attempt(
             WritebackOutcome.of(record.outcome),
             "",
@@ -161,7 +181,3 @@ class Handover:
             WritebackOutcome.INTERRUPTED,
             f"the block is {what}; committed is {control.commit:#06x}",
         )
-
-    def _know(self, seq: int) -> None:
-        if is_newer(seq, self.last_seq):
-            self.last_seq = seq

@@ -28,6 +28,30 @@ class WritebackOutcome(Enum):
         "kept_valid",
         "a loop under compensation cannot show a healthy valve; the block expires by itself",
     )
+    UNCERTAIN = ("uncertain", "the estimator doubts its figures; a better window decides")
+    TOO_OLD = ("too_old", "newer windows have not confirmed it; see max_age")
+    CONTRADICTED = ("contradicted", "a newer window says otherwise; nothing is written of it")
+    REFUSED_BEFORE = (
+        "refused_before",
+        "the PLC's controller refused this model; it is offered again when it differs, after "
+        "valid_for, or when the operator clears and sets the enable bit",
+    )
+    HELD = (
+        "held",
+        "an operator has withdrawn the loop's block; clear the PLC's enable bit and set it again "
+        "to let blocks be written",
+    )
+    CONTRADICTS_BLOCK = (
+        "contradicts_block",
+        "a window under compensation never replaces the block in force; clear the enable bit for "
+        "a window's length, or withdraw the block, to have the valve identified anew",
+    )
+    CONTESTED = ("contested", "stop the other installation, then clear and set the enable bit")
+    DISAGREES = (
+        "disagrees",
+        "nothing is written until banks, commit and acknowledgement agree: look at the PLC's "
+        "block reader",
+    )
     UNCHANGED = ("unchanged", "the PLC has a block that differs by less than the deadband")
     TOO_SOON = ("too_soon", "it is written when min_interval has passed")
     NOT_ENABLED = ("not_enabled", "it is written when the operator sets the PLC's enable bit")
@@ -75,6 +99,8 @@ _LEAVES_PENDING = frozenset(
         WritebackOutcome.WRITE_FAILED,
         WritebackOutcome.READBACK_DIFFERS,
         WritebackOutcome.COMMIT_FAILED,
+        WritebackOutcome.CONTESTED,
+        WritebackOutcome.DISAGREES,
     }
 )
 
@@ -106,12 +132,14 @@ class Attempt:
 
     def record(self, loop: str, utc: float) -> WritebackRecord:
         """Return what to store; ``utc`` in seconds since 1970."""
-        found = self.candidate.findings
+        found, words = self.candidate.findings, [self.reason, self.outcome.advice]
+        if self.candidate.withdrawal:
+            words.insert(0, f"withdrawn by an operator: {self.candidate.withdrawal}")
         return WritebackRecord(
             loop=loop,
             utc_ms=round(utc * 1000.0),
             outcome=self.outcome.code,
-            reason=f"{self.reason}; {self.outcome.advice}" if self.reason else self.outcome.advice,
+            reason="; ".join(word for word in words if word),
             seq=None if self.block is None else self.block.seq,
             bank=None if self.bank is None else self.bank.name,
             status=self.candidate.status.name.lower(),

@@ -82,7 +82,7 @@ class ExchangePort:
             # The compact layout is one run of registers; those between its parts read 0.
             last = max(last for _, _, last in layout.spans())
             image.define(Table.HOLDING, layout.enable, last - layout.enable + 1)
-        fieldlinks = {"heartbeat", "commit", "bank_a", "bank_b"}
+        fieldlinks = {"heartbeat", "writer", "commit", "bank_a", "bank_b"}
         for part, first, last in layout.spans():
             image.define(Table.HOLDING, first, last - first + 1, writable=part in fieldlinks)
         self.enable(True)

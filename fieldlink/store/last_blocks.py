@@ -1,8 +1,6 @@
-"""What the last block of every loop came to, where its last row leaves that open."""
+"""The last block of every loop."""
 
 from __future__ import annotations
-
-from collections.abc import Collection
 
 from sqlalchemy import func, select
 from sqlalchemy.exc import SQLAlchemyError
@@ -12,18 +10,18 @@ from fieldlink.store.errors import StoreError
 from fieldlink.store.records import WritebackRecord
 from fieldlink.store.schema import WRITEBACKS
 
-__all__ = ["unfinished_writebacks"]
+__all__ = ["last_blocks"]
 
 
-def unfinished_writebacks(url: str, outcomes: Collection[str]) -> dict[str, WritebackRecord]:
-    """Return, by loop, the last row with a sequence number, where its outcome is one of these.
+def last_blocks(url: str) -> dict[str, WritebackRecord]:
+    """Return, by loop, the last row with a sequence number.
 
     Raises:
         StoreError: the historian cannot be read.
     """
     c = WRITEBACKS.c
     last = select(func.max(c.id)).where(c.seq.is_not(None)).group_by(c.loop)
-    query = select(WRITEBACKS).where(c.id.in_(last), c.outcome.in_(outcomes))
+    query = select(WRITEBACKS).where(c.id.in_(last))
     engine = open_for_reading(url)
     try:
         with engine.connect() as connection:
