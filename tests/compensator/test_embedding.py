@@ -15,7 +15,7 @@ from compensator import (
     OpLimits,
     UnawareMpc,
 )
-from compensator.study import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, run
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 pytest.importorskip("casadi")

@@ -16,7 +16,15 @@ from compensator import (
     UnawareMpc,
 )
 from compensator.belief import GAIN
-from compensator.study import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, held_stem_std, run
+from fieldlink.lab.study.closed_loop import (
+    EXAMPLE_1,
+    EXAMPLE_2,
+    Plant,
+    Study,
+    assess,
+    held_stem_std,
+    run,
+)
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 NOISE = {"example1": 0.01, "example2": 10**-1.5}

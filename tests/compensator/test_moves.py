@@ -8,7 +8,7 @@ from scipy import optimize
 
 from compensator import Prediction
 from compensator.moves import MovePlan, MovePlanner, best_on_polygon
-from compensator.study import EXAMPLE_1
+from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import ProcessModel
 
 LAG = ProcessModel((-0.8,), (0.4,), 2, 0.0, 1.0)

@@ -8,7 +8,7 @@ import pytest
 
 from compensator import HybridMpc, HybridSettings, MpcSettings, OpLimits, Prediction, UnawareMpc
 from compensator.moves import MovePlanner, Ramp
-from compensator.study import EXAMPLE_1, Study, assess, run
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 LAG = ProcessModel((-0.7,), (0.3,), 1, 0.0, 1.0)

@@ -17,8 +17,8 @@ from compensator import (
     UnawareMpc,
     WithdrawReason,
 )
-from compensator.study import EXAMPLE_1, Plant
 from compensator.watch import LoopFigures, LoopWatch, WatchVerdict, oscillation_period
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 REST = EXAMPLE_1.process.gain * 50.0

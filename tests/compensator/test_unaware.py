@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, optimize
 
 from compensator import ActionStatus, CompensatorError, MpcSettings, OpLimits, UnawareMpc
-from compensator.study import EXAMPLE_1, EXAMPLE_2, Study, assess, held_stem_std, run
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Study, assess, held_stem_std, run
 from loop_model import LoopModel, ProcessModel
 
 FOPDT = ProcessModel((-0.85,), (0.3,), 5, 1.0, 1.0)

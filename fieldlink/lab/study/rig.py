@@ -47,7 +47,7 @@ CONTROLLERS = ("pi", "unaware", "hybrid", "embedding", "knocker", "two-move")
 
 
 class FmuPlant:
-    """A plant of `fmu_models` as `compensator.study` drives it; it makes its own noise.
+    """A plant of `fmu_models` for `fieldlink.lab.study.closed_loop`; it makes its own noise.
 
     Args:
         plant: open, with input ``op`` and outputs ``pv`` and, where it knows it, ``stem``.
