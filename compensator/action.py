@@ -107,6 +107,17 @@ def require_not_negative(where: str, **values: float) -> None:
             )
 
 
+def require_whole(where: str, least: int, **values: float) -> None:
+    """Raise `CompensatorError` naming the first of ``values`` that is not a whole number from
+    ``least`` on.
+    """
+    for name, value in values.items():
+        if not (math.isfinite(value) and value == int(value) and value >= least):
+            raise CompensatorError(
+                f"{where}: {name} must be a whole number of at least {least}; got {value!r}"
+            )
+
+
 def require_finite(where: str, **values: float) -> None:
     """Raise `CompensatorError` naming the first of ``values`` that is not finite."""
     for name, value in values.items():

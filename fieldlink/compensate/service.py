@@ -24,6 +24,7 @@ from compensator import (
     OpLimits,
     Supervisor,
     SupervisorSettings,
+    Uncertainty,
     WithdrawReason,
 )
 from fieldlink.errors import FieldlinkError
@@ -231,9 +232,9 @@ class CompensateService:
         else:
             self.supervisor.withdraw(WithdrawReason.OPERATOR)
 
-    def _builder(self, limits: OpLimits) -> Callable[[LoopModel], Compensator]:
+    def _builder(self, limits: OpLimits) -> Callable[[LoopModel, Uncertainty], Compensator]:
         if self.settings.controller == "hybrid":
-            return lambda model: HybridMpc(model, HybridSettings(limits))
+            return lambda model, stated: HybridMpc(model, HybridSettings(limits), stated)
         try:
             import casadi  # noqa: F401
         except ImportError as error:
@@ -241,7 +242,7 @@ class CompensateService:
                 f'loop {self._name}: controller = "embedding" needs CasADi; run '
                 'pip install "fieldlink[nlp]" or use controller = "hybrid"'
             ) from error
-        return lambda model: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
+        return lambda model, _: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
 
 
 def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:

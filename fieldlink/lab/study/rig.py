@@ -205,7 +205,7 @@ def staged(name: str, setup: Setup, at: int, *, watched: bool = True) -> StagedR
         supervisor = Supervisor(
             base,
             SupervisorSettings(_hybrid(setup)),
-            build=lambda model: _timed_compensator(build(setup, model), timing),
+            build=lambda model, _: _timed_compensator(build(setup, model), timing),
         )
         if setup.process.is_integrating and name == "two-move":
             _two_move(setup, setup.model)  # says why it cannot
