@@ -1,6 +1,13 @@
 """Controllers on a loop model: parameters and measurements in, OP out."""
 
-from compensator.action import Action, ActionStatus, CompensatorError, Controller, OpLimits
+from compensator.action import (
+    Action,
+    ActionStatus,
+    CompensatorError,
+    Controller,
+    OpLimits,
+    RefusalKind,
+)
 from compensator.embedding import EmbeddingMpc, EmbeddingSettings
 from compensator.figures import LoopFigures
 from compensator.followed import Followed
@@ -46,6 +53,7 @@ __all__ = [
     "PiController",
     "PiSettings",
     "Prediction",
+    "RefusalKind",
     "RetrySettings",
     "Supervisor",
     "SupervisorSettings",

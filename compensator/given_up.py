@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from compensator.action import require_not_negative, require_positive
+from compensator.action import RefusalKind, require_not_negative, require_positive
 from compensator.friction import FrictionPrior, Uncertainty
 from loop_model import LoopModel
 
@@ -46,13 +46,13 @@ class GivenUp:
         model: valve and process.
         prior: deviations of its friction.
         left: scans until it may be tried again.
-        why: code-like name of the reason, for whoever stores it.
+        why: it was given up.
     """
 
     model: LoopModel
     prior: FrictionPrior = field(default_factory=FrictionPrior)
     left: int = 0
-    why: str = ""
+    why: RefusalKind = RefusalKind.OTHER
 
 
 class GivenUpModels:
@@ -71,7 +71,7 @@ class GivenUpModels:
         """Go on with what was known before a restart."""
         self._known = list(known)[-self.settings.kept :]
 
-    def add(self, model: LoopModel, uncertainty: Uncertainty, why: str) -> None:
+    def add(self, model: LoopModel, uncertainty: Uncertainty, why: RefusalKind) -> None:
         """Remember a model."""
         prior = FrictionPrior(uncertainty=uncertainty)
         self._known = [known for known in self._known if not self._alike(known, model)]

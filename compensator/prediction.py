@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from compensator.action import CompensatorError, require_not_negative
+from compensator.action import CompensatorError, RefusalKind, require_not_negative
 from compensator.kernels import multiplied
 from loop_model import ProcessModel
 
@@ -115,7 +115,8 @@ class Prediction:
         if poles.size and float(poles.max()) >= 1.0:
             raise CompensatorError(
                 f"the process model is unstable (largest pole {float(poles.max()):.6g}); identify "
-                f"it again or correct a={process.a}"
+                f"it again or correct a={process.a}",
+                RefusalKind.UNSTABLE,
             )
         if abs(sum(process.b)) <= 1e-12 * sum(map(abs, process.b)) or not any(process.b):
             raise CompensatorError(f"the process model has no steady gain: b={process.b}")

@@ -27,7 +27,9 @@ from compensator.action import (
     ActionStatus,
     CompensatorError,
     Controller,
+    RefusalKind,
     require_finite,
+    require_not_negative,
     require_positive,
     require_whole,
 )
@@ -72,6 +74,16 @@ class WithdrawReason(Enum):
     REFUSED = "the offered model cannot be used; see `refusal`"
 
 
+_KINDS = {
+    WithdrawReason.WORSE: RefusalKind.WORSE,
+    WithdrawReason.GROWING: RefusalKind.WORSE,
+    WithdrawReason.HUNTING: RefusalKind.TRAVEL,
+    WithdrawReason.TRAVEL: RefusalKind.TRAVEL,
+    WithdrawReason.LEFT_RANGE: RefusalKind.LEFT_RANGE,
+    WithdrawReason.SOLVER: RefusalKind.OTHER,
+}
+"""Why a model is no longer used, of those reasons that are the model's."""
+
 _GIVEN_UP = {
     WatchVerdict.WORSE: WithdrawReason.WORSE,
     WatchVerdict.GROWING: WithdrawReason.GROWING,
@@ -102,6 +114,9 @@ class SupervisorSettings:
             many tell how good the loop was before.
         least_known: scans under the base controller that must be known before a take-over: without
             them nothing tells whether the loop has become worse.
+        gain_sign: sign of the process gain that the loop's own controller counts on; a model of the
+            other sign is refused. 0 when it is not known.
+        period: seconds between scans; a model of another one is refused. 0 when it is not known.
         pv_bad_limit: scans of bad PV after which the base controller gets the loop.
         pv_frozen_limit: least scans in which PV repeats one value to count as frozen (`PvScreen`).
         solver_limit: scans in a row that the compensator's solver may pass its bound; then the base
@@ -114,12 +129,19 @@ class SupervisorSettings:
     friction_rate: float = 0.05
     history: int = 300
     least_known: int = 40
+    gain_sign: int = 0
+    period: float = 0.0
     pv_bad_limit: int = 10
     pv_frozen_limit: int = 30
     solver_limit: int = 3
 
     def __post_init__(self) -> None:
         require_positive("SupervisorSettings", friction_rate=self.friction_rate)
+        require_not_negative("SupervisorSettings", period=self.period)
+        if self.gain_sign not in (-1, 0, 1):
+            raise CompensatorError(
+                f"SupervisorSettings: gain_sign is -1, 1, or 0 for unknown; got {self.gain_sign!r}"
+            )
         require_whole(
             "SupervisorSettings",
             1,
@@ -214,6 +236,7 @@ class Supervisor:
         self.state = SupervisorState.BASE
         self.reason = WithdrawReason.NONE
         self.refusal = ""
+        self.refused = RefusalKind.NONE
         self._compensator: Compensator | None = None
         self._next: Compensator | None = None
         self._goal: ValveModel | None = None
@@ -258,45 +281,62 @@ class Supervisor:
             model: valve and process.
             uncertainty: of the friction, as the identification states it.
         """
-        given_up = self._given_up.find(model)
-        if given_up is not None:
-            return self._refuse(
-                f"this model made the loop worse before ({given_up.why.lower()}); offer a newly "
-                f"identified one, or wait {given_up.left} scans"
-            )
+        stated = uncertainty or Uncertainty()
         try:
-            if model.valve.stick_band == 0.0:
-                raise CompensatorError(
-                    "the model's stick band is 0: a valve that does not stick needs no compensation"
-                )
+            self._require_usable(model)
             current = self._next or self._compensator
             if current is not None and current.model.process == model.process:
                 current.require_reachable(model.valve)
-                self._goal, self.refusal = model.valve, ""
-                self._uncertainty = uncertainty or Uncertainty()
+                self._goal, self._uncertainty = model.valve, stated
+                self.refusal, self.refused = "", RefusalKind.NONE
                 return True
-            compensator = self._build(model, uncertainty or Uncertainty())
+            compensator = self._build(model, stated)
         except CompensatorError as error:
-            return self._refuse(str(error))
+            self.refusal, self.refused = str(error), error.kind
+            if self._compensator is None and self._next is None:
+                self.reason = WithdrawReason.REFUSED
+            return False
         for sample in self._record.latest(self.settings.history):
             compensator.observe(sample.pv, sample.op)
-        self._next, self._goal = compensator, model.valve
-        self._uncertainty = uncertainty or Uncertainty()
+        self._next, self._goal, self._uncertainty = compensator, model.valve, stated
         self.reason, self.refusal = WithdrawReason.NONE, ""
+        self.refused = RefusalKind.NONE
         if self.state is SupervisorState.BASE:
             self.state = SupervisorState.WAITING
         return True
 
-    def _refuse(self, why: str) -> bool:
-        self.refusal = why
-        if self._compensator is None and self._next is None:
-            self.reason = WithdrawReason.REFUSED
-        return False
+    def _require_usable(self, model: LoopModel) -> None:
+        """Raise `CompensatorError` for a model that must not be tried."""
+        s, process = self.settings, model.process
+        if s.period and not math.isclose(process.period, s.period):
+            raise CompensatorError(
+                f"the model's period of {process.period:g} s is not the scan's {s.period:g} s; "
+                "identify with the scan's",
+                RefusalKind.PERIOD,
+            )
+        if s.gain_sign * sum(process.b) * (1.0 + sum(process.a) + process.is_integrating) < 0.0:
+            raise CompensatorError(
+                "the model's gain has the other sign than the loop's own controller counts on; "
+                "check the signs of OP and PV",
+                RefusalKind.WRONG_SIGN,
+            )
+        given_up = self._given_up.find(model)
+        if given_up is not None:
+            raise CompensatorError(
+                f"this model made the loop worse before ({given_up.why.value}); offer a newly "
+                f"identified one, or wait {given_up.left} scans",
+                given_up.why,
+            )
+        if model.valve.stick_band == 0.0:
+            raise CompensatorError(
+                "the model's stick band is 0: a valve that does not stick needs no compensation"
+            )
 
     def withdraw(self, reason: WithdrawReason) -> None:
         """Give the loop back to the base controller, from the next scan on."""
         self._compensator = self._next = self._goal = self._watch = None
         self.reason = reason
+        self.refused = _KINDS.get(reason, RefusalKind.NONE)
         self.state = SupervisorState.BASE
 
     def step(self, pv: float, sp: float, op_applied: float, *, automatic: bool = True) -> Action:
@@ -351,7 +391,9 @@ class Supervisor:
         if verdict is not WatchVerdict.FINE:
             model = self._compensator.model
             self._given_up.add(
-                LoopModel(self._goal or model.valve, model.process), self._uncertainty, verdict.name
+                LoopModel(self._goal or model.valve, model.process),
+                self._uncertainty,
+                _KINDS[_GIVEN_UP[verdict]],
             )
             self.withdraw(_GIVEN_UP[verdict])
             return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)

@@ -78,6 +78,8 @@ class ExchangeAddresses(Model):
     """Fieldlink: first register of bank A."""
     bank_b: Address
     """Fieldlink: first register of bank B."""
+    ack_refusal: Address | None = None
+    """PLC: why the consumer refuses or gave up the model; left out, refusals are not told."""
 
 
 class WriteLimits(Model):

@@ -283,7 +283,7 @@ def test_time_must_not_go_back(plc: Plc) -> None:
 
 def test_the_compact_layout_leaves_no_register_to_two_parts() -> None:
     used = [address for _, first, last in LAYOUT.spans() for address in range(first, last + 1)]
-    assert len(used) == len(set(used)) == 7 + 2 * BLOCK_REGISTERS
+    assert len(used) == len(set(used)) == 8 + 2 * BLOCK_REGISTERS
     assert min(used) == 100
 
 
