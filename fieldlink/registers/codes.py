@@ -80,16 +80,32 @@ class BlockFault(Enum):
 
 
 class Refusal(Enum):
-    """Why a consumer does not use an accepted model; ``code`` is the PLC's ``ack_refusal``."""
+    """Why a consumer refuses or gave up a model; ``code`` is the PLC's ``ack_refusal``."""
 
-    WRONG_SIGN = (20, "the gain of the process has the wrong sign", "check OP's direction")
-    UNSTABLE = (21, "the process of the model is unstable", "let the loop be identified again")
-    PERIOD = (22, "the sampling period is not the scan period", "give loop and task one period")
-    RANGE = (23, "a parameter is outside what the controller accepts", "compare the ranges")
-    WORSE = (24, "given up: PV got worse", "let the loop be identified without compensation")
-    TRAVEL = (25, "given up: the valve travels too much", "look at the valve and its noise")
-    LEFT_RANGE = (26, "given up: the error left its known range", "look for a disturbance")
-    OTHER = (27, "given up by the operator or for another reason", "ask the operator")
+    WRONG_SIGN = (
+        20,
+        "the gain has the wrong sign",
+        "check the signs of OP and PV in the register map",
+    )
+    UNSTABLE = (21, "the process model is unstable", "identify again from a longer window")
+    PERIOD = (22, "its sampling period is not the consumer's", "identify with the scan's period")
+    RANGE = (
+        23,
+        "a parameter is outside what the controller accepts",
+        "compare the block with the controller's limits",
+    )
+    WORSE = (24, "given up, because PV got worse", "identify again without compensation")
+    TRAVEL = (
+        25,
+        "given up, because the valve's travel was over its budget",
+        "identify again, or raise travel_budget",
+    )
+    LEFT_RANGE = (
+        26,
+        "given up, because the error left its known range",
+        "check the gain's sign and the dead time, and identify again",
+    )
+    OTHER = (27, "withdrawn by an operator or for another reason", "ask the operator")
 
     def __init__(self, code: int, text: str, advice: str) -> None:
         self.code = code
@@ -98,8 +114,13 @@ class Refusal(Enum):
 
     @classmethod
     def from_code(cls, code: int) -> Refusal | None:
-        """Return the refusal that an ``ack_refusal`` stands for; None for 0 and unknown codes."""
-        return next((refusal for refusal in cls if refusal.code == code), None)
+        """Return the refusal that an ``ack_refusal`` stands for; None for 0.
+
+        A code that is not known counts as `OTHER`: the model is refused, whatever the reason.
+        """
+        if code == 0:
+            return None
+        return next((refusal for refusal in cls if refusal.code == code), cls.OTHER)
 
 
 class BlockError(FieldlinkError, ValueError):

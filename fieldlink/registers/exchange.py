@@ -7,7 +7,7 @@
 | ack_result | PLC | what became of the block last committed (`fieldlink.registers.codes`) |
 | active_bank | PLC | bank of the block last accepted |
 | ack_commit | PLC | the commit word that ack_result is about |
-| ack_refusal | PLC | why the consumer does not use the model of ack_seq, 0 when it does; optional |
+| ack_refusal | PLC | why the consumer refuses or gave up the model of ack_seq (`Refusal`) |
 | heartbeat | Fieldlink | counts while Fieldlink lives |
 | commit | Fieldlink | bank in the high byte, low byte of the block's seq in the low byte |
 | writer | Fieldlink | identity of the installation that writes; optional |
@@ -79,7 +79,11 @@ class ExchangeWords:
 
 @dataclass(frozen=True, slots=True)
 class ExchangeLayout:
-    """0-based addresses of one loop's exchange registers, all of them holding registers."""
+    """0-based addresses of one loop's exchange registers, all of them holding registers.
+
+    ``ack_refusal`` and ``writer`` are optional: without them a refusal cannot be told, and a second
+    writer with an identity of its own not be seen.
+    """
 
     enable: int
     ack_seq: int
@@ -125,7 +129,9 @@ class ExchangeLayout:
         return self.bank_a if bank is Bank.A else self.bank_b
 
     def spans(self) -> tuple[tuple[str, int, int], ...]:
-        """Return (name, first address, last address) of every part that the area has."""
+        """Return (name, first address, last address) of every part, in the order of the fields,
+        without the registers that the site leaves out.
+        """
         return tuple(
             (part.name, first, first + (BLOCK_REGISTERS if part.name.startswith("bank") else 1) - 1)
             for part in fields(self)

@@ -20,7 +20,14 @@ from enum import Enum
 
 from fieldlink.registers.block import ParameterBlock, is_newer
 from fieldlink.registers.codec import decode_block, read_seq
-from fieldlink.registers.codes import ACCEPTED, NOTHING_SEEN, BlockError, BlockFault, Status
+from fieldlink.registers.codes import (
+    ACCEPTED,
+    NOTHING_SEEN,
+    BlockError,
+    BlockFault,
+    Refusal,
+    Status,
+)
 from fieldlink.registers.exchange import Bank, ExchangeLayout, ExchangeWords, split_commit
 from fieldlink.registers.heartbeat import HEARTBEAT_TIMEOUT
 from fieldlink.registers.types import Order
@@ -101,14 +108,22 @@ class ReaderState:
         """Whether the heartbeat is what keeps the accepted block from being used."""
         return self.fallback is Fallback.HEARTBEAT_DEAD
 
-    def reply(self, layout: ExchangeLayout) -> Mapping[int, int]:
-        """Return address and word of every register the PLC has to write."""
-        return {
+    def reply(self, layout: ExchangeLayout, refusal: Refusal | None = None) -> Mapping[int, int]:
+        """Return address and word of every register the PLC has to write.
+
+        Args:
+            layout: addresses.
+            refusal: why the consumer does not use the accepted block's model; None if it does.
+        """
+        words = {
             layout.ack_seq: self.ack_seq,
             layout.ack_result: self.ack_result,
             layout.active_bank: int(self.active_bank),
             layout.ack_commit: self.ack_commit,
         }
+        if layout.ack_refusal is not None:
+            words[layout.ack_refusal] = 0 if refusal is None else refusal.code
+        return words
 
 
 class BlockReader:

@@ -79,7 +79,7 @@ class ExchangeAddresses(Model):
     bank_b: Address
     """Fieldlink: first register of bank B."""
     ack_refusal: Address | None = None
-    """PLC: why the consumer does not use the accepted model; may be left out."""
+    """PLC: why the consumer refuses or gave up the model; left out, refusals are not told."""
     writer: Address | None = None
     """Fieldlink: identity of the installation that writes; may be left out."""
 

@@ -47,7 +47,7 @@ CONTROLLERS = ("pi", "unaware", "hybrid", "embedding", "knocker", "two-move")
 
 
 class FmuPlant:
-    """A plant of `fmu_models` as `compensator.study` drives it; it makes its own noise.
+    """A plant of `fmu_models` for `fieldlink.lab.study.closed_loop`; it makes its own noise.
 
     Args:
         plant: open, with input ``op`` and outputs ``pv`` and, where it knows it, ``stem``.
@@ -205,7 +205,7 @@ def staged(name: str, setup: Setup, at: int, *, watched: bool = True) -> StagedR
         supervisor = Supervisor(
             base,
             SupervisorSettings(_hybrid(setup)),
-            build=lambda model: _timed_compensator(build(setup, model), timing),
+            build=lambda model, _: _timed_compensator(build(setup, model), timing),
         )
         if setup.process.is_integrating and name == "two-move":
             _two_move(setup, setup.model)  # says why it cannot
