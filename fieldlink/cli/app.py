@@ -23,6 +23,7 @@ from fieldlink.cli import (
     rehearse,
     simulate,
     site,
+    standing,
 )
 
 __all__ = ["app", "main"]
@@ -43,6 +44,9 @@ app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("simulate")(simulate.simulate)
 app.command("compensate")(compensate.compensate)
+app.command("status")(standing.status)
+app.command("events")(standing.events)
+app.command("withdraw")(standing.withdraw)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
 app.command("scan")(modbus.scan)

@@ -34,7 +34,6 @@ class Assembly:
         live: whether the clock goes by itself.
         links: makes the link of each device.
         watch: knows how the wall clock has stepped; None where none does.
-        identity: of this installation; None where it has none.
         keep: see `Journal`.
     """
 
@@ -48,7 +47,6 @@ class Assembly:
         live: bool = True,
         links: OpenLink = open_link,
         watch: ClockWatch | None = None,
-        identity: int | None = None,
         keep: Callable[[Record], Future[bool]] | None = None,
     ) -> None:
         self.journal = Journal(put, clock, keep)
@@ -57,7 +55,7 @@ class Assembly:
         self._live = live
         self._links = links
         self._watch = watch
-        self._identity = identity
+        self._identity: int | None = None
         # By the loop's name: a loop that comes back after a change of the site goes on counting.
         self._numbers: dict[str, SequenceNumbers] = {}
         used = dict.fromkeys(loop.device for loop in site.loops.values())
@@ -76,6 +74,14 @@ class Assembly:
             live=self._live,
             watch=self._watch,
         )
+
+    def identify(self, identity: int) -> None:
+        """Give every writer the identity of this installation, those to come included."""
+        self._identity = identity
+        for runner in self.runners.values():
+            for loop in runner.loops.values():
+                if loop.writer is not None:
+                    loop.writer.identify(identity)
 
     def resume(self, unfinished: Mapping[str, WritebackRecord]) -> None:
         """Let the write-backs go on after the last blocks that a process before has recorded."""

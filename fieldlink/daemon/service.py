@@ -9,13 +9,16 @@ taken over while all this runs, device by device.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from functools import partial
 
 from fieldlink.daemon.assembly import Assembly
 from fieldlink.daemon.estimation.pool import EstimatorPool, PoolReport, PoolSettings
+from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.reload import FileWatch, SiteChange
+from fieldlink.daemon.reporting.control import control_socket
+from fieldlink.daemon.reporting.documents import live_status
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.sampling.clock_watch import CHECK_EVERY, ClockWatch
@@ -68,6 +71,9 @@ class Daemon:
         watch_files: bool = False,
     ) -> None:
         self._site = site
+        self._data_dir = site.data_dir
+        self._read_only = read_only
+        self._since = 0.0
         self._clock = clock or SystemClock()
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._clock_watch = ClockWatch(self._clock)
@@ -123,17 +129,27 @@ class Daemon:
             The last status.
 
         Raises:
+            InUseError: another daemon has the data directory.
             StoreError: the historian cannot be opened.
             FieldlinkError: a link that cannot ever work.
         """
+        with only_daemon(self._site.data_dir) as identity:
+            self._assembly.identify(identity)
+            return await self._run(duration, stop)
+
+    async def _run(self, duration: float | None, stop: asyncio.Event | None) -> DaemonStatus:
         journal = self._assembly.journal
+        self._since = self._clock.utc()
         self._historian.start(journal.event_record("daemon.start", "daemon", self._site.name))
         try:
             await self._resume_writebacks()
             self._pool = EstimatorPool(self._pool_settings)
             try:
                 await self._assembly.open()
-                async with self._at_work() as failures:
+                async with (
+                    self._at_work() as failures,
+                    control_socket(self._data_dir, self._answer),
+                ):
                     self.started.set()
                     await _until(stop, duration, failures)
             finally:
@@ -147,6 +163,31 @@ class Daemon:
         finally:
             await asyncio.to_thread(self._historian.stop)
         return self.status()
+
+    def withdraw(self, name: str, reason: str) -> None:
+        """Withdraw a loop's block at the next look.
+
+        Raises:
+            FieldlinkError: there is no such loop, or it may not be written.
+        """
+        loop = self._assembly.loop(name)
+        if loop is None:
+            raise FieldlinkError(f"the running daemon has no loop {name!r}; see fieldlink status")
+        if self._read_only:
+            raise FieldlinkError(
+                "the running daemon writes nothing (--read-only); clear the PLC's enable bit"
+            )
+        loop.withdraw(reason, self._clock.utc())
+
+    def _answer(self, request: Mapping[str, object]) -> Mapping[str, object]:
+        """Answer a request that came through the control socket."""
+        command = request.get("command")
+        if command == "status":
+            return live_status(self.status(), self._since)
+        if command == "withdraw":
+            self.withdraw(str(request.get("loop", "")), str(request.get("reason", "")))
+            return {"asked": True}
+        raise FieldlinkError(f"there is no command {str(command)!r}")
 
     async def _resume_writebacks(self) -> None:
         """Go on after the last block of every loop: its number, and what is open about it."""

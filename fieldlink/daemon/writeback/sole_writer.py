@@ -42,6 +42,7 @@ class SoleWriter:
         self._identity = identity
         self._claimed = False
         self._watched: tuple[int, float] | None = None
+        self._replaced: int | None = None
         self._beats: tuple[int, ...] = ()
         self._strange = 0
         self._objected = False
@@ -56,7 +57,9 @@ class SoleWriter:
         """Judge what was read at plant second ``now``."""
         if self.standing is Standing.CONTESTED:
             return self.standing
-        foreign = control.writer not in (0, None, self._identity)
+        if control.writer == self._identity:
+            self._replaced = None
+        foreign = control.writer not in (0, None, self._identity, self._replaced)
         if self._identity is None or not foreign:
             self._claimed = True
             self.standing = Standing.SOLE
@@ -64,6 +67,9 @@ class SoleWriter:
             self.standing = Standing.CONTESTED
         else:
             self.standing = self._watch(control.heartbeat, now)
+            if self.standing is Standing.SOLE:
+                # Its identity may still be read until ours is there.
+                self._replaced = control.writer
         if self._claimed and self._beats and self.standing is Standing.SOLE:
             ours = control.heartbeat == 0 or control.heartbeat in self._beats
             self._strange = 0 if ours else self._strange + 1
@@ -93,7 +99,7 @@ class SoleWriter:
 
     def start_again(self) -> None:
         """Forget what was found: the operator has decided."""
-        self._claimed, self._watched = False, None
+        self._claimed, self._watched, self._replaced = False, None, None
         self._beats, self._strange, self._objected = (), 0, False
         self.standing = Standing.WATCHING
 

@@ -207,6 +207,10 @@ class BlockWriter:
         self._told = other._told
         self._found_at, self.compensates = other._found_at, other.compensates
 
+    def identify(self, identity: int) -> None:
+        """Take the identity of this installation; to be called before the first look."""
+        self._sole = SoleWriter(identity)
+
     def resume(self, record: WritebackRecord) -> None:
         """Go on after the last block of a process before this one.
 
