@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fieldlink.registers import (
     BLOCK_REGISTERS,
+    HEARTBEAT_EVERY,
     DataType,
     ExchangeLayout,
     PlanError,
@@ -119,6 +120,25 @@ def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> I
         )
 
 
+def _heartbeat_lives(
+    site: Site, source: TomlSource, name: str, loop: Loop
+) -> Iterator[Problem]:
+    """A request that times out holds up the next heartbeat: readers must not call it dead."""
+    device = site.devices.get(loop.device)
+    if device is None or not device.is_modbus or not loop.writeback.enabled:
+        return
+    # A plant served faster than real time has its time-outs in seconds of the wall.
+    longest = HEARTBEAT_EVERY + 2.0 * device.timeout
+    allowed = loop.compensate.heartbeat_timeout
+    if device.speed == 1.0 and longest > allowed:
+        yield source.problem(
+            ("loops", name, "compensate", "heartbeat_timeout"),
+            f"the heartbeat comes every {HEARTBEAT_EVERY:g} s, and {longest:g} s apart when "
+            f"requests time out; it would be called dead after {allowed:g} s",
+            f"lower the timeout of device {loop.device!r}, or raise heartbeat_timeout",
+        )
+
+
 def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
         for tag in site.maps.get(name, {}).values():
@@ -164,6 +184,7 @@ _LOOP_RULES = (
     plant_fits,
     compensate_fits,
     _write_back_fits,
+    _heartbeat_lives,
 )
 
 
