@@ -8,8 +8,8 @@ from tests.daemon.writeback_machine import WritebackMachine
 
 TestNoForbiddenWrite = WritebackMachine.TestCase
 TestNoForbiddenWrite.settings = settings(
-    max_examples=60,
-    stateful_step_count=30,
+    max_examples=100,
+    stateful_step_count=50,
     deadline=None,
     derandomize=True,
     suppress_health_check=list(HealthCheck),

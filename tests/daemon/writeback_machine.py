@@ -112,25 +112,32 @@ class WritebackMachine(RuleBasedStateMachine):
         self.loop = asyncio.new_event_loop()
         self.plc = CheckingPlc(self)
         self.now, self.utc = 0.0, 1.8e9
-        self.settings = self._settings(20.0, 1)
+        self.settings = self._settings(20.0, 2)
         self.read_only = False
         self.newest: Findings | None = None
         self.counted = 0
         self.held = False
         self.committed: set[int] = set()
         self.rows: list[WritebackRecord] = []
+        self.numbers = SequenceNumbers()
         self.writer = self._writer()
 
     def teardown(self) -> None:
         if hasattr(self, "loop"):
             self.loop.close()
 
-    @rule(band=BANDS, verdict=st.sampled_from(["stiction"] * 4 + ["no_stiction", "not_assessable"]))
-    def find(self, band: float, verdict: str) -> None:
+    @rule(
+        band=BANDS,
+        verdict=st.sampled_from(["stiction"] * 4 + ["no_stiction", "not_assessable"]),
+        times=st.integers(1, 3),
+    )
+    def find(self, band: float, verdict: str, times: int) -> None:
         found = make_findings(band, 1.0, verdict=verdict)
         if verdict != "not_assessable":
             self.newest = found
-        self.writer.submit(found, self.utc, since=self.now, compensated=self.writer.may_compensate)
+        for _ in range(times):
+            compensated = self.writer.may_compensate
+            self.writer.submit(found, self.utc, since=self.now, compensated=compensated)
 
     @rule(seconds=st.sampled_from([1, 3, 15, 70]))
     def wait(self, seconds: int) -> None:
@@ -151,7 +158,11 @@ class WritebackMachine(RuleBasedStateMachine):
         if allowed and not before:
             self.held = False
 
-    @rule(limit=st.sampled_from([5.0, 20.0]), windows=st.integers(1, 3), read_only=st.booleans())
+    @rule(
+        limit=st.sampled_from([5.0, 20.0]),
+        windows=st.integers(1, 3),
+        read_only=st.sampled_from([False, False, False, True]),
+    )
     def reload(self, limit: float, windows: int, read_only: bool) -> None:
         self.settings, self.read_only = self._settings(limit, windows), read_only
         before, self.writer = self.writer, self._writer()
@@ -227,6 +238,7 @@ class WritebackMachine(RuleBasedStateMachine):
 
     def _begin_again(self) -> None:
         """A process that was killed begins anew with what the store holds."""
+        self.numbers = SequenceNumbers()
         self.writer = self._writer()
         if self.rows:
             self.writer.resume(self.rows[-1])
@@ -244,7 +256,7 @@ class WritebackMachine(RuleBasedStateMachine):
             report=self._report,
             keep=self._keep,
             tell=lambda *_: None,
-            numbers=SequenceNumbers(),
+            numbers=self.numbers,
             identity=7,
             max_age=60.0,
         )
