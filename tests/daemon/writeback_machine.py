@@ -168,6 +168,15 @@ class WritebackMachine(RuleBasedStateMachine):
         before, self.writer = self.writer, self._writer()
         self.writer.carry_over(before)
 
+    @rule(first=BANDS, then=BANDS)
+    def disagree_while_it_waits(self, first: float, then: float) -> None:
+        self.enable(allowed=False)
+        self.find(band=first, verdict="stiction", times=3)
+        self.wait(seconds=3)
+        self.find(band=then, verdict="stiction", times=1)
+        self.enable(allowed=True)
+        self.wait(seconds=15)
+
     @rule()
     def withdraw(self) -> None:
         self.held = True
