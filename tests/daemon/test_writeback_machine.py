@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from hypothesis import HealthCheck, settings
+from hypothesis.stateful import run_state_machine_as_test
 
 from tests.daemon.writeback_machine import WritebackMachine
 
-TestNoForbiddenWrite = WritebackMachine.TestCase
-TestNoForbiddenWrite.settings = settings(
-    max_examples=100,
-    stateful_step_count=50,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=list(HealthCheck),
-)
+
+def test_no_write_that_todays_rules_forbid() -> None:
+    run_state_machine_as_test(
+        WritebackMachine,
+        settings=settings(
+            max_examples=100,
+            stateful_step_count=50,
+            deadline=None,
+            derandomize=True,
+            suppress_health_check=list(HealthCheck),
+        ),
+    )
