@@ -120,9 +120,7 @@ def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> I
         )
 
 
-def _heartbeat_lives(
-    site: Site, source: TomlSource, name: str, loop: Loop
-) -> Iterator[Problem]:
+def _heartbeat_lives(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
     """A request that times out holds up the next heartbeat: readers must not call it dead."""
     device = site.devices.get(loop.device)
     if device is None or not device.is_modbus or not loop.writeback.enabled:
