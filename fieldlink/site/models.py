@@ -38,6 +38,9 @@ __all__ = [
 
 Span = tuple[float, float]
 
+LARGEST_LIMIT = 1e6
+"""Units of OP: a single float of a parameter block still tells a tenth of a unit there."""
+
 
 class SiteSettings(Model):
     """``[site]``: the site as a whole."""
@@ -96,6 +99,11 @@ class WriteLimits(Model):
                 raise ValueError(
                     f"{name} = [{low:g}, {high:g}] must be 0 <= low < high; reorder it"
                 )
+            if high > LARGEST_LIMIT:
+                raise ValueError(
+                    f"{name} = [{low:g}, {high:g}] reaches beyond {LARGEST_LIMIT:g} units of OP; "
+                    "correct it"
+                )
         return self
 
 
@@ -112,9 +120,9 @@ class WriteBack(Model):
     """The exchange registers one by one, instead of base."""
     limits: WriteLimits = WriteLimits()
     """Ranges outside which nothing is written."""
-    deadband: float = Field(default=0.05, ge=0)
+    deadband: float = Field(default=0.05, ge=0, le=1e6)
     """Least change of S or J (units of OP) that is worth a new block."""
-    min_interval: float = Field(default=60.0, ge=0)
+    min_interval: float = Field(default=60.0, ge=0, le=1e8)
     """Least plant seconds between two blocks."""
     valid_for: int = Field(default=86400, ge=1, le=0xFFFFFFFF)
     """Plant seconds after which the PLC stops using a block."""
