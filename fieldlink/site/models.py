@@ -16,7 +16,7 @@ from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
-from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
+from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
 
 __all__ = [
     "Device",
@@ -24,7 +24,7 @@ __all__ = [
     "EstimatorSettings",
     "ExchangeAddresses",
     "ExternalSettings",
-    "HistorianSettings",
+    "HistorianTable",
     "Loop",
     "PiSettings",
     "PlantSettings",
@@ -207,7 +207,7 @@ class SiteFile(Model):
     """Devices by name."""
     loops: Mapping[str, Loop] = Field(min_length=1)
     """Control loops by name."""
-    historian: HistorianSettings = HistorianSettings()
+    historian: HistorianTable = HistorianTable()
     """Where history is stored."""
     estimation: EstimationSettings = EstimationSettings()
     """The processes in which windows are judged."""

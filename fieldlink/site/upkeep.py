@@ -10,13 +10,13 @@ from pydantic import Field, model_validator
 
 from fieldlink.site.device import Model, Seconds
 
-__all__ = ["EstimationSettings", "HistorianSettings", "WebSettings"]
+__all__ = ["EstimationSettings", "HistorianTable", "WebSettings"]
 
 LONGEST_DAYS = 36_500
 """A century: whoever means for ever leaves the key out."""
 
 
-class HistorianSettings(Model):
+class HistorianTable(Model):
     """``[historian]``: where samples, estimates and write-backs are stored."""
 
     url: str = "sqlite:///history.sqlite"

@@ -14,7 +14,7 @@ from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
-from fieldlink.lab.plc.modbus import modbus_device, other_units
+from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.registers import Table
 from tests.links.serving import served_in_a_thread
 
