@@ -74,6 +74,11 @@ class Reading(NamedTuple):
         """Whether the value may enter a window."""
         return self.quality is Quality.GOOD
 
+    @property
+    def was_read(self) -> bool:
+        """Whether the device gave something for it, good or bad."""
+        return self.quality not in (Quality.NOT_READ, Quality.QUARANTINED, Quality.UNKNOWN_TAG)
+
     def age(self, now: float) -> float:
         """Return the seconds since the reply arrived, at ``now`` of the link's clock."""
         return now - self.monotonic

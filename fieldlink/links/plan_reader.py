@@ -27,8 +27,7 @@ from fieldlink.links.errors import (
     LinkUnreachableError,
 )
 from fieldlink.links.quarantine import Quarantine
-from fieldlink.registers import BlockDecoder, ReadRequest, Table, Tag
-from fieldlink.registers import Quality as TagQuality
+from fieldlink.registers import BlockDecoder, ReadRequest, Table, Tag, ValueQuality
 
 __all__ = ["PlanReader", "ReadBlock"]
 
@@ -40,7 +39,7 @@ EARLY = 0.1
 
 KEPT_DECODERS = 1000
 
-_QUALITY = {quality: Quality[quality.name] for quality in TagQuality}
+_QUALITY = {quality: Quality[quality.name] for quality in ValueQuality}
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +266,7 @@ class PlanReader:
     def _keep(self, pieces: Sequence[_Piece], readings: dict[str, Reading]) -> None:
         now, utc = self._clock.monotonic(), self._clock.utc()
         # Names of the module looked up once: this loop is most of what a scan costs.
-        reading, nan, good, found_good = Reading, math.nan, Quality.GOOD, TagQuality.GOOD
+        reading, nan, good, found_good = Reading, math.nan, Quality.GOOD, ValueQuality.GOOD
         for piece in pieces:
             for name, value, found, text in self._decoder(piece.request).decode(piece.payload):
                 if found is found_good:

@@ -16,7 +16,7 @@ from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
-from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
+from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
 
 __all__ = [
     "Device",
@@ -24,7 +24,7 @@ __all__ = [
     "EstimatorSettings",
     "ExchangeAddresses",
     "ExternalSettings",
-    "HistorianSettings",
+    "HistorianTable",
     "Loop",
     "PiSettings",
     "PlantSettings",
@@ -37,6 +37,9 @@ __all__ = [
 ]
 
 Span = tuple[float, float]
+
+LARGEST_LIMIT = 1e6
+"""Units of OP: a single float of a parameter block still tells a tenth of a unit there."""
 
 
 class SiteSettings(Model):
@@ -100,6 +103,11 @@ class WriteLimits(Model):
                 raise ValueError(
                     f"{name} = [{low:g}, {high:g}] must be 0 <= low < high; reorder it"
                 )
+            if high > LARGEST_LIMIT:
+                raise ValueError(
+                    f"{name} = [{low:g}, {high:g}] reaches beyond {LARGEST_LIMIT:g} units of OP; "
+                    "correct it"
+                )
         return self
 
 
@@ -116,9 +124,9 @@ class WriteBack(Model):
     """The exchange registers one by one, instead of base."""
     limits: WriteLimits = WriteLimits()
     """Ranges outside which nothing is written."""
-    deadband: float = Field(default=0.05, ge=0)
+    deadband: float = Field(default=0.05, ge=0, le=1e6)
     """Least change of S or J (units of OP) that is worth a new block."""
-    min_interval: float = Field(default=60.0, ge=0)
+    min_interval: float = Field(default=60.0, ge=0, le=1e8)
     """Least plant seconds between two blocks."""
     valid_for: int = Field(default=86400, ge=1, le=0xFFFFFFFF)
     """Plant seconds after which the PLC stops using a block."""
@@ -206,7 +214,7 @@ class SiteFile(Model):
     """Devices by name."""
     loops: Mapping[str, Loop] = Field(min_length=1)
     """Control loops by name."""
-    historian: HistorianSettings = HistorianSettings()
+    historian: HistorianTable = HistorianTable()
     """Where history is stored."""
     estimation: EstimationSettings = EstimationSettings()
     """The processes in which windows are judged."""

@@ -10,21 +10,24 @@ from pydantic import Field, model_validator
 
 from fieldlink.site.device import Model, Seconds
 
-__all__ = ["EstimationSettings", "HistorianSettings", "WebSettings"]
+__all__ = ["EstimationSettings", "HistorianTable", "WebSettings"]
+
+LONGEST_DAYS = 36_500
+"""A century: whoever means for ever leaves the key out."""
 
 
-class HistorianSettings(Model):
+class HistorianTable(Model):
     """``[historian]``: where samples, estimates and write-backs are stored."""
 
     url: str = "sqlite:///history.sqlite"
     """SQLAlchemy URL; an SQLite path is relative to data_dir."""
-    retention_days: float | None = Field(default=None, gt=0)
+    retention_days: float | None = Field(default=None, ge=0.001, le=LONGEST_DAYS)
     """Days that samples are kept; for ever unless given."""
-    average_minutes: float | None = Field(default=None, gt=0, le=1440)
+    average_minutes: float | None = Field(default=None, ge=0.01, le=1440)
     """Length of the averages that older samples become; they are dropped unless given."""
-    averages_days: float | None = Field(default=None, gt=0)
+    averages_days: float | None = Field(default=None, ge=0.001, le=LONGEST_DAYS)
     """Days that averages are kept; for ever unless given."""
-    max_megabytes: float = Field(default=10_000.0, ge=10)
+    max_megabytes: float = Field(default=10_000.0, ge=10, le=1e9)
     """Size of an SQLite historian above which the oldest samples go before their time."""
 
     @model_validator(mode="after")
@@ -44,7 +47,7 @@ class EstimationSettings(Model):
     """Processes; one less than the machine has cores unless given."""
     window_seconds: Seconds = 60.0
     """Seconds that one window may take; then its process is ended."""
-    memory_megabytes: float = Field(default=1500.0, ge=300)
+    memory_megabytes: float = Field(default=1500.0, ge=300, le=1e6)
     """Memory that one process may take; a window that needs more is given up."""
 
 

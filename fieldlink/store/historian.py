@@ -20,11 +20,12 @@ import structlog
 from sqlalchemy import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
+from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.store.damage import is_corruption, set_aside
 from fieldlink.store.database import cause_of, file_of, open_for_writing
 from fieldlink.store.errors import StoreCorruptError, StoreError, StoreMismatchError
 from fieldlink.store.housekeeping import Housekeeping, Retention
-from fieldlink.store.inserting import Refusals, insert_batch, may_pass
+from fieldlink.store.inserting import insert_batch, may_pass
 from fieldlink.store.presence import Presence
 from fieldlink.store.records import EventRecord, Record, SampleRecord
 from fieldlink.store.reports import HistorianSettings, StoreReport
@@ -68,7 +69,7 @@ class Historian:
         self._receipts: dict[int, Future[bool]] = {}
         self._last_error = ""
         self._failing = False
-        self._refusals = Refusals()
+        self._refusals = OnceAMinute()
         self._mismatch_since: float | None = None
         self._overflowing_since: int | None = None
         self._stopping = threading.Event()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 from collections import defaultdict
 from collections.abc import Sequence
 
@@ -13,13 +12,7 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlch
 from fieldlink.store.damage import is_corruption
 from fieldlink.store.records import Record
 
-__all__ = ["Refusals", "insert_batch", "may_pass"]
-
-TELL_EVERY = 60.0
-"""Seconds between two messages about records that are refused for the same cause."""
-
-MOST_CAUSES = 100
-"""Causes that are remembered."""
+__all__ = ["insert_batch", "may_pass"]
 
 
 def insert_batch(engine: Engine, batch: Sequence[Record]) -> int:
@@ -43,26 +36,3 @@ def may_pass(error: SQLAlchemyError) -> bool:
     if isinstance(error, OperationalError | InterfaceError):
         return True
     return is_corruption(error) or (isinstance(error, DBAPIError) and error.connection_invalidated)
-
-
-class Refusals:
-    """Counts records that the database will never take, by cause."""
-
-    def __init__(self) -> None:
-        self._told: dict[str, tuple[float, int]] = {}
-
-    def note(self, cause: str, records: int) -> int:
-        """Count refused records.
-
-        Returns:
-            How many to tell of: all since the last time, or 0 when that was less than a minute ago.
-        """
-        now = time.monotonic()
-        if cause not in self._told and len(self._told) >= MOST_CAUSES:
-            self._told.clear()
-        before, waiting = self._told.get(cause, (None, 0))
-        if before is not None and now - before < TELL_EVERY:
-            self._told[cause] = before, waiting + records
-            return 0
-        self._told[cause] = now, 0
-        return waiting + records

@@ -10,21 +10,19 @@ import asyncio
 import contextlib
 import logging
 import socket
-import time
 from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-__all__ = ["MOST_CONNECTIONS", "REQUEST_TIME", "BoundedListener", "OnceAMinute", "TimedProtocol"]
+from fieldlink.once_a_minute import OnceAMinute
+
+__all__ = ["MOST_CONNECTIONS", "REQUEST_TIME", "BoundedListener", "QuietLog", "TimedProtocol"]
 
 MOST_CONNECTIONS = 32
 """Open connections: some scrapers, a page, a person; when one more comes the oldest has to go."""
 
 REQUEST_TIME = 10.0
 """Seconds from the opening of a connection, or its last answer, to the end of the next answer."""
-
-TELL_EVERY = 60.0
-"""Seconds between two log lines of the same text."""
 
 
 class BoundedListener(socket.socket):
@@ -79,22 +77,17 @@ class TimedProtocol(H11Protocol):
         self._timer = self.loop.call_later(self.seconds, self.transport.abort)
 
 
-class OnceAMinute(logging.Filter):
+class QuietLog(logging.Filter):
     """Lets each message of a logger through once a minute, with the number of those held back."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._told: dict[object, tuple[float, int]] = {}
+        self._limit = OnceAMinute()
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether the record is to be logged."""
-        now = time.monotonic()
-        before, held = self._told.get(record.msg, (None, 0))
-        if before is not None and now - before < TELL_EVERY:
-            self._told[record.msg] = before, held + 1
-            return False
-        self._told[record.msg] = now, 0
-        if held:
-            record.msg = f"{record.getMessage()} ({held} more of these since the last line)"
+        number = self._limit.note(record.msg)
+        if number > 1:
+            record.msg = f"{record.getMessage()} ({number - 1} more of these since the last line)"
             record.args = ()
-        return True
+        return number > 0

@@ -18,7 +18,7 @@ from fieldlink.daemon import Daemon
 from fieldlink.errors import FieldlinkError
 from fieldlink.site import Site
 from fieldlink.web.app import make_app
-from fieldlink.web.limits import MOST_CONNECTIONS, BoundedListener, OnceAMinute, TimedProtocol
+from fieldlink.web.limits import MOST_CONNECTIONS, BoundedListener, QuietLog, TimedProtocol
 
 __all__ = ["WebError", "read_token", "web_server"]
 
@@ -87,7 +87,7 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
         return
     port = int(listener.getsockname()[1])
     server = _Server(config)
-    quiet = OnceAMinute()
+    quiet = QuietLog()
     logging.getLogger("uvicorn.error").addFilter(quiet)
     task = asyncio.create_task(server.serve([listener]), name="web")
     _log.info(

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from fieldlink.site.upkeep import HistorianSettings, WebSettings
+from fieldlink.site.upkeep import HistorianTable, WebSettings
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.7", "::", "plc-gateway"])
@@ -33,5 +33,5 @@ def test_a_key_without_a_certificate_is_refused() -> None:
 
 def test_averages_need_samples_that_grow_old() -> None:
     with pytest.raises(ValidationError, match="give retention_days"):
-        HistorianSettings(average_minutes=10.0)
-    assert HistorianSettings(average_minutes=10.0, retention_days=30.0).average_minutes == 10.0
+        HistorianTable(average_minutes=10.0)
+    assert HistorianTable(average_minutes=10.0, retention_days=30.0).average_minutes == 10.0

@@ -15,7 +15,7 @@ import pytest
 from fieldlink.daemon import Daemon
 from fieldlink.site import load_site
 from fieldlink.web import web_server
-from fieldlink.web.limits import MOST_CONNECTIONS, OnceAMinute, TimedProtocol
+from fieldlink.web.limits import MOST_CONNECTIONS, QuietLog, TimedProtocol
 
 
 @pytest.fixture
@@ -78,8 +78,8 @@ async def test_what_strangers_send_is_a_line_a_minute(
 
 def test_held_back_lines_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
-    monkeypatch.setattr("fieldlink.web.limits.time.monotonic", lambda: now)
-    quiet, told = OnceAMinute(), []
+    monkeypatch.setattr("fieldlink.once_a_minute.time.monotonic", lambda: now)
+    quiet, told = QuietLog(), []
     for now in (0.0, 1.0, 59.0, 60.0, 61.0):  # noqa: B007
         record = logging.LogRecord("x", logging.WARNING, "", 0, "from %s", ("a stranger",), None)
         if quiet.filter(record):

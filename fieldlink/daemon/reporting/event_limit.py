@@ -34,6 +34,7 @@ class _Recent:
     begin: float
     told: int = 0
     held: int = 0
+    last_at: float = 0.0
     last_kind: str = ""
     last_message: str = ""
 
@@ -61,7 +62,7 @@ class EventLimit:
             recent.told += 1
             return True
         recent.held += 1
-        recent.last_kind, recent.last_message = kind, message
+        recent.last_at, recent.last_kind, recent.last_message = now, kind, message
         return False
 
     def summaries(self, *, at_the_end: bool = False) -> Iterator[Summary]:
@@ -80,4 +81,7 @@ class EventLimit:
                 f"{recent.held} more events in {passed:.0f} s, the last one "
                 f"{recent.last_kind}: {recent.last_message}",
             )
-            self._recent[family, source] = _Recent(now, MOST)
+            if now - recent.last_at < WINDOW:
+                self._recent[family, source] = _Recent(now, MOST)
+            else:
+                del self._recent[family, source]

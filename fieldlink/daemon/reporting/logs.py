@@ -14,6 +14,8 @@ from typing import Any
 
 import structlog
 
+from fieldlink.printable import as_printable
+
 __all__ = ["configure_logging"]
 
 _PASSWORD = re.compile(r"(\w+://[^\s:/@]*):[^\s/@]+@")
@@ -55,13 +57,8 @@ def configure_logging(level: int = logging.INFO) -> None:
 def _one_line(_: object, __: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
     for key, value in event.items():
         if isinstance(value, str):
-            event[key] = _hidden(value if value.isprintable() else _printable(value))
+            event[key] = _hidden(as_printable(value))
     return event
-
-
-def _printable(text: str) -> str:
-    """Line ends become blanks, and what a terminal might obey a question mark."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
 def _without_secrets(record: logging.LogRecord) -> bool:

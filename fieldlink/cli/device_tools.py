@@ -129,7 +129,12 @@ def read(
     server_name: ServerName = None,
     as_json: AsJson = False,
 ) -> None:
-    """Read single values by tag (of a site) or by address."""
+    """Read single values by tag (of a site) or by address.
+
+    What can be read is printed, whatever cannot; the exit status is 2 if anything could not.
+    """
+    from fieldlink.cli.errors import explain
+    from fieldlink.links import LinkError
     from fieldlink.links.by_hand import read_points
 
     options: dict[str, object] = {
@@ -143,15 +148,33 @@ def read(
         _point(target, text, device=device, stop_bits=stop_bits, timeout=timeout, **options)
         for text in what or _all_tags(target, device)
     ]
-    shown = {}
+    shown: dict[str, object] = {}
+    failed: list[LinkError] = []
+    missing: list[Point] = []
     for name in dict.fromkeys(point.name for point in points):
         mine = [point for point in points if point.name == name]
-        for point, reading in zip(mine, asyncio.run(read_points(mine)), strict=True):
+        try:
+            readings = asyncio.run(read_points(mine))
+        except LinkError as error:
+            failed.append(error)
+            continue
+        for point, reading in zip(mine, readings, strict=True):
             shown[point.tag.name] = _as_dict(point, reading)
+            if not reading.was_read:
+                missing.append(point)
             if not as_json:
                 typer.echo(f"{point.tag.name} = {_value(point, reading)}   ({point.where})")
-    if as_json:
+    if as_json and shown:
         typer.echo(json.dumps(shown))
+    if failed and not shown:
+        raise failed[0]
+    for problem in failed:
+        explain(problem)
+    if missing:
+        names = ", ".join(point.tag.name for point in missing)
+        _warn(f"{names} could not be read; compare address, table and type with the manual")
+    if failed or missing:
+        raise typer.Exit(2)
 
 
 def write(
@@ -237,6 +260,10 @@ def _all_tags(target: str, device: str | None) -> list[str]:
     if found.site is None:
         raise typer.BadParameter("a host has no tags; give addresses", param_hint="WHAT")
     return list(found.site.maps[found.name])
+
+
+def _warn(message: str) -> None:
+    typer.secho(f"fieldlink: {message}", err=True, fg=typer.colors.RED)
 
 
 def _value(point: Point, reading: Reading) -> str:
