@@ -86,18 +86,18 @@ class Plc:
         self.port = server.port
         self._beats = 0
 
-    def send_block(self) -> None:
+    def send_block(self, seq: int = 1) -> None:
         plant = catalogue["example1"]
         assert plant.process is not None
         block = ParameterBlock.from_model(
             LoopModel(plant.valve, plant.process),
             loop_id=101,
-            seq=1,
+            seq=seq,
             valid_for=86_400,
             window_end_ms=1_795_000_000_000,
         )
         self.image.write(Table.HOLDING, AREA.bank_address(Bank.B), encode_block(block))
-        self.image.write(Table.HOLDING, AREA.commit, [commit_word(Bank.B, 1)])
+        self.image.write(Table.HOLDING, AREA.commit, [commit_word(Bank.B, seq)])
 
     def enable(self, on: bool) -> None:
         self._plc.enable("FC101", on)
@@ -156,7 +156,9 @@ async def test_it_writes_op_bumplessly_inside_its_limits_and_stops_when_told(
         plc.send_block()
         off = await steps(service, plc, 0, 5)
         assert {step.verdict for step in off} == {Verdict.NO_MODEL}
+        # What was committed while it was forbidden stays refused.
         plc.enable(True)
+        plc.send_block(seq=2)
         on = await steps(service, plc, 5, 150)
         written = [step for step in on if step.verdict is Verdict.WRITTEN]
         assert len(written) > 45
