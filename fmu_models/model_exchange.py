@@ -15,7 +15,7 @@ from typing import Any
 from fmpy.fmi1 import FMICallException
 
 from .errors import PlantFileError
-from .instances import Instance, StoppedError
+from .instances import EndedError, Instance, StoppedError
 
 __all__ = ["ModelExchange"]
 
@@ -148,7 +148,7 @@ class ModelExchange(Instance):
             else:
                 wanted, terminate = self.fmu.completedIntegratorStep()
                 if terminate:
-                    raise StoppedError(f"the FMU ended the simulation at {self._time:g} s")
+                    raise EndedError(self._time)
                 event = event or wanted
         if not event:
             return
@@ -190,7 +190,7 @@ class ModelExchange(Instance):
             again, terminate, _n, _v, defined, moment = (update or self.fmu.updateDiscreteStates)()
             self._next_event = moment if defined else math.inf
             if terminate:
-                raise StoppedError(f"the FMU ended the simulation at {self._time:g} s")
+                raise EndedError(self._time)
             if not again:
                 return
         raise StoppedError(f"its events at {self._time:g} s do not come to an end")
@@ -201,7 +201,7 @@ class ModelExchange(Instance):
         """Take FMI 1's event information; return whether the iteration is done."""
         self._next_event = moment if timed else math.inf
         if end:
-            raise StoppedError(f"the FMU ended the simulation at {self._time:g} s")
+            raise EndedError(self._time)
         return done
 
     def save(self) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -157,7 +158,8 @@ def run(
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
     """Run an FMU: its own default experiment, or as map, inputs and options say."""
-    from fieldlink.lab.fmu import FmuMap, RunSettings, load_map, run_fmu, write_table
+    from fieldlink.lab.fmu import FmuMap, RunSettings, TableFile, load_map, run_fmu
+    from fieldlink.lab.fmu.experiment import choose_stop
     from fieldlink.lab.fmu.inputs import read_inputs
     from fmu_models import summarise
 
@@ -165,26 +167,32 @@ def run(
         raise typer.BadParameter("needs --save-state FILE", param_hint="--snapshot-at")
     summary = summarise(_file(fmu))
     mapping = FmuMap() if map_file is None else load_map(map_file, summary)
-    series = None if inputs is None else read_inputs(inputs, _drivable(summary, mapping))
+    chosen = _start_values(start_values or [], summary)
+    series = None
+    if inputs is not None:
+        words = _drivable(summary, mapping, chosen)
+        series = read_inputs(inputs, words, words)
+    table = None if out is None else TableFile(out)
     settings = RunSettings(
         stop=stop,
         step=step,
-        start_values=_start_values(start_values or [], summary),
+        start_values=chosen,
         inputs=series,
         watch=tuple(watch or ()),
         kind=kind,
         speed=speed,
         isolated=not in_process,
         timeout=timeout,
+        table=table,
         load=load_state,
         save=save_state,
         save_at=snapshot_at,
     )
-    with _Progress(summary.name) as progress:
+    with _Progress(summary.name, choose_stop(summary, stop)) as progress:
         result = run_fmu(summary, mapping, settings, progress)
     _print_result(result)
-    if out is not None:
-        write_table(result, out)
+    if table is not None:
+        table.finish(result)
         typer.echo(f"table: {out}")
     if plot is not None:
         from fieldlink.lab.fmu.pictures import run_figure
@@ -198,19 +206,31 @@ def run(
         raise FmuError(f"it ended early, at {result.time[-1]:g} s: {result.failure}")
 
 
-def _drivable(summary: FmuSummary, mapping: FmuMap) -> set[str]:
-    """Names that a column of the inputs may have: mapped tags, and inputs that are not mapped."""
-    mapped = {entry.variable for entry in mapping.inputs.values()}
-    own = {v.name for v in summary.variables if v.causality == "input"}
-    return set(mapping.inputs) | (own - mapped)
+def _drivable(
+    summary: FmuSummary, mapping: FmuMap, sizes: dict[str, float]
+) -> dict[str, dict[str, float]]:
+    """Names that a column of the inputs may have, with the words that stand for their values.
+
+    They are the mapped tags, and the inputs that are not mapped.
+    """
+    from fieldlink.lab.fmu.signals import Signals, words_of
+
+    signals = Signals(summary, mapping, {**mapping.parameters, **sizes}, ())
+    return {
+        tag: words_of(summary.variable(entry.variable)) for tag, entry in signals.inputs.items()
+    }
 
 
 class _Progress:
-    """The second that was reached, on a terminal only."""
+    """The second that was reached: a live line on a terminal, else a line every half minute."""
 
-    def __init__(self, name: str) -> None:
+    _SECONDS = 30.0
+
+    def __init__(self, name: str, stop: float | None = None) -> None:
         self._name = name
+        self._of = "" if stop is None else f" of {stop:g} s"
         self._status: Any = None
+        self._shown = time.monotonic()
 
     def __enter__(self) -> _Progress:
         if sys.stderr.isatty():
@@ -221,13 +241,18 @@ class _Progress:
         return self
 
     def __call__(self, moment: float) -> None:
-        if self._status is not None:
-            self._status.update(f"{self._name}: {moment:g} s")
+        self._show(f"{self._name}: {moment:g} s{self._of}")
 
     def count(self, done: int, of: int) -> None:
         """Show how many runs are done."""
+        self._show(f"{self._name}: {done} of {of} runs")
+
+    def _show(self, text: str) -> None:
         if self._status is not None:
-            self._status.update(f"{self._name}: {done} of {of} runs")
+            self._status.update(text)
+        elif time.monotonic() > self._shown + self._SECONDS:
+            self._shown = time.monotonic()
+            typer.echo(text, err=True)
 
     def __exit__(self, *_: object) -> None:
         if self._status is not None:
@@ -256,6 +281,8 @@ def _print_result(result: RunResult) -> None:
     console.print(
         f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
     )
+    if result.ended is not None:
+        console.print(f"ended in order at {result.time[-1]:g} s: {escape(result.ended)}")
 
 
 @app.command("sweep")

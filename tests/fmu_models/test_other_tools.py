@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import subprocess
 import sys
@@ -99,10 +100,14 @@ def test_python_fmus_run(python_fmu: Path) -> None:
 
 def test_a_step_that_a_python_fmu_refuses(python_fmu: Path) -> None:
     third = summarise(python_fmu).fmi_version.startswith("3")
-    why = "the FMU discarded the step of 0.1 s" if third else "the FMU ended the simulation at 0 s"
+    why = (
+        "the step from 0 s by 0.1 s failed: the FMU discarded the step of 0.1 s"
+        if third
+        else "the FMU ended the simulation at 0 s"
+    )
     with (
         open_plant(python_fmu, period=0.1) as plant,
-        pytest.raises(PlantStepError, match=rf"the step from 0 s by 0\.1 s failed: {why}"),
+        pytest.raises(PlantStepError, match=re.escape(why)),
     ):
         plant.step({"inflow": -1.0})
 
