@@ -23,17 +23,12 @@ from .archive import (
     platforms,
 )
 from .arrays import element_names, resolve_shape
-from .variables import is_settable
+from .variables import LEFT_OUT, is_settable
 
 __all__ = ["FmuSummary", "UnitDefinition", "VariableSummary", "summarise"]
 
 _MOST_PROBLEMS = 20
 _MOST_NAMES = 10
-_LEFT_OUT = {
-    "String": "because a table of numbers has no place for strings",
-    "Binary": "because a table of numbers has no place for binary data",
-    "Clock": "because a clock has ticks, no value; what its ticks change is recorded",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +247,7 @@ def _with_warnings(summary: FmuSummary, description: Any, interface: Any) -> Fmu
         warnings.append("it names no stop time: give one")
     if not summary.can_restore:
         warnings.append("it offers no serialised state: no snapshots")
-    for kind, why in _LEFT_OUT.items():
+    for kind, why in LEFT_OUT.items():
         names = [v.name for v in summary.variables if v.type == kind]
         if names:
             warnings.append(f"left out, {why}: {_enumerate_some(names)}")

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from .arrays import element_names, resolve_shape
 from .errors import PlantInputError, PlantNameError, PlantStepError, nearest
 
-__all__ = ["Roles", "VariableAccess", "is_settable"]
+__all__ = ["LEFT_OUT", "Roles", "VariableAccess", "is_settable"]
+
+LEFT_OUT = {
+    "String": "because a table of numbers has no place for strings",
+    "Binary": "because a table of numbers has no place for binary data",
+    "Clock": "because a clock has ticks, no value; what its ticks change is recorded",
+}
+"""Types of variables that are no columns, and why."""
 
 # Version of FMI -> type in the model description -> (get and set function, type in C).
 _TYPES: dict[int, dict[str, tuple[str, Any]]] = {
@@ -151,7 +158,12 @@ class VariableAccess:
         }
         whole = [self._elements.get(name, (name,)) for name in watch]
         watch = [name for names in whole for name in names]
+        others = {v.name: v for v in description.modelVariables if v.type in LEFT_OUT}
         for name in watch:
+            if name in others:
+                raise PlantNameError(
+                    f"plant {self._model}: {name} cannot be recorded, {LEFT_OUT[others[name].type]}"
+                )
             if name not in self._variables:
                 raise PlantNameError(
                     f"plant {self._model} has no number {name!r}; {nearest(name, self._variables)}"
