@@ -42,7 +42,7 @@ class PlantInfo:
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
     can_restore: bool
-    can_vary_step: bool
+    can_vary_step: bool = False
 
 
 @dataclass(frozen=True, slots=True)

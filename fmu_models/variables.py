@@ -234,6 +234,10 @@ class VariableAccess:
             self._call(fmu, group)
             self._remember(group)
 
+    def is_whole(self, name: str) -> bool:
+        """Whether a variable takes whole numbers only."""
+        return self._variables[name].type not in _REAL
+
     def write_structural(self, fmu: Any, values: Mapping[str, float]) -> None:
         """Set structural parameters; the FMU stands in configuration mode."""
         for group in self._groups(tuple(values), "Set"):

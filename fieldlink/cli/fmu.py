@@ -20,6 +20,7 @@ __all__ = ["app"]
 app = typer.Typer(no_args_is_help=True, help="Look at FMUs and run them; sweep the plants.")
 
 _MOST_ROWS = 40
+_CATALOGUE_STEPS = 2000
 FmuFile = Annotated[Path, typer.Argument(metavar="FMU", help="An .fmu file, or a plant's name.")]
 
 
@@ -287,7 +288,7 @@ def _print_result(result: RunResult) -> None:
 
 @app.command("sweep")
 def sweep(
-    model: Annotated[str, typer.Argument(help="A plant of the catalogue.")],
+    fmu: FmuFile,
     out: Annotated[Path, typer.Option(help="The table, one row a run: .csv or .parquet.")],
     grid: Annotated[
         list[str] | None,
@@ -297,35 +298,58 @@ def sweep(
         list[str] | None,
         typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
     ] = None,
+    latin: Annotated[
+        bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")
+    ] = False,
     runs: Annotated[int, typer.Option(min=1, help="For each combination.")] = 1,
-    steps: Annotated[int, typer.Option(min=1, help="Samples of a run.")] = 2000,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Samples of a run; else 2000, or the experiment's.")
+    ] = None,
+    step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
+    kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
     seed: Annotated[int, typer.Option(help="Of the whole sweep.")] = 1,
     loop: Annotated[int, typer.Option(min=1, help="Of a plant with several loops.")] = 1,
     workers: Annotated[
-        int | None, typer.Option(min=0, help="Processes; 0 for none, else the cores.")
+        int | None, typer.Option(min=0, help="Runs side by side; 0 for none, else the cores.")
     ] = None,
     signals: Annotated[
-        bool, typer.Option("--signals", help="Keep op, pv, sp and stem (Parquet).")
+        bool, typer.Option("--signals", help="Keep the signals too (Parquet).")
     ] = False,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
-    """Run a plant with its controller inside many times; goes on where it was interrupted."""
-    from fieldlink.lab.fmu.sweeping import sweep_to_file
-    from fmu_models import Sweep
+    """Run a plant, or any FMU, many times; goes on where it was interrupted."""
+    from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
+    from fmu_models import Sweep, catalogue, summarise
 
+    ours = str(fmu) in catalogue and not fmu.exists()
     values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}
+    if ours:
+        count, period = steps or _CATALOGUE_STEPS, step
+    else:
+        count, period = plan_steps(summarise(fmu), steps, step)
     plan = Sweep(
-        model,
-        steps=steps,
+        str(fmu),
+        steps=count,
         grid={name: many for name, many in values.items() if len(many) > 1},
         fixed={name: many[0] for name, many in values.items() if len(many) == 1},
         random={name: _range_of(text) for name, text in _pairs(random or [], "--random")},
         runs=runs,
         seed=seed,
         loop=loop - 1,
+        design="latin" if latin else "random",
+        period=period,
+        kind=kind,
+        timeout=timeout,
     )
-    with _Progress(model) as progress:
+    with _Progress(fmu.stem) as progress:
         failed = sweep_to_file(plan, out, signals=signals, workers=workers, progress=progress.count)
-    typer.echo(f"{plan.count} runs, {failed} failed: {out}")
+    typer.echo(f"{plan.count} runs, {len(failed)} failed: {out}")
+    for number, error in failed[:_MOST_ROWS]:
+        typer.echo(f"  run {number}: {error}", err=True)
+    if len(failed) > _MOST_ROWS:
+        typer.echo(f"  and {len(failed) - _MOST_ROWS} more in the column error", err=True)
+    if failed:
+        raise typer.Exit(1)
 
 
 def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:

@@ -64,7 +64,7 @@ def _description(events: bool, experiment: str) -> str:
 
 
 def make(folder: Path) -> dict[str, Path]:
-    """Build ``plain``, ``events`` (event mode, early return), ``long`` (1e8 s) and ``fixed`` steps."""
+    """Build ``plain``, ``events`` (event mode), ``long`` (1e8 s) and ``fixed`` (steps)."""
     suffix = fmpy.sharedLibraryExtension
     library = folder / f"odd3{suffix}"
     compile_library(SOURCES / "odd3.c", (SOURCES, _header_folder()), library, host_platform())
