@@ -1,4 +1,4 @@
-"""The physical valve leaves its grid of 0.1 ms where nothing happens; the stem goes the same way."""
+"""The physical valve leaves its grid of 0.1 ms where nothing happens; the stem moves alike."""
 
 from __future__ import annotations
 
