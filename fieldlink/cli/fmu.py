@@ -386,3 +386,44 @@ def new(
     typer.echo(f"{file}: fill in what is marked with (1) to (6), then")
     typer.echo(f"  python -m fmu_models.build {file} --output {output}")
     typer.echo(f"  fieldlink fmu run {output / f'{name}.fmi3.fmu'} --plot {name}.png")
+
+
+@app.command("loop")
+def loop(
+    fmu: FmuFile,
+    op: Annotated[
+        str, typer.Option(help="Input that the controller's output (0 to 100 %) drives.")
+    ],
+    pv: Annotated[str, typer.Option(help="Output that is controlled.")],
+    output: Annotated[
+        Path | None, typer.Option(help="The scenario; else NAME.toml in this folder.")
+    ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(help="Seconds of a scan; else the FMU's step, or a tenth of its lag."),
+    ] = None,
+    op_start: Annotated[
+        float | None, typer.Option(help="Percent at the start; else the input's start value.")
+    ] = None,
+    stick_band: Annotated[float, typer.Option(min=0.0, help="S of the valve, % of OP.")] = 5.0,
+    slip_jump: Annotated[float, typer.Option(min=0.0, help="J of the valve, % of OP.")] = 1.5,
+) -> None:
+    """Put a process of your own into a loop with a sticky valve: a scenario to rehearse."""
+    from fieldlink.lab.fmu.loop_scenario import LoopWish, respond, write_scenario
+    from fmu_models import summarise
+
+    summary = summarise(_file(fmu))
+    wish = LoopWish(op, pv, period, op_start, stick_band, slip_jump)
+    response = respond(summary, wish)
+    gain, integral_time = response.tune()
+    file = output or Path(f"{fmu.stem}.toml")
+    write_scenario(summary, wish, response, file)
+    kind = "rises by" if response.integrates else "changes by"
+    unit = " a second" if response.integrates else ""
+    typer.echo(
+        f"{pv} {kind} {response.gain:.3g}{unit} for each percent of {op}, "
+        f"lag {response.lag:.3g} s, dead time {response.dead_time:.3g} s; "
+        f"scan every {response.period:g} s"
+    )
+    typer.echo(f"PI by SIMC: gain {gain:.3g}, integral time {integral_time:.3g} s")
+    typer.echo(f"{file}: fieldlink rehearse {file} --report report")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fieldlink.lab.fmu.errors import FmuError
 from fmu_models import FmuSummary
 
-__all__ = ["MOST_STEPS", "Steps", "choose_step", "choose_stop", "divide"]
+__all__ = ["MOST_STEPS", "Steps", "choose_step", "choose_stop", "divide", "round_to_125"]
 
 MOST_STEPS = 20_000_000
 """Of a run: the table of ten columns takes 1.6 GB of memory."""
@@ -66,16 +66,16 @@ def choose_step(fmu: FmuSummary, stop: float, wanted: float | None) -> tuple[flo
         )
     if own and span / own <= _MOST_BY_DEFAULT:
         return own, None
-    step = _round(span / _DEFAULT_STEPS)
+    step = round_to_125(span / _DEFAULT_STEPS)
     if own:
-        step = own * _round(span / _DEFAULT_STEPS / own)
+        step = own * round_to_125(span / _DEFAULT_STEPS / own)
         why = f"its own step of {own:g} s would make {span / own:.3g} steps"
     else:
         why = "it names no step"
     return step, f"{why}, so it takes {step:g} s; choose another with --step"
 
 
-def _round(raw: float) -> float:
+def round_to_125(raw: float) -> float:
     """Return 1, 2 or 5 times a power of ten, the nearest."""
     power = 10.0 ** math.floor(math.log10(raw))
     return min((factor * power for factor in (1.0, 2.0, 5.0, 10.0)), key=lambda h: abs(h - raw))
