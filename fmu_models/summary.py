@@ -145,11 +145,15 @@ class FmuSummary:
 
 
 def summarise(file: Path) -> FmuSummary:
-    """Describe an FMU without running anything of it.
+    """Describe an FMU, or a system of FMUs (``.ssp``), without running anything of it.
 
     Raises:
         PlantFileError: no such file, not a zip, too large, no model description that can be read.
     """
+    if file.suffix == ".ssp":
+        from .system_summary import summarise_system  # it describes its FMUs with this function
+
+        return summarise_system(file)
     description = parse_description(file)
     with zipfile.ZipFile(file) as archive:
         entries = archive.infolist()
