@@ -66,7 +66,7 @@ class Sweep:
     whole: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.plant is None and not self.model.endswith(".fmu"):
+        if self.plant is None and not self.model.endswith((".fmu", ".ssp")):
             raise PlantNameError(
                 f"the catalogue has no plant {self.model!r}; {nearest(self.model, catalogue)}; the "
                 "path of an FMU ends in .fmu"

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
 from fmu_models import PlantEndedError, PlantFileError, PlantNameError, open_plant, summarise
+from fmu_models.example_system import build_example_system
 
 Minis = dict[str, Path]
 
@@ -237,3 +238,16 @@ def test_files_that_are_no_systems(tmp_path: Path, mini_fmus: Minis) -> None:
     missing = write(tmp_path / "missing.ssp", mini_fmus["fmi2"], elements, CHAIN, own=OWN)
     with pytest.raises(PlantFileError, match=r"its FMU resources/no\.fmu is not in the archive"):
         open_plant(missing, period=1.0)
+
+
+def test_the_shipped_example_is_the_loop_in_one_fmu(tmp_path: Path) -> None:
+    file = build_example_system(tmp_path)
+    with open_plant(file) as plant:
+        assert plant.info.period == 1.0
+        system = plant.run(300, {"sp": 50.0})
+    whole = {"controller": 1.0, "op_start": 40.0, "noise_std": 0.0}
+    with open_plant("example1", parameters=whole) as plant:
+        one = plant.run(300, {})
+    for ours, theirs in (("op", "op_out"), ("pv", "pv"), ("stem", "stem")):
+        np.testing.assert_allclose(system[ours], one[theirs], rtol=1e-12)
+    assert np.ptp(one["stem"]) > 5.0
