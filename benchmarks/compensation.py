@@ -36,8 +36,8 @@ from benchmarks.compensation_cases import (
 from benchmarks.compensation_pictures import draw_figure3, draw_tradeoff
 from benchmarks.compensation_verdicts import Judgement, judge
 from benchmarks.report import keep, machine, table
-from compensator.study import Trace
-from fieldlink.compensate.rig import Setup
+from fieldlink.lab.study.closed_loop import Trace
+from fieldlink.lab.study.rig import Setup
 from loop_model import LoopModel
 
 HEADER = (

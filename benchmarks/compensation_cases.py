@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from compensator import OpLimits
 from compensator.prediction import Prediction, settling_samples
-from compensator.study import Performance, Study, Trace, assess, drive
 from estimator import identify
-from fieldlink.compensate.rig import FmuPlant, Setup, StagedRun, mismatched, staged
+from fieldlink.lab.study.closed_loop import Performance, Study, Trace, assess, drive
+from fieldlink.lab.study.rig import FmuPlant, Setup, StagedRun, mismatched, staged
 from fmu_models import catalogue, open_plant
 from loop_model import LoopModel
 

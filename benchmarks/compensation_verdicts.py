@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.compensation_cases import SEGMENT, WARM, Case, segments
-from compensator.study import Trace
-from compensator.watch import oscillation_period
+from compensator.figures import oscillation_period
+from fieldlink.lab.study.closed_loop import Trace
 
 __all__ = ["PERIODS", "Judgement", "best_at", "dominated", "judge"]
 

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from compensator.study import Study, run
 from compensator.unaware import UnawareMpc
+from fieldlink.lab.study.closed_loop import Study, run
 from loop_model import ProcessModel, ValveModel
 
 __all__ = ["EXAMPLES", "Example", "ExampleWindow", "PublishedFit", "example_window", "sampled"]

@@ -53,6 +53,7 @@ base = 100
 min_windows = 1
 min_interval = 0.0
 deadband = 0.0
+valid_for = 40
 """
 MAP = "tag,table,address,type\nOP,holding,0,float32\nPV,holding,2,float32\nSCAN,holding,4,uint16\n"
 TABLES = ("samples", "estimates", "writebacks", "events")

@@ -8,9 +8,9 @@ from typing import Protocol
 
 from benchmarks.examples import sampled
 from benchmarks.loops import FMU_PLANTS, Loop
-from compensator.study import Plant as LinearPlant
-from compensator.study import StemLaw
 from estimator.valves import ChoudhuryValve, HeValve, KanoValve, SlipStickValve
+from fieldlink.lab.study.closed_loop import Plant as LinearPlant
+from fieldlink.lab.study.closed_loop import StemLaw
 from fmu_models import Plant, open_plant
 from loop_model import ProcessModel
 

@@ -1,15 +1,27 @@
 """Controllers on a loop model: parameters and measurements in, OP out."""
 
-from compensator.action import Action, ActionStatus, CompensatorError, Controller, OpLimits
+from compensator.action import (
+    Action,
+    ActionStatus,
+    CompensatorError,
+    Controller,
+    OpLimits,
+    RefusalKind,
+)
 from compensator.embedding import EmbeddingMpc, EmbeddingSettings
+from compensator.figures import LoopFigures
 from compensator.followed import Followed
-from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.friction import Uncertainty
+from compensator.given_up import GivenUp, RetrySettings
+from compensator.hybrid import HybridMpc
+from compensator.hybrid_settings import HybridSettings
 from compensator.knocker import Knocker, KnockerSettings
 from compensator.moves import warm_up
 from compensator.pi import PiController, PiSettings
 from compensator.prediction import NoiseModel, Prediction
 from compensator.supervisor import (
     Compensator,
+    LoopMemory,
     Supervisor,
     SupervisorSettings,
     SupervisorState,
@@ -17,6 +29,7 @@ from compensator.supervisor import (
 )
 from compensator.two_move import TwoMove, TwoMoveSettings
 from compensator.unaware import MpcSettings, UnawareMpc
+from compensator.watch import WatchSettings
 
 __all__ = [
     "Action",
@@ -27,22 +40,29 @@ __all__ = [
     "EmbeddingMpc",
     "EmbeddingSettings",
     "Followed",
+    "GivenUp",
     "HybridMpc",
     "HybridSettings",
     "Knocker",
     "KnockerSettings",
+    "LoopFigures",
+    "LoopMemory",
     "MpcSettings",
     "NoiseModel",
     "OpLimits",
     "PiController",
     "PiSettings",
     "Prediction",
+    "RefusalKind",
+    "RetrySettings",
     "Supervisor",
     "SupervisorSettings",
     "SupervisorState",
     "TwoMove",
     "TwoMoveSettings",
     "UnawareMpc",
+    "Uncertainty",
+    "WatchSettings",
     "WithdrawReason",
     "warm_up",
 ]

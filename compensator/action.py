@@ -12,11 +12,34 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-__all__ = ["Action", "ActionStatus", "CompensatorError", "Controller", "OpLimits"]
+__all__ = ["Action", "ActionStatus", "CompensatorError", "Controller", "OpLimits", "RefusalKind"]
+
+
+class RefusalKind(Enum):
+    """Why a model is not used; the value is the explanation."""
+
+    NONE = "nothing is refused"
+    WRONG_SIGN = "the sign of the gain is not that of the loop's own controller"
+    UNSTABLE = "the process model is unstable"
+    PERIOD = "the model's sampling period is not that of the scans"
+    RANGE = "a parameter is outside what the controller accepts"
+    WORSE = "given up: PV got worse"
+    TRAVEL = "given up: the valve's travel was over its budget"
+    LEFT_RANGE = "given up: the error left the range that was known of it"
+    OTHER = "withdrawn by an operator or for another reason"
 
 
 class CompensatorError(ValueError):
-    """A setting, a model or a measurement that a controller cannot work with."""
+    """A setting, a model or a measurement that a controller cannot work with.
+
+    Args:
+        message: what was found, and what to do.
+        kind: of the refusal, where a model is refused.
+    """
+
+    def __init__(self, message: str, kind: RefusalKind = RefusalKind.RANGE) -> None:
+        super().__init__(message)
+        self.kind = kind
 
 
 class ActionStatus(Enum):
@@ -104,6 +127,17 @@ def require_not_negative(where: str, **values: float) -> None:
         if not (math.isfinite(value) and value >= 0.0):
             raise CompensatorError(
                 f"{where}: {name} must not be negative and must be finite; got {value!r}"
+            )
+
+
+def require_whole(where: str, least: int, **values: float) -> None:
+    """Raise `CompensatorError` naming the first of ``values`` that is not a whole number from
+    ``least`` on.
+    """
+    for name, value in values.items():
+        if not (math.isfinite(value) and value == int(value) and value >= least):
+            raise CompensatorError(
+                f"{where}: {name} must be a whole number of at least {least}; got {value!r}"
             )
 
 

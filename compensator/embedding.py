@@ -165,6 +165,11 @@ class EmbeddingMpc:
         return self.compensator.held_variance
 
     @property
+    def load_stepped(self) -> bool:
+        """Whether the last PV showed a step of the load."""
+        return self.compensator.load_stepped
+
+    @property
     def solution(self) -> Array | None:
         """OP over the horizon as solved last, shape ``(horizon,)``; None without one."""
         return None if self._last is None else self._last.copy()
@@ -177,6 +182,10 @@ class EmbeddingMpc:
         stem = self.compensator.stem
         soon = self.model.valve.simulate(self._last[:5], stem)
         return self.compensator.stem_moved or bool(np.any(soon != stem))
+
+    def tolerate(self, deviation: float) -> None:
+        """See `HybridMpc.tolerate`."""
+        self.compensator.tolerate(deviation)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""

@@ -55,6 +55,11 @@ class Followed:
         return self._estimator.stem_moved
 
     @property
+    def load_stepped(self) -> bool:
+        """Whether the last PV showed a step of the load."""
+        return self._estimator.load_stepped
+
+    @property
     def horizon(self) -> int:
         """Samples that the estimator's plans look ahead: twice the settling time."""
         return self._estimator.horizon
@@ -63,6 +68,10 @@ class Followed:
     def held_variance(self) -> float:
         """Variance of PV that noise alone makes, the stem held."""
         return self._estimator.held_variance
+
+    def tolerate(self, deviation: float) -> None:
+        """See `HybridMpc.tolerate`."""
+        self._estimator.tolerate(deviation)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; the controller begins anew with them."""

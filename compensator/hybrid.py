@@ -11,7 +11,7 @@ shows: an error that noise explains is not worth a move.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,76 +20,24 @@ from compensator.action import (
     Action,
     ActionStatus,
     CompensatorError,
-    OpLimits,
     require_finite,
-    require_not_negative,
 )
 from compensator.belief import FRICTION, GAIN, Belief
-from compensator.moves import MovePlan, MovePlanner, Ramp
+from compensator.friction import Uncertainty
+from compensator.hybrid_settings import HybridSettings
+from compensator.moves import LeastMoves, MovePlan, MovePlanner
 from compensator.prediction import NoiseModel, Prediction
 from compensator.stem import StemTracker, TrackerSettings
+from compensator.strokes import Strokes
 from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]
 
-_EDGE = 0.85
-"""Share of the static friction up to which OP may approach a slip without causing it."""
-_UNKNOWN = 3.0
-"""Weight of what is not yet known of the lasting offset, beside noise, in the price of a move."""
-
-
-@dataclass(frozen=True, slots=True)
-class HybridSettings:
-    """Settings of `HybridMpc`.
-
-    Attributes:
-        limits: range and rate of OP.
-        horizon: samples; 0 chooses it from the settling time.
-        move_penalty: price of one move: the share of the noise's own variance by which it must
-            lower PV's mean square error over the horizon.
-        travel_penalty: price of moving by one slip jump, as a share of ``move_penalty``.
-        noise_band: PV deviation that is of no interest (units of PV), added to the noise seen.
-        slip_margin: moves are planned at least ``J + slip_margin * fS`` in size, so that they slip
-            even if the static friction is somewhat above its estimate.
-        overshoot: how far beyond its final position the stem may go for speed, as a share of the
-            way there. The farther, the more the plan relies on the fast part of the process model.
-        spread: relative uncertainty of fS and of fD.
-        gain_spread: relative uncertainty of the process gain.
-        offset_memory: settling times over which the load (what makes the controller free of offset)
-            is averaged in quiet times.
-        noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
-            the loop's own noise decide (`TrackerBank`).
-    """
-
-    limits: OpLimits = field(default_factory=OpLimits)
-    horizon: int = 0
-    move_penalty: float = 1.0
-    travel_penalty: float = 0.2
-    noise_band: float = 0.0
-    slip_margin: float = 0.2
-    overshoot: float = 0.5
-    spread: float = 0.1
-    gain_spread: float = 0.1
-    offset_memory: float = 2.0
-    noise: NoiseModel | None = None
-
-    def __post_init__(self) -> None:
-        require_not_negative(
-            "HybridSettings",
-            horizon=self.horizon,
-            move_penalty=self.move_penalty,
-            travel_penalty=self.travel_penalty,
-            noise_band=self.noise_band,
-            slip_margin=self.slip_margin,
-            overshoot=self.overshoot,
-            spread=self.spread,
-            gain_spread=self.gain_spread,
-        )
-
-    def with_limits(self, limits: OpLimits) -> HybridSettings:
-        """Return the same settings with other limits of OP."""
-        return replace(self, limits=limits)
+_PLAUSIBLE = 0.05
+"""Chance from which a hypothesis counts when a move must be sure to slip."""
+_LEAST_SHARE = 0.05
+"""Share of the least move that is planned at least, however much of it the error of fD takes."""
 
 
 class HybridMpc:
@@ -97,24 +45,35 @@ class HybridMpc:
 
     Args:
         model: valve and process, from a parameter block or from identification.
-        settings: limits, prices, uncertainties.
+        settings: limits, prices, least uncertainties.
+        uncertainty: of the friction, as the identification states it.
 
     Raises:
         CompensatorError: the process cannot be controlled, or the valve's band leaves no position
             to move to inside the OP range.
     """
 
-    def __init__(self, model: LoopModel, settings: HybridSettings | None = None) -> None:
+    def __init__(
+        self,
+        model: LoopModel,
+        settings: HybridSettings | None = None,
+        uncertainty: Uncertainty | None = None,
+    ) -> None:
         self.settings = settings or HybridSettings()
         self._model = model
         self._prediction = Prediction.of(model.process, "input")
+        if 0 < self.settings.horizon <= self._prediction.dead_time:
+            raise CompensatorError(
+                f"a horizon of {self.settings.horizon} samples ends before the dead time of "
+                f"{self._prediction.dead_time}; use 0, which chooses one"
+            )
         self.planner = MovePlanner(self.prediction, self.settings.horizon)
         noise = self.settings.noise
         noises = noise_kinds(self.prediction) if noise is None else (noise,)
         s = self.settings
         tracking = TrackerSettings(
             noises[0],
-            spread=s.spread,
+            friction=s.friction_prior(uncertainty or Uncertainty()),
             gain_spread=s.gain_spread,
             offset_memory=s.offset_memory,
         )
@@ -122,6 +81,7 @@ class HybridMpc:
         self._reach = self.require_reachable(model.valve)
         self._op = math.nan
         self._pv_bad = False
+        self._tolerated = 0.0
         self._moving = self.stem_moved = False
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
@@ -181,9 +141,20 @@ class HybridMpc:
         return self.tracker.held_variance
 
     @property
+    def load_stepped(self) -> bool:
+        """Whether the last PV showed a step of the load."""
+        return self.tracker.load_stepped
+
+    @property
     def is_moving(self) -> bool:
         """Whether the valve was moved by the last OP, or the plan is about to move it further."""
         return self._moving
+
+    def tolerate(self, deviation: float) -> None:
+        """Take in PV's deviation before compensation: a small share of it is worth no move."""
+        s = self.settings
+        share = s.tolerated_level if self.prediction.process.is_integrating else s.tolerated
+        self._tolerated = share * deviation
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""
@@ -220,11 +191,11 @@ class HybridMpc:
             change = plan.changes[0]
             position = self._slipping(belief, change)
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
-            op = self._move(belief, min(max(position, low), high))
+            op = self._strokes(belief).move(min(max(position, low), high))
         else:
             position = belief.stem
             status = ActionStatus.LIMITED if limited else ActionStatus.HOLDING
-            op = self._hold(belief)
+            op = self._strokes(belief).hold()
         return Action(op, status, target, plan.final_pv + sp, position, self._words(plan))
 
     def _stem_for(self, belief: Belief, change: float, direction: float) -> float:
@@ -233,17 +204,16 @@ class HybridMpc:
         return float(belief.stem + (change - turned) / (1.0 + belief.errors[GAIN]))
 
     def _slipping(self, belief: Belief, change: float) -> float:
-        """Return the stem position for a change of the drive.
+        """Return the stem position for a change of the drive, far enough away to be sure to slip.
 
-        What is learnt of fD shifts where the stem lands, not the OP at which it breaks away: after
-        a command that the valve has withstood, the next one goes far enough to slip.
+        What is learnt of fD shifts where the stem lands, not the OP at which it breaks away: a
+        command inside the believed band could let the true valve slip while "it stayed" is
+        believed, and the belief would run away.
         """
         side = math.copysign(1.0, change)
         position = self._stem_for(belief, change, side)
-        if math.isfinite(belief.tested):
-            least = self._smallest_move(belief)
-            return belief.stem + side * max(side * (position - belief.stem), least)
-        return position
+        least = self._smallest_move(belief) + self._apart(belief, side)
+        return belief.stem + side * max(side * (position - belief.stem), least)
 
     def _change_for(self, belief: Belief, position: float, direction: float) -> float:
         """Return the change of the process's drive that a stem position makes."""
@@ -257,18 +227,56 @@ class HybridMpc:
         error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - sp
         # The planner moves the process's drive; the stem moves it by a gain known a little better.
         gain = 1.0 + float(belief.errors[GAIN])
-        smallest = self._smallest_move(belief)
-        ramp = self._ramp(belief, smallest)
+        least = self._least_moves(belief)
+        ramp = self._strokes(belief).ramp()
+        ramp = replace(ramp, largest=gain * ramp.largest)
         move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         way = wanted - tracker.drive(belief)
-        beyond = gain * smallest + s.overshoot * abs(way)
+        overshoot = s.overshoot * abs(way)
+        lowest = min(0.0, way) - overshoot - max(least.on, least.down)
+        highest = max(0.0, way) + overshoot + max(least.on, least.up)
         reach = (
-            max(self._change_for(belief, self._reach[0], -1.0), min(0.0, way) - beyond),
-            min(self._change_for(belief, self._reach[1], 1.0), max(0.0, way) + beyond),
+            max(self._change_for(belief, self._reach[0], -1.0), lowest),
+            min(self._change_for(belief, self._reach[1], 1.0), highest),
         )
-        ramp = replace(ramp, largest=gain * ramp.largest)
-        return self.planner.plan(error, reach, gain * smallest, move_cost, travel_cost, ramp)
+        return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
+
+    def _least_moves(self, belief: Belief) -> LeastMoves:
+        """Return what commands that are sure to slip make of the drive, least of all.
+
+        A slip turns by ``t`` in direction (2 when it reverses), and the error ``w`` of fD makes
+        ``w t`` of the drive beside the stem's way.
+        """
+        gain, wrong = 1.0 + float(belief.errors[GAIN]), float(belief.errors[FRICTION])
+        on = gain * self._smallest_move(belief)
+        floor = _LEAST_SHARE * on
+        up, down = (on + gain * self._apart(belief, side) for side in (1.0, -1.0))
+        return LeastMoves(
+            up=max(up + wrong * (1.0 - belief.direction), floor),
+            down=max(down + wrong * (1.0 + belief.direction), floor),
+            on=on,
+            back=max(on + 2.0 * wrong, floor),
+        )
+
+    def _apart(self, belief: Belief, side: float) -> float:
+        """Return how much farther to ``side`` than ``belief`` the stem may be.
+
+        A move has to go so much farther to be sure to slip, whatever hypothesis holds. After it all
+        of them agree, so that a second move need not. Where OP's range or rate does not allow it,
+        the move goes as far as they do: what is out of reach must not keep the stem for ever.
+        """
+        smallest = self._smallest_move(belief)
+        low, high = self._reach
+        room = (high - belief.stem if side > 0.0 else belief.stem - low) - smallest
+        room = min(room, self._strokes(belief).ramp().largest - smallest)
+        tracker = self.tracker
+        ways = [
+            side * (h.stem - belief.stem)
+            for h, chance in zip(tracker.beliefs, tracker.chances, strict=True)
+            if chance > _PLAUSIBLE
+        ]
+        return max(0.0, min(max(ways, default=0.0), room))
 
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""
@@ -276,8 +284,11 @@ class HybridMpc:
         smallest = self._smallest_move(tracker.best)
         # An offset not yet known well is no reason to move: waiting will tell.
         # A level drifts away from a wrong position, so that there a move cannot wait.
-        weight = 1.0 if self.prediction.process.is_integrating else _UNKNOWN
+        weight = 1.0 if self.prediction.process.is_integrating else s.unknown
         variance = tracker.held_variance + weight * tracker.offset_variance + s.noise_band**2
+        variance = max(variance, self._tolerated**2)
+        if tracker.best.direction == 0.0:
+            variance *= s.unseen
         # A floor for loops without noise: a thousandth of what one slip makes of PV.
         floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
         move_cost = s.move_penalty * max(variance, floor) * self.planner.duration
@@ -308,66 +319,20 @@ class HybridMpc:
         margin = s.slip_margin
         if belief.survived > 0.0:
             margin += s.spread * belief.survived
-        if self._creeps:
+        if Strokes.creeps(s, valve):
             margin = 0.0  # OP goes on until the stem slips, whatever its friction
         return valve.slip_jump + margin * valve.static_friction
 
-    @property
-    def _creeps(self) -> bool:
-        """Whether OP is too slow to leap over the uncertainty of the static friction."""
-        s, valve = self.settings, self.model.valve
-        return s.limits.rate < (1.0 - _EDGE + s.slip_margin) * valve.static_friction
-
     def _begins_at(self, belief: Belief, change: float) -> int:
         """Return the first move time of a plan that OP, set off now, can keep."""
-        ramp = self._ramp(belief, self._smallest_move(belief))
+        ramp = self._strokes(belief).ramp()
         times = self.planner.times
         first = int(np.searchsorted(times, ramp.up if change > 0.0 else ramp.down))
         return int(times[min(first, times.size - 1)])
 
-    def _ramp(self, belief: Belief, smallest: float) -> Ramp:
-        """Return what OP's rate limit means for moves from here: OP has to travel to the edge of
-        the band first, a slip begins from there with one scan's worth of rate, and after it OP
-        stands fD away from the stem.
-        """
-        rate, valve = self.settings.limits.rate, self.model.valve
-        if math.isinf(rate):
-            return Ramp()
-        fd, lead = valve.dynamic_friction, self._op - belief.stem
-
-        def scans(way: float) -> int:
-            return max(0, math.ceil(min(way / rate, 1e6) - 1e-9))
-
-        return Ramp(
-            up=max(0, scans(smallest + fd - lead) - 1),
-            down=max(0, scans(smallest + fd + lead) - 1),
-            same=max(1, scans(smallest)),
-            opposite=max(1, scans(smallest + 2.0 * fd)),
-            largest=smallest + rate if self._creeps else _EDGE * valve.static_friction + rate - fd,
-        )
-
-    def _move(self, belief: Belief, position: float) -> float:
-        """Return the OP that moves the stem to ``position``, as far as the rate limit lets it."""
-        valve, limits = self.model.valve, self.settings.limits
-        side = math.copysign(1.0, position - belief.stem)
-        wanted = position + side * valve.dynamic_friction
-        op = limits.clip(wanted, self._op)
-        if self._creeps:
-            # From here one scan's worth of rate slips, and lands where it should.
-            ahead = min((wanted - belief.stem) * side - limits.rate, 0.97 * valve.static_friction)
-            way = ahead - (self._op - belief.stem) * side
-            step = way if 0.1 * limits.rate < way < limits.rate else limits.rate
-            return limits.clip(self._op + side * step, self._op)
-        edge = belief.stem + side * _EDGE * valve.static_friction
-        slips_early = op != wanted and (op - edge) * side > 0.0
-        if slips_early and (self._op - edge) * side < -1e-9:
-            # Too slow to do it in one go: wait at the band's edge, then jump from there.
-            return limits.clip(edge, self._op)
-        return op
-
-    def _hold(self, belief: Belief) -> float:
-        """Return the middle of the band, the OP that no disturbance turns into a slip."""
-        return self.settings.limits.clip(belief.stem, self._op)
+    def _strokes(self, belief: Belief) -> Strokes:
+        smallest = self._smallest_move(belief)
+        return Strokes(self.settings, self.model.valve, smallest, belief.stem, self._op)
 
     @staticmethod
     def _words(plan: MovePlan) -> str:

@@ -1,4 +1,8 @@
-"""Compiled arithmetic of a scan: what numpy needs dozens of small arrays for."""
+"""Compiled arithmetic of a scan: what numpy needs dozens of small arrays for.
+
+Sums are taken in the order that is written here, without fast arithmetic and without BLAS: the same
+bits on every processor.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["carried_covariance", "coloured_power", "correlate", "held_course"]
+__all__ = [
+    "carried_covariance",
+    "coloured_power",
+    "correlate",
+    "gram_of",
+    "held_course",
+    "lagged_products",
+    "multiplied",
+    "weighted_moments",
+]
 
 Array = NDArray[np.float64]
 
@@ -34,6 +47,62 @@ def correlate(weighted: Array, weights: Array, error: Array) -> tuple[float, Arr
         for k in range(error.size):
             correlation[i] += weighted[i, k] * error[k]
     return square, correlation
+
+
+@numba.njit("float64[::1](float64[:, ::1], float64[::1])", cache=True)
+def multiplied(matrix: Array, vector: Array) -> Array:
+    """Return ``matrix @ vector``."""
+    out = np.zeros(matrix.shape[0])
+    for i in range(matrix.shape[0]):
+        for j in range(vector.size):
+            out[i] += matrix[i, j] * vector[j]
+    return out
+
+
+@numba.njit("float64[:, ::1](float64[:, ::1], float64[:, ::1])", cache=True)
+def gram_of(left: Array, right: Array) -> Array:
+    """Return ``left @ right.T``."""
+    out = np.zeros((left.shape[0], right.shape[0]))
+    for i in range(left.shape[0]):
+        for j in range(right.shape[0]):
+            for k in range(left.shape[1]):
+                out[i, j] += left[i, k] * right[j, k]
+    return out
+
+
+@numba.njit("float64[::1](float64[::1])", cache=True)
+def lagged_products(signal: Array) -> Array:
+    """Return the sums of ``signal[i] * signal[i + lag]`` for lag 0, 1, ... ``signal.size - 1``."""
+    out = np.zeros(signal.size)
+    for lag in range(signal.size):
+        for i in range(signal.size - lag):
+            out[lag] += signal[i] * signal[i + lag]
+    return out
+
+
+@numba.njit(
+    "Tuple((float64, float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])", cache=True
+)
+def weighted_moments(points: Array, weights: Array) -> tuple[float, Array, Array]:
+    """Return the sum of ``weights`` (shape ``(h,)``), and the weighted mean and covariance of the
+    rows of ``points`` (shape ``(h, m)``).
+    """
+    count, m = points.shape
+    total = 0.0
+    mean = np.zeros(m)
+    for h in range(count):
+        total += weights[h]
+        for i in range(m):
+            mean[i] += weights[h] * points[h, i]
+    for i in range(m):
+        mean[i] /= total
+    spread = np.zeros((m, m))
+    for h in range(count):
+        for i in range(m):
+            for j in range(m):
+                apart = (points[h, i] - mean[i]) * (points[h, j] - mean[j])
+                spread[i, j] += weights[h] / total * apart
+    return total, mean, spread
 
 
 @numba.njit("float64(float64[::1], float64)", cache=True)
@@ -68,19 +137,27 @@ def carried_covariance(
     F = A.copy()
     for i in range(n):
         F[i, 0] -= gain[i]
-    half = np.zeros((n, n))
+    # Most of F is zero: each row has the first column, the next state, and what drives all states.
+    used = np.empty((n, n), dtype=np.int64)
+    count = np.zeros(n, dtype=np.int64)
     for i in range(n):
         for k in range(n):
             if F[i, k] != 0.0:
-                for j in range(n):
-                    half[i, j] += F[i, k] * covariance[k, j]
+                used[i, count[i]] = k
+                count[i] += 1
+    half = np.zeros((n, n))
+    for i in range(n):
+        for c in range(count[i]):
+            k = used[i, c]
+            for j in range(n):
+                half[i, j] += F[i, k] * covariance[k, j]
     out = np.empty((n, n))
     for i in range(n):
         for j in range(i, n):
             value = noise * gain[i] * gain[j] + scale * (
                 q[i, j] - cross[i] * gain[j] - cross[j] * gain[i]
             )
-            for k in range(n):
-                value += half[i, k] * F[j, k]
+            for c in range(count[j]):
+                value += half[i, used[j, c]] * F[j, used[j, c]]
             out[i, j] = out[j, i] = value
     return out

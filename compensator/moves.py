@@ -4,8 +4,10 @@ The problem (positions relative to the present stem, ``t_j`` on a grid of move t
 process's step response, ``e`` the error PV would have with the stem at rest):
 
     min  sum_p w_p (e_p + sum_j D_j s(p - t_j))**2 + sum_j (move_cost + travel_cost |D_j|)
-    s.t. |D_j| >= smallest,   low <= stem + D_1 + ... + D_j <= high,   at most two moves
+    s.t. |D_j| >= least,   low <= stem + D_1 + ... + D_j <= high,   at most two moves
 
+The least size of a move may depend on its direction and on the one before (`LeastMoves`): what is
+believed of the dynamic friction changes what a command that is sure to slip makes of the drive.
 A rate limit of OP makes the first slip wait, keeps slips apart and bounds their size (`Ramp`).
 
 For given times and signs it is a convex quadratic in one or two unknowns on a polygon, solved in
@@ -21,14 +23,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import correlate, held_course
+from compensator.kernels import correlate, gram_of, held_course, multiplied
+from compensator.move_kernels import best_moves
 from compensator.prediction import Prediction, settling_samples
 
-__all__ = ["MovePlan", "MovePlanner", "Ramp", "warm_up"]
+__all__ = ["LeastMoves", "MovePlan", "MovePlanner", "Ramp", "warm_up"]
 
 Array = NDArray[np.float64]
 
@@ -71,6 +73,27 @@ class Ramp:
     largest: float = math.inf
 
 
+@dataclass(frozen=True, slots=True)
+class LeastMoves:
+    """Least sizes of moves, all above zero or all zero.
+
+    Attributes:
+        up, down: of a first move upwards, downwards.
+        on: of a second move in the direction of the first.
+        back: of a second move against the first.
+    """
+
+    up: float
+    down: float
+    on: float
+    back: float
+
+    @classmethod
+    def alike(cls, size: float) -> LeastMoves:
+        """Return one least size for all moves."""
+        return cls(size, size, size, size)
+
+
 def _spread(first: int, dense: int, last: int, ratio: float) -> NDArray[np.int64]:
     """Return integers from ``first`` to ``last``: every one up to ``dense``, then ever sparser."""
     points = [first]
@@ -104,15 +127,16 @@ class MovePlanner:
         # What is left at the end stays: it counts for longer than noise that passes.
         self.weights[-1] += _LASTING * self.duration * (not prediction.process.is_integrating)
         self._weighted = np.ascontiguousarray(self._effects * self.weights)
-        self.gram = np.ascontiguousarray(self._weighted @ self._effects.T)
+        self.gram = gram_of(self._weighted, np.ascontiguousarray(self._effects))
         self._held = np.ascontiguousarray(response[points])
         rows = np.empty((points.size, prediction.order))
         row = np.zeros(prediction.order)
         row[0] = 1.0
+        transposed = np.ascontiguousarray(prediction.A.T)
         k = 1
         for i, p in enumerate(points):
             while k < p:
-                row = row @ prediction.A
+                row = multiplied(transposed, row)
                 k += 1
             rows[i] = row
         self._free = rows
@@ -127,7 +151,7 @@ class MovePlanner:
         self,
         error: Array,
         reach: tuple[float, float],
-        smallest: float,
+        least: LeastMoves,
         move_cost: float,
         travel_cost: float,
         ramp: Ramp | None = None,
@@ -137,7 +161,7 @@ class MovePlanner:
         Args:
             error: PV minus SP at `points` with the stem at rest, shape ``(points,)``.
             reach: positions that moves may end at, relative to the present one.
-            smallest: least size of a move.
+            least: least sizes of the moves.
             move_cost, travel_cost: price of one move, and of its size, in units of PV squared
                 times samples.
             ramp: what OP's rate limit asks; None: nothing.
@@ -149,7 +173,8 @@ class MovePlanner:
             correlation,
             self.times,
             reach,
-            (smallest, max(smallest, r.largest)),
+            (least.up, least.down, least.on, least.back),
+            max(least.on, r.largest),
             (move_cost, travel_cost),
             (r.up, r.down, r.same, r.opposite),
         )
@@ -159,152 +184,8 @@ class MovePlanner:
         return MovePlan(times, (p, q)[:count], hold + gain, hold, final)
 
 
-@numba.njit(
-    "UniTuple(float64, 3)(float64, float64, float64, float64, float64,"
-    " float64, float64, float64, float64, float64, float64, float64)",
-    cache=True,
-)
-def best_on_polygon(
-    hpp: float,
-    hpq: float,
-    hqq: float,
-    gp: float,
-    gq: float,
-    p_low: float,
-    p_high: float,
-    q_low: float,
-    q_high: float,
-    sign: float,
-    smallest: float,
-    largest: float,
-) -> tuple[float, float, float]:
-    """Minimise ``hpp p² + 2 hpq p q + hqq q² + 2 gp p + 2 gq q`` over ``p_low <= p <= p_high``,
-    ``q_low <= q <= q_high``, ``smallest <= sign (q - p) <= largest``; return value, p, q (value
-    infinite when there is no such point).
-    """
-    if p_low > p_high or q_low > q_high:
-        return math.inf, 0.0, 0.0
-    det = hpp * hqq - hpq * hpq
-    if det > 1e-14 * hpp * hqq:
-        p = (hpq * gq - hqq * gp) / det
-        q = (hpq * gp - hpp * gq) / det
-        size = sign * (q - p)
-        if p_low <= p <= p_high and q_low <= q <= q_high and smallest <= size <= largest:
-            return gp * p + gq * q, p, q
-    best, best_p, best_q = math.inf, 0.0, 0.0
-    for edge in range(6):
-        if edge == 5 and largest == math.inf:
-            continue
-        # Along every edge: p = p0 + dp t, q = q0 + dq t with t in [low, high].
-        if edge < 2:
-            p0, dp, q0, dq = (p_low if edge == 0 else p_high), 0.0, 0.0, 1.0
-            low, high = q_low, q_high
-            if sign > 0.0:
-                low, high = max(low, p0 + smallest), min(high, p0 + largest)
-            else:
-                low, high = max(low, p0 - largest), min(high, p0 - smallest)
-        elif edge < 4:
-            p0, dp, q0, dq = 0.0, 1.0, (q_low if edge == 2 else q_high), 0.0
-            low, high = p_low, p_high
-            if sign > 0.0:
-                low, high = max(low, q0 - largest), min(high, q0 - smallest)
-            else:
-                low, high = max(low, q0 + smallest), min(high, q0 + largest)
-        else:
-            p0, dp, q0, dq = 0.0, 1.0, sign * (smallest if edge == 4 else largest), 1.0
-            low, high = max(p_low, q_low - q0), min(p_high, q_high - q0)
-        if low > high:
-            continue
-        curve = hpp * dp * dp + 2.0 * hpq * dp * dq + hqq * dq * dq
-        slope = (hpp * p0 + hpq * q0 + gp) * dp + (hpq * p0 + hqq * q0 + gq) * dq
-        t = -slope / curve if curve > 0.0 else (high if slope < 0.0 else low)
-        t = min(max(t, low), high)
-        p, q = p0 + dp * t, q0 + dq * t
-        value = hpp * p * p + 2.0 * hpq * p * q + hqq * q * q + 2.0 * (gp * p + gq * q)
-        if value < best:
-            best, best_p, best_q = value, p, q
-    return best, best_p, best_q
-
-
-@numba.njit(
-    "Tuple((int64, int64, float64, int64, float64, float64))"
-    "(float64[:, ::1], float64[::1], int64[::1], UniTuple(float64, 2), UniTuple(float64, 2),"
-    " UniTuple(float64, 2), UniTuple(int64, 4))",
-    cache=True,
-)
-def best_moves(
-    gram: Array,
-    correlation: Array,
-    times: NDArray[np.int64],
-    reach: tuple[float, float],
-    sizes: tuple[float, float],
-    costs: tuple[float, float],
-    ramp: tuple[int, int, int, int],
-) -> tuple[int, int, float, int, float, float]:
-    """Return moves, first time index, first position, second time index, second position, and the
-    cost relative to holding; positions are relative to the present stem.
-
-    ``sizes`` are the smallest and the largest of a move, ``costs`` those of a move and of its size,
-    ``ramp`` the first sample of a move up, of one down, and the samples between two moves in the
-    same and in opposite directions.
-    """
-    low, high = reach
-    smallest, largest = sizes
-    move_cost, travel_cost = costs
-    first_up, first_down, same, opposite = ramp
-    count, best_i, best_p, best_j, best_q, best = 0, 0, 0.0, 0, 0.0, 0.0
-    n = correlation.size
-    for i in range(n):
-        hii, gi = gram[i, i], correlation[i]
-        if hii <= 0.0:
-            continue
-        for up in (1.0, -1.0):
-            p_low = max(low, smallest) if up > 0.0 else max(low, -largest)
-            p_high = min(high, largest) if up > 0.0 else min(high, -smallest)
-            if p_low > p_high or times[i] < (first_up if up > 0.0 else first_down):
-                continue
-            g = gi + 0.5 * travel_cost * up
-            p = min(max(-g / hii, p_low), p_high)
-            cost = hii * p * p + 2.0 * g * p + move_cost
-            if cost < best:
-                count, best_i, best_p, best = 1, i, p, cost
-            for j in range(i + 1, n):
-                hjj, hij, gj = gram[j, j], gram[i, j], correlation[j]
-                if hjj <= 0.0:
-                    continue
-                det = hii * hjj - hij * hij
-                # No pair of sizes does better than the unconstrained pair.
-                if det > 1e-12 * hii * hjj:
-                    bound = -(hjj * gi * gi - 2.0 * hij * gi * gj + hii * gj * gj) / det
-                    if bound + 2.0 * move_cost >= best:
-                        continue
-                # In positions p and q after the moves: sizes are p and q - p.
-                for on in (1.0, -1.0):
-                    if times[j] - times[i] < (same if on == up else opposite):
-                        continue
-                    a = gi + 0.5 * travel_cost * up
-                    b = gj + 0.5 * travel_cost * on
-                    value, p, q = best_on_polygon(
-                        hii - 2.0 * hij + hjj,
-                        hij - hjj,
-                        hjj,
-                        a - b,
-                        b,
-                        p_low,
-                        p_high,
-                        low,
-                        high,
-                        on,
-                        smallest,
-                        largest,
-                    )
-                    cost = value + 2.0 * move_cost
-                    if cost < best:
-                        count, best_i, best_p, best_j, best_q, best = 2, i, p, j, q, cost
-    return count, best_i, best_p, best_j, best_q, best
-
-
 def warm_up() -> None:
     """Load the compiled kernels (compile them on a first run), ahead of the first deadline."""
     times = np.arange(2, dtype=np.int64)
-    best_moves(np.eye(2), np.ones(2), times, (-1.0, 1.0), (0.1, 1.0), (0.01, 0.01), (0, 0, 1, 1))
+    least = (0.1, 0.1, 0.1, 0.1)
+    best_moves(np.eye(2), np.ones(2), times, (-1.0, 1.0), least, 1.0, (0.01, 0.01), (0, 0, 1, 1))

@@ -21,13 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from compensator.action import CompensatorError, require_not_negative
+from compensator.action import CompensatorError, RefusalKind, require_not_negative
+from compensator.kernels import multiplied
 from loop_model import ProcessModel
 
-__all__ = ["Disturbance", "NoiseModel", "Prediction", "StateFilter"]
+__all__ = ["LONGEST_DEAD_TIME", "Disturbance", "NoiseModel", "Prediction", "StateFilter"]
 
 Disturbance = Literal["auto", "output", "input"]
 Array = NDArray[np.float64]
+
+LONGEST_DEAD_TIME = 200
+"""Samples of dead time: each is a state, and the covariance's update grows with their square."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,11 @@ class Prediction:
                 integrating with an output disturbance asked for.
         """
         dead_time = max(1, process.dead_time)
+        if dead_time > LONGEST_DEAD_TIME:
+            raise CompensatorError(
+                f"a dead time of {dead_time} samples is longer than the {LONGEST_DEAD_TIME} that "
+                "can be controlled; identify with a longer sampling period"
+            )
         na, nb = len(process.a), len(process.b)
         n = max(na, dead_time + nb - 1)
         b = np.zeros(n)
@@ -106,7 +115,8 @@ class Prediction:
         if poles.size and float(poles.max()) >= 1.0:
             raise CompensatorError(
                 f"the process model is unstable (largest pole {float(poles.max()):.6g}); identify "
-                f"it again or correct a={process.a}"
+                f"it again or correct a={process.a}",
+                RefusalKind.UNSTABLE,
             )
         if abs(sum(process.b)) <= 1e-12 * sum(map(abs, process.b)) or not any(process.b):
             raise CompensatorError(f"the process model has no steady gain: b={process.b}")
@@ -145,22 +155,21 @@ class Prediction:
     @cached_property
     def _rest_at_one(self) -> tuple[Array, float]:
         """State and input at which the process rests at 1."""
-        n = self.order
-        matrix = np.zeros((n + 1, n + 1))
-        matrix[:n, :n] = np.eye(n) - self.A
-        matrix[:n, n] = -self.B
-        matrix[n, 0] = 1.0
-        wanted = np.zeros(n + 1)
-        wanted[n] = 1.0
-        solution = np.asarray(np.linalg.solve(matrix, wanted), dtype=np.float64)
-        return solution[:n], float(solution[n])
+        p, n = self.process, self.order
+        drive = (1.0 + sum(p.a)) / sum(p.b)
+        state = np.zeros(n)
+        after = 0.0
+        for i in range(n - 1, 0, -1):
+            after = state[i] = self.A[i, 0] + self.B[i] * drive + after
+        state[0] = 1.0
+        return state, drive
 
     def step_response(self, samples: int) -> Array:
         """Return PV at 1, 2, ... ``samples`` samples after a unit step of the stem."""
         state = np.zeros(self.order)
         response = np.empty(samples)
         for k in range(samples):
-            state = self.A @ state + self.B
+            state = multiplied(self.A, state) + self.B
             response[k] = state[0]
         return response
 
@@ -263,7 +272,7 @@ class StateFilter:
         Add ``B * stem`` for any other stem. Nothing is changed.
         """
         p = self.prediction
-        state = p.A @ self.state + self._gain * self._last_innovation
+        state = multiplied(p.A, self.state) + self._gain * self._last_innovation
         if p.input_disturbance:
             state = state + p.B * self.disturbance
         return state, self.disturbance + self._gain_disturbance * self._last_innovation

@@ -5,9 +5,10 @@ depends on parameters that are known to some per cent only. So every such comman
 hypotheses, *it slipped* and *it stayed*. Each carries the process state that it implies; the
 innovations of PV tell them apart within a few samples, and the better one is believed from then on
 (a missed or an unexpected slip is re-synchronised that way). A certain slip makes all of them
-agree: after it the position is ``OP -/+ fD``, whatever it was before. The friction that a slip
-needs is taken as normal around fS; a hypothesis that has survived a command knows that it needs
-more than that command.
+agree: after it the position is ``OP -/+ fD``, whatever it was before. Hypotheses that agree are
+merged by their moments, so that the spread of their loads stays in the covariance. The friction
+that a slip needs has a prior (`FrictionPrior`) that is never forgotten; a hypothesis that has
+survived a command knows that it needs more than that command.
 
 What is wrong in the parameters is learnt with the state, as three more unknowns of the filter.
 What drives the process is ``x + m``, with ``m`` the load (the offset-free disturbance). A slip of
@@ -21,20 +22,25 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chance_of_rest
+from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
+from compensator.friction import FrictionPrior
 from compensator.innovations import InnovationStatistics
-from compensator.kernels import carried_covariance, coloured_power
+from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
+from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import NoiseModel, Prediction, settling_samples
 from loop_model import ValveModel
 
 __all__ = ["Belief", "StemTracker", "TrackerSettings"]
 
 Array = NDArray[np.float64]
+
+_NEGLIGIBLE = 0.006
+"""Chance of an outcome below which it is not followed by a hypothesis of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +49,20 @@ class TrackerSettings:
 
     Attributes:
         noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
-        spread: relative deviation of the static and of the dynamic friction.
+        friction: prior of the static and of the dynamic friction.
         gain_spread: relative deviation of the process gain.
         offset_memory: settling times over which the load is averaged in quiet times.
+        delay_spread: samples that the answer to a slip may be early or late; it covers what a
+            model of too low an order leaves of the response, which would else pass for load.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
     """
 
     noise: NoiseModel
-    spread: float = 0.1
+    friction: FrictionPrior = field(default_factory=FrictionPrior)
     gain_spread: float = 0.1
     offset_memory: float = 2.0
+    delay_spread: float = 1.0
     hypotheses: int = 6
     memory: float = 60.0
 
@@ -65,6 +74,9 @@ class StemTracker:
         prediction: the process with its disturbance at the input.
         valve: the valve model; may be replaced between scans.
         settings: uncertainties.
+
+    Attributes:
+        load_stepped: whether the last PV showed a step of the load.
     """
 
     def __init__(
@@ -94,6 +106,8 @@ class StemTracker:
         self.beliefs: list[Belief] = []
         self.innovations = InnovationStatistics()
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
+        self._load_steps = LoadStepDetector(prediction.dead_time)
+        self.load_stepped = False
         self._op = math.nan
         self._innovation = 1.0
         self._noise_now = self._scale_now = 0.0
@@ -119,8 +133,8 @@ class StemTracker:
         state = p.equation_gain
         for k in range(1, most + 1):
             response[k] = state[0]
-            state = p.A @ state
-        return np.ascontiguousarray(np.correlate(response, response, "full")[most:])
+            state = multiplied(p.A, state)
+        return lagged_products(response)
 
     @property
     def ready(self) -> bool:
@@ -131,6 +145,11 @@ class StemTracker:
     def best(self) -> Belief:
         """The hypothesis that PV supports most."""
         return self.beliefs[0]
+
+    @property
+    def chances(self) -> list[float]:
+        """How likely each of `beliefs` is."""
+        return chances_of(self.beliefs)
 
     @property
     def held_variance(self) -> float:
@@ -153,7 +172,7 @@ class StemTracker:
     def free(self, belief: Belief) -> Array:
         """Return the state of the next scan if nothing drove the process (add ``B * drive``)."""
         p = self.prediction
-        return np.asarray(p.A @ belief.state + p.equation_gain * belief.noise)
+        return multiplied(p.A, belief.state) + p.equation_gain * belief.noise
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
@@ -183,24 +202,30 @@ class StemTracker:
 
     def _advance(self, op: float) -> None:
         fs, fd = self.valve.static_friction, self.valve.dynamic_friction
-        width = max(self.settings.spread * fs, 1e-12)
+        friction = self.settings.friction
+        width = friction.static_deviation(self.valve)
         moved: list[Belief] = []
         for h in self.beliefs:
             free = self.free(h)
             error = op - h.stem
             side = math.copysign(1.0, error)
             z = (abs(error) - fs) / width
-            stays = chance_of_rest(z, h.tested)
+            stays = friction.chance_of_rest(z, h.tested)
             outcomes = []
-            if stays > 0.006:
-                outcomes.append(h.stay(z, math.log(stays)))
-            if stays < 0.994:
-                outcomes.append(h.slip(op - side * fd, side, math.log(1.0 - stays)))
+            if stays > _NEGLIGIBLE:
+                outcomes.append(h.stay(z, math.log(stays), friction))
+            if stays < 1.0 - _NEGLIGIBLE:
+                outcomes.append(h.slip(op - side * fd, side, math.log(1.0 - stays), friction))
             for after in outcomes:
                 after.state = free + self.prediction.B * self.drive(after)
             moved += outcomes
-        self.beliefs = self._likely(moved)
+        merged, spreads = merge_alike(moved)
+        self.beliefs = self._likely(merged)
         self._spread_out()
+        if self.best.stem in spreads:
+            self._covariance += spreads[self.best.stem]
+        if self.best.way:
+            self._doubt_response(self.best.way)
         self._op = op
         here = (self.best.stem, self.best.direction)
         if not self._rests or self._rests[-1][0] != here[0]:
@@ -213,7 +238,7 @@ class StemTracker:
         for error, change in ((FRICTION, self.best.turn), (GAIN, self.best.way)):
             A[:n, n + error] = self.prediction.B * change
             A[n + LOAD, n + error] = change
-        gain = A @ self._gain
+        gain = multiplied(A, self._gain)
         if self._gain.any():
             gain += self._scale_now * self._cross / self._innovation
         self._covariance = carried_covariance(
@@ -239,7 +264,8 @@ class StemTracker:
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
         best = self.best
-        reach = (1.0 + 2.0 * self.settings.spread) * self.valve.static_friction
+        friction = self.settings.friction
+        reach = self.valve.static_friction + 2.0 * friction.static_deviation(self.valve)
         for stem, direction in self._rests:
             if abs(stem - best.stem) > 1e-9 and abs(self._op - stem) <= reach:
                 self.beliefs.append(
@@ -278,7 +304,7 @@ class StemTracker:
             h.noise = carried * surprise
             self._keep_believable(h)
             # Heavy tails: one wild sample must not decide between two positions.
-            h.score = keep * h.score - 0.5 * min(surprise**2 / self._innovation, 9.0)
+            h.see(-0.5 * min(surprise**2 / self._innovation, 9.0), keep)
         self.beliefs = self._likely(self.beliefs)
         self._watch(surprises[id(self.best)])
 
@@ -296,17 +322,36 @@ class StemTracker:
             for h in self.beliefs:
                 h.errors[FRICTION] = h.errors[GAIN] = 0.0
             seen.restart_trend()
+        normal = surprise / math.sqrt(max(self._innovation, 1e-300))
+        since = self._load_steps.push(normal, is_biased=seen.is_biased)
+        self.load_stepped = since > 0
+        if since:
+            self._expect_load(since)
         if seen.is_biased:
             seen.restart_trend(colour=0.5)
             self._recall()
             self._covariance[n, n] += 4.0 * self.held_variance / self.prediction.scale**2
+
+    def _doubt_response(self, way: float) -> None:
+        """Widen the belief of the state for a response that comes a little early or late."""
+        n = self.prediction.order
+        pulse = self.settings.delay_spread * way * self.prediction.B
+        self._covariance[:n, :n] += np.outer(pulse, pulse)
+
+    def _expect_load(self, scans: int) -> None:
+        """Widen the belief for a load step that came ``scans`` ago."""
+        n = self.prediction.order
+        signature = np.zeros(n + ERRORS)
+        signature[:n], signature[n + LOAD] = load_signature(self.prediction, scans), 1.0
+        size = self._load_steps.settings.size * max(self.valve.static_friction, 1e-3)
+        self._covariance += size**2 * np.outer(signature, signature)
 
     def _prior_errors(self) -> Array:
         """Return the variances that the settings give the errors ``(m, w, g)``."""
         s, valve = self.settings, self.valve
         deviations = [
             0.5 * valve.static_friction + 1e-3,
-            s.spread * valve.dynamic_friction,
+            s.friction.dynamic_deviation(valve),
             s.gain_spread,
         ]
         return np.asarray(np.square(deviations), dtype=np.float64)

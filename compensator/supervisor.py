@@ -7,17 +7,16 @@ supervisor decides when to switch. Rules:
 * never while the valve is being moved;
 * the first model is taken as it is, later ones change fS and fD at a limited rate; a changed
   process means a new compensator, which first relives the recent history;
-* the compensated loop is compared with itself before; when it is worse, grows or hunts, the base
-  controller gets the loop back and that model is not tried again;
+* the compensated loop is compared with itself before, across manual and set-point changes; when it
+  is worse, runs away, hunts or travels too far, the base controller gets the loop back and that
+  model is not tried again until it has changed or time has passed;
 * PV bad or frozen for long, a solver that keeps passing its bound, expiry, a dead heartbeat or an
   operator do the same; the reason stays visible.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
@@ -28,16 +27,23 @@ from compensator.action import (
     ActionStatus,
     CompensatorError,
     Controller,
+    RefusalKind,
     require_finite,
+    require_not_negative,
     require_positive,
+    require_whole,
 )
-from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.figures import LoopFigures, LoopRecord, Sample
+from compensator.friction import Uncertainty
+from compensator.given_up import GivenUp, GivenUpModels, RetrySettings
+from compensator.hybrid import HybridMpc
+from compensator.hybrid_settings import HybridSettings
 from compensator.prediction import Prediction
 from compensator.screen import PvScreen
-from compensator.watch import LoopFigures, LoopWatch, WatchVerdict, oscillation_period
+from compensator.watch import LoopWatch, Watched, WatchSettings, WatchVerdict
 from loop_model import LoopModel, ValveModel
 
-__all__ = ["Supervisor", "SupervisorSettings", "SupervisorState", "WithdrawReason"]
+__all__ = ["LoopMemory", "Supervisor", "SupervisorSettings", "SupervisorState", "WithdrawReason"]
 
 
 class SupervisorState(Enum):
@@ -63,17 +69,34 @@ class WithdrawReason(Enum):
     WORSE = "PV deviated more than before; the model was given up, identify again"
     GROWING = "the oscillation grew; the model was given up, identify again"
     HUNTING = "OP travelled more than before for no gain; the model was given up, identify again"
+    TRAVEL = "OP travelled more than its budget; the model was given up, see travel_budget"
+    LEFT_RANGE = "PV left its known range; the model was given up, check the gain's sign"
     REFUSED = "the offered model cannot be used; see `refusal`"
 
+
+_KINDS = {
+    WithdrawReason.WORSE: RefusalKind.WORSE,
+    WithdrawReason.GROWING: RefusalKind.WORSE,
+    WithdrawReason.HUNTING: RefusalKind.TRAVEL,
+    WithdrawReason.TRAVEL: RefusalKind.TRAVEL,
+    WithdrawReason.LEFT_RANGE: RefusalKind.LEFT_RANGE,
+    WithdrawReason.SOLVER: RefusalKind.OTHER,
+}
+"""Why a model is no longer used, of those reasons that are the model's."""
 
 _GIVEN_UP = {
     WatchVerdict.WORSE: WithdrawReason.WORSE,
     WatchVerdict.GROWING: WithdrawReason.GROWING,
     WatchVerdict.HUNTING: WithdrawReason.HUNTING,
+    WatchVerdict.TRAVEL: WithdrawReason.TRAVEL,
+    WatchVerdict.LEFT_RANGE: WithdrawReason.LEFT_RANGE,
 }
 
 
 _PASSING = (WithdrawReason.PV_BAD, WithdrawReason.PV_FROZEN, WithdrawReason.SOLVER)
+_STEP = 0.5
+"""Share of the largest error known from which a change of set-point is a step to be settled."""
+
 _PAUSES = 3
 """Pauses that an overtaxed solver is given before it is given up."""
 
@@ -84,34 +107,68 @@ class SupervisorSettings:
 
     Attributes:
         hybrid: settings of the compensator.
+        watch: when the compensated loop counts as worse than before.
+        retry: when a model that was given up may be tried again.
         friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
         history: scans that a new compensator relives, to find stem and load at once; four times as
             many tell how good the loop was before.
+        least_known: scans under the base controller that must be known before a take-over: without
+            them nothing tells whether the loop has become worse.
+        gain_sign: sign of the process gain that the loop's own controller counts on; a model of the
+            other sign is refused. 0 when it is not known.
+        period: seconds between scans; a model of another one is refused. 0 when it is not known.
         pv_bad_limit: scans of bad PV after which the base controller gets the loop.
         pv_frozen_limit: least scans in which PV repeats one value to count as frozen (`PvScreen`).
         solver_limit: scans in a row that the compensator's solver may pass its bound; then the base
             controller has the loop for a horizon, and for good from the fourth time on.
-        worse_by: factor of PV's mean square error, against before, that is too much.
     """
 
     hybrid: HybridSettings = field(default_factory=HybridSettings)
+    watch: WatchSettings = field(default_factory=WatchSettings)
+    retry: RetrySettings = field(default_factory=RetrySettings)
     friction_rate: float = 0.05
     history: int = 300
+    least_known: int = 40
+    gain_sign: int = 0
+    period: float = 0.0
     pv_bad_limit: int = 10
     pv_frozen_limit: int = 30
     solver_limit: int = 3
-    worse_by: float = 1.05
 
     def __post_init__(self) -> None:
-        require_positive(
+        require_positive("SupervisorSettings", friction_rate=self.friction_rate)
+        require_not_negative("SupervisorSettings", period=self.period)
+        if self.gain_sign not in (-1, 0, 1):
+            raise CompensatorError(
+                f"SupervisorSettings: gain_sign is -1, 1, or 0 for unknown; got {self.gain_sign!r}"
+            )
+        require_whole(
             "SupervisorSettings",
-            friction_rate=self.friction_rate,
+            1,
             history=self.history,
+            least_known=self.least_known,
             pv_bad_limit=self.pv_bad_limit,
             pv_frozen_limit=self.pv_frozen_limit,
             solver_limit=self.solver_limit,
-            worse_by=self.worse_by,
         )
+        if self.least_known > 4 * self.history:
+            raise CompensatorError(
+                f"SupervisorSettings: least_known = {self.least_known} is more than the "
+                f"{4 * self.history} scans that are kept; lower it or raise history"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class LoopMemory:
+    """What a supervisor must keep over a restart.
+
+    Attributes:
+        figures: of the loop under its base controller; None while unknown.
+        given_up: models that made it worse.
+    """
+
+    figures: LoopFigures | None = None
+    given_up: tuple[GivenUp, ...] = ()
 
 
 class Compensator(Controller, Protocol):
@@ -141,19 +198,18 @@ class Compensator(Controller, Protocol):
     def held_variance(self) -> float:
         """Variance of PV that noise alone makes, the stem held."""
 
+    @property
+    def load_stepped(self) -> bool:
+        """Whether the last PV showed a step of the load."""
+
+    def tolerate(self, deviation: float) -> None:
+        """Take in PV's deviation before compensation: a small share of it is worth no move."""
+
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters."""
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Sample:
-    pv: float
-    sp: float
-    op: float
-    by_base: bool
 
 
 class Supervisor:
@@ -162,32 +218,37 @@ class Supervisor:
     Args:
         base: the plant's controller (`UnawareMpc`, `PiController`).
         settings: of the supervisor and the compensator.
-        build: makes the compensator of a model; `HybridMpc` with the settings' by default.
+        build: makes the compensator of a model and what is stated of its uncertainty; `HybridMpc`
+            with the settings' by default.
     """
 
     def __init__(
         self,
         base: Controller,
         settings: SupervisorSettings | None = None,
-        build: Callable[[LoopModel], Compensator] | None = None,
+        build: Callable[[LoopModel, Uncertainty], Compensator] | None = None,
     ) -> None:
         self.base = base
         self.settings = settings or SupervisorSettings()
-        self._build: Callable[[LoopModel], Compensator] = build or (
-            lambda model: HybridMpc(model, self.settings.hybrid)
+        self._build: Callable[[LoopModel, Uncertainty], Compensator] = build or (
+            lambda model, uncertainty: HybridMpc(model, self.settings.hybrid, uncertainty)
         )
         self.state = SupervisorState.BASE
         self.reason = WithdrawReason.NONE
         self.refusal = ""
+        self.refused = RefusalKind.NONE
         self._compensator: Compensator | None = None
         self._next: Compensator | None = None
         self._goal: ValveModel | None = None
-        self._given_up: LoopModel | None = None
+        self._uncertainty = Uncertainty()
+        self._given_up = GivenUpModels(self.settings.retry)
         self._watch: LoopWatch | None = None
-        self._history: deque[_Sample] = deque(maxlen=4 * self.settings.history)
+        self._known: LoopFigures | None = None
+        self._record = LoopRecord(4 * self.settings.history)
+        self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._sp = math.nan
         self._bad_scans = 0
-        self._screen = PvScreen(self.settings.pv_frozen_limit)
+        self._limited = False
         self._unsolved = self._pauses = self._pause = 0
 
     @property
@@ -200,45 +261,82 @@ class Supervisor:
         """Whether the compensator has the loop."""
         return self.state is SupervisorState.COMPENSATING
 
-    def offer(self, model: LoopModel) -> bool:
+    @property
+    def memory(self) -> LoopMemory:
+        """What to keep over a restart."""
+        return LoopMemory(self._known, self._given_up.known)
+
+    def restore(self, memory: LoopMemory) -> None:
+        """Go on with what was known before a restart."""
+        self._known = memory.figures
+        self._given_up.restore(memory.given_up)
+
+    def offer(self, model: LoopModel, uncertainty: Uncertainty | None = None) -> bool:
         """Accept a model for compensation; return whether it is used.
 
         A model that was given up, or that no compensator can be built on, is refused: `reason` and
         `refusal` say why, and what was in use stays in use.
+
+        Args:
+            model: valve and process.
+            uncertainty: of the friction, as the identification states it.
         """
-        if model == self._given_up:
-            self.refusal = "this model made the loop worse before; offer a newly identified one"
-            return False
-        current = self._next or self._compensator
-        if current is not None and current.model.process == model.process:
-            try:
-                current.require_reachable(model.valve)
-            except CompensatorError as error:
-                return self._refuse(error)
-            self._goal, self.refusal = model.valve, ""
-            return True
+        stated = uncertainty or Uncertainty()
         try:
-            compensator = self._build(model)
+            self._require_usable(model)
+            current = self._next or self._compensator
+            if current is not None and current.model.process == model.process:
+                current.require_reachable(model.valve)
+                self._goal, self._uncertainty = model.valve, stated
+                self.refusal, self.refused = "", RefusalKind.NONE
+                return True
+            compensator = self._build(model, stated)
         except CompensatorError as error:
-            return self._refuse(error)
-        for sample in list(self._history)[-self.settings.history :]:
+            self.refusal, self.refused = str(error), error.kind
+            if self._compensator is None and self._next is None:
+                self.reason = WithdrawReason.REFUSED
+            return False
+        for sample in self._record.latest(self.settings.history):
             compensator.observe(sample.pv, sample.op)
-        self._next, self._goal = compensator, model.valve
+        self._next, self._goal, self._uncertainty = compensator, model.valve, stated
         self.reason, self.refusal = WithdrawReason.NONE, ""
+        self.refused = RefusalKind.NONE
         if self.state is SupervisorState.BASE:
             self.state = SupervisorState.WAITING
         return True
 
-    def _refuse(self, error: CompensatorError) -> bool:
-        self.refusal = str(error)
-        if self._compensator is None and self._next is None:
-            self.reason = WithdrawReason.REFUSED
-        return False
+    def _require_usable(self, model: LoopModel) -> None:
+        """Raise `CompensatorError` for a model that must not be tried."""
+        s, process = self.settings, model.process
+        if s.period and not math.isclose(process.period, s.period):
+            raise CompensatorError(
+                f"the model's period of {process.period:g} s is not the scan's {s.period:g} s; "
+                "identify with the scan's",
+                RefusalKind.PERIOD,
+            )
+        if s.gain_sign * sum(process.b) * (1.0 + sum(process.a) + process.is_integrating) < 0.0:
+            raise CompensatorError(
+                "the model's gain has the other sign than the loop's own controller counts on; "
+                "check the signs of OP and PV",
+                RefusalKind.WRONG_SIGN,
+            )
+        given_up = self._given_up.find(model)
+        if given_up is not None:
+            raise CompensatorError(
+                f"this model made the loop worse before ({given_up.why.value}); offer a newly "
+                f"identified one, or wait {given_up.left} scans",
+                given_up.why,
+            )
+        if model.valve.stick_band == 0.0:
+            raise CompensatorError(
+                "the model's stick band is 0: a valve that does not stick needs no compensation"
+            )
 
     def withdraw(self, reason: WithdrawReason) -> None:
         """Give the loop back to the base controller, from the next scan on."""
         self._compensator = self._next = self._goal = self._watch = None
         self.reason = reason
+        self.refused = _KINDS.get(reason, RefusalKind.NONE)
         self.state = SupervisorState.BASE
 
     def step(self, pv: float, sp: float, op_applied: float, *, automatic: bool = True) -> Action:
@@ -252,21 +350,23 @@ class Supervisor:
         """
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
         pv = self._screened(pv)
-        moved = abs(op_applied - self._history[-1].op) if self._history else 0.0
+        last = self._record.last_op
+        moved = abs(op_applied - last) if math.isfinite(last) else 0.0
         by_base = automatic and not self.compensating
-        self._history.append(_Sample(pv, sp, op_applied, by_base))
+        self._record.push(Sample(pv, sp, op_applied, by_base))
+        self._given_up.pass_scan()
         for controller in (self.base, self._compensator, self._next):
             if controller is not None:
                 controller.observe(pv, op_applied)
         self._bad_scans = 0 if math.isfinite(pv) else self._bad_scans + 1
         if not automatic:
-            self._stand_by(SupervisorState.MANUAL)
+            self.state = SupervisorState.MANUAL
             return Action(op_applied, ActionStatus.HOLDING, detail="manual")
         if self.state is SupervisorState.MANUAL:
             waiting = self._compensator is not None or self._next is not None
             self.state = SupervisorState.WAITING if waiting else SupervisorState.BASE
         if self._bad_scans > self.settings.pv_bad_limit and self.compensating:
-            self._stand_by(SupervisorState.WAITING)
+            self.state = SupervisorState.WAITING
             frozen = self._screen.frozen
             self.reason = WithdrawReason.PV_FROZEN if frozen else WithdrawReason.PV_BAD
         self._ramp_frictions()
@@ -287,19 +387,18 @@ class Supervisor:
 
     def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
         assert self._compensator is not None
-        assert self._watch is not None
-        if sp != self._sp:
-            self._watch.restart(self._compensator.horizon // 2)
-        self._sp = sp
-        if math.isfinite(pv):
-            verdict = self._watch.push(pv - sp, moved, self._compensator.held_variance)
-            if verdict is not WatchVerdict.FINE:
-                self._given_up = LoopModel(
-                    self._goal or self._compensator.model.valve, self._compensator.model.process
-                )
-                self.withdraw(_GIVEN_UP[verdict])
-                return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
+        verdict = self._judge(pv, sp, op_applied, moved)
+        if verdict is not WatchVerdict.FINE:
+            model = self._compensator.model
+            self._given_up.add(
+                LoopModel(self._goal or model.valve, model.process),
+                self._uncertainty,
+                _KINDS[_GIVEN_UP[verdict]],
+            )
+            self.withdraw(_GIVEN_UP[verdict])
+            return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
         action = self._compensator.decide(sp)
+        self._limited = action.status is ActionStatus.LIMITED
         failed = action.status is ActionStatus.SOLVER_FAILED
         self._unsolved = self._unsolved + 1 if failed else 0
         if self._unsolved >= self.settings.solver_limit:
@@ -309,14 +408,31 @@ class Supervisor:
                 self.withdraw(WithdrawReason.SOLVER)
             else:
                 self._pause = self._compensator.horizon
-                self._stand_by(SupervisorState.WAITING)
+                self.state = SupervisorState.WAITING
                 self.reason = WithdrawReason.SOLVER
         return action
 
-    def _stand_by(self, state: SupervisorState) -> None:
-        """Let go of the loop but keep the model and go on observing."""
-        self.state = state
-        self._watch = None
+    def _judge(self, pv: float, sp: float, op: float, moved: float) -> WatchVerdict:
+        """Return what the watch makes of this scan."""
+        assert self._compensator is not None
+        assert self._watch is not None
+        change, self._sp = sp - self._sp, sp
+        # A set-point that moves by little each scan is to be followed inside the known range.
+        if abs(change) > _STEP * self._watch.before.largest or self._compensator.load_stepped:
+            self._watch.restart(self._compensator.horizon // 2)
+        if not math.isfinite(pv):
+            return WatchVerdict.FINE
+        limits = self.settings.hybrid.limits
+        reach = 1e-6 * (limits.high - limits.low)
+        seen = Watched(
+            error=pv - sp,
+            op_change=moved,
+            noise_variance=self._compensator.held_variance,
+            sp_travel=abs(change) / self._compensator.prediction.scale,
+            limited=self._limited,
+            at_limit=op <= limits.low + reach or op >= limits.high - reach,
+        )
+        return self._watch.push(seen)
 
     def _take_over(self) -> bool:
         """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
@@ -326,30 +442,39 @@ class Supervisor:
             return False
         if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
             return False
-        if self._watch is None:
-            window = min(max(candidate.horizon, 40), self.settings.history // 2)
-            self._watch = LoopWatch(self._before(window), self.settings.worse_by)
+        before = self._figures(candidate)
+        if before is None:
+            return False
+        if self._watch is None or self._watch.before != before:
+            self._watch = LoopWatch(
+                before,
+                self.settings.watch,
+                horizon=candidate.horizon,
+                dead_time=candidate.prediction.dead_time,
+                stroke=candidate.model.valve.stick_band,
+            )
         self._watch.restart(candidate.horizon // 2)
+        candidate.tolerate(math.sqrt(before.mean_square))
         self._compensator, self._next = candidate, None
+        self._limited = False
         self.state = SupervisorState.COMPENSATING
         if self.reason in _PASSING:
             self.reason = WithdrawReason.NONE
         return True
 
-    def _before(self, window: int) -> LoopFigures | None:
-        """Return the base controller's figures since the last SP change, None soon after one."""
-        seen = list(self._history)
-        changed = [k for k, s in enumerate(seen) if s.sp != seen[-1].sp or not s.by_base]
-        recent = seen[changed[-1] + 1 + window // 2 :] if changed else seen
-        errors = [s.pv - s.sp for s in recent if math.isfinite(s.pv)]
-        if len(recent) < 2 * window or len(errors) < window:
-            return None
-        travel = sum(abs(b.op - a.op) for a, b in itertools.pairwise(recent))
-        return LoopFigures(
-            sum(e * e for e in errors) / len(errors),
-            travel / len(recent),
-            min(oscillation_period(errors, window), 0.5 * len(errors)),
-        )
+    def _figures(self, candidate: Compensator) -> LoopFigures | None:
+        """Return what the loop was like before: of late, or else what is known of old.
+
+        Figures of a stretch that is long enough take the place of older ones; so nothing that an
+        operator or a restart does makes the watch blind.
+        """
+        window = min(max(candidate.horizon, 40), self.settings.history // 2)
+        lasting = self._record.figures(window, 2 * window)
+        if lasting is not None:
+            self._known = lasting
+        elif self._known is None:
+            self._known = self._record.figures(window, self.settings.least_known)
+        return self._known
 
     def _ramp_frictions(self) -> None:
         """Move the compensator's fS and fD towards the offered ones while the valve rests."""

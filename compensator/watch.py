@@ -1,32 +1,29 @@
 """Is the compensated loop better than before? Judged over periods of the oscillation it replaced.
 
-The mean square error over the last three periods must stay below what the base controller left, and
-over the last one and a half far below double that; so a loop that is worse is noticed well within
-five periods, the time after a set-point change not counted. Cycles, from one change of the error's
-sign to the next but one, show a growing oscillation, whatever was there before; so does an
-overshoot as large as the step. Nothing that noise with the stem held explains is held against the
-compensator.
+Four questions, from the quickest to the slowest:
+
+* does PV run away: is the error far beyond all that was known, or OP at a limit with PV leaving,
+  for longer than the dead time explains (`RunAway`)?
+* does it overshoot a set-point step by as much as the step, or grow from cycle to cycle?
+* is PV worse **and** OP's travel more than before, over one and a half periods?
+* is PV worse, or travel over its budget, over periods enough for the figures to be fair?
+
+Nothing that noise with the stem held explains is held against the compensator; nor is a set-point
+that OP's range cannot reach, or the travel that a moving set-point asks for.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["LoopFigures", "LoopWatch", "WatchVerdict", "oscillation_period"]
+from compensator.action import CompensatorError, require_not_negative, require_positive
+from compensator.cycles import GrowingCycles
+from compensator.figures import LoopFigures
 
-_GROWTH = 1.15
-_GROWN = 1.6
-_HALF_CYCLES = 6
-_LONG = 3.0
-_SHORT = 1.5
-_MUCH_WORSE = 1.8
-_AT_REST = 2.0
-_SHORTEST_PERIOD = 12
-_UNKNOWN_PERIOD = 100.0
+__all__ = ["LoopWatch", "RunAway", "WatchSettings", "WatchVerdict", "Watched"]
 
 
 class WatchVerdict(Enum):
@@ -36,93 +33,221 @@ class WatchVerdict(Enum):
     WORSE = "PV deviates more than it did before compensation"
     GROWING = "PV's oscillation grows from cycle to cycle"
     HUNTING = "OP travels more than it did before compensation, and PV is no better"
+    TRAVEL = "OP travels more than its budget allows"
+    LEFT_RANGE = "PV left the range that was known of it and did not return"
 
 
 @dataclass(frozen=True, slots=True)
-class LoopFigures:
-    """A loop under its base controller.
+class WatchSettings:
+    """Settings of `LoopWatch`.
 
     Attributes:
-        mean_square: of PV minus SP; travel: of OP per sample.
-        period: of its oscillation, samples.
+        worse_by: factor of PV's mean square error over the long window, against before, that is
+            too much.
+        much_worse: the same over the short window.
+        at_rest: factor by which more is allowed while OP travels less than a tenth of before: what
+            PV does then is noise, or a load about to be compensated.
+        quiet: multiple of the variance that noise alone makes which never counts as worse: three
+            deviations.
+        travel_budget: factor of OP's travel, against before, that is too much over the long window;
+            over the short one it is half as much again.
+        hunting: factor of OP's travel that is too much while PV is no better than
+            ``hunting_share`` of its mean square before.
+        hunting_share: see ``hunting``.
+        both: factors of PV's mean square error and of OP's travel that together are too much over
+            the quick window.
+        pv_trip: multiple of the largest error known beyond which PV must return at once.
+        trip_scans: scans beside the dead time that PV may be beyond it: an error that grows for so
+            long is none that the last move has yet to answer.
+        limit_trip: the same multiple as ``pv_trip`` while OP is at a limit and PV is leaving.
+        periods: of the oscillation before: length of the quick, the short and the long window.
+        least: samples of the quick window at least.
+        persist: share of the short window for which a verdict of the windows must hold.
     """
 
-    mean_square: float
-    travel: float
-    period: float
+    worse_by: float = 1.05
+    much_worse: float = 1.8
+    at_rest: float = 2.0
+    quiet: float = 9.0
+    travel_budget: float = 2.0
+    hunting: float = 1.5
+    hunting_share: float = 0.8
+    both: tuple[float, float] = (1.21, 2.0)
+    pv_trip: float = 3.0
+    trip_scans: int = 8
+    limit_trip: float = 1.5
+    periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
+    least: int = 40
+    persist: float = 0.125
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "WatchSettings",
+            worse_by=self.worse_by,
+            much_worse=self.much_worse,
+            at_rest=self.at_rest,
+            travel_budget=self.travel_budget,
+            hunting=self.hunting,
+            pv_trip=self.pv_trip,
+            limit_trip=self.limit_trip,
+            trip_scans=self.trip_scans,
+            least=self.least,
+            quick=self.periods[0],
+        )
+        require_not_negative(
+            "WatchSettings",
+            quiet=self.quiet,
+            hunting_share=self.hunting_share,
+            persist=self.persist,
+        )
+        if not self.periods[0] <= self.periods[1] <= self.periods[2]:
+            raise CompensatorError(
+                f"WatchSettings: the windows' periods must not fall; got {self.periods!r}"
+            )
 
 
-def oscillation_period(errors: Sequence[float], otherwise: float) -> float:
-    """Return the mean period of an error, in samples; ``otherwise`` where it has no three turns.
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """One scan of a compensated loop.
 
-    Its sign has changed once it is half its root mean square beyond zero.
+    Attributes:
+        error: PV minus SP.
+        op_change: change of OP.
+        noise_variance: variance of PV that noise alone makes with the stem held.
+        sp_travel: OP that the change of SP in this scan asks for.
+        limited: whether the set-point is out of OP's reach.
+        at_limit: whether OP stands at an end of its range.
     """
-    level = 0.5 * math.sqrt(sum(e * e for e in errors) / max(1, len(errors)))
-    side, turns = 0.0, []
-    for k, error in enumerate(errors):
-        if abs(error) > level and math.copysign(1.0, error) != side:
-            if side:
-                turns.append(k)
-            side = math.copysign(1.0, error)
-    if len(turns) < 3:
-        return otherwise
-    return max(float(_SHORTEST_PERIOD), 2.0 * (turns[-1] - turns[0]) / (len(turns) - 1))
+
+    error: float
+    op_change: float
+    noise_variance: float
+    sp_travel: float = 0.0
+    limited: bool = False
+    at_limit: bool = False
+
+
+class RunAway:
+    """Notices an error far beyond all that was known that does not return.
+
+    Args:
+        largest: error known.
+        dead_time: samples from OP to PV.
+        settings: of the watch.
+    """
+
+    def __init__(self, largest: float, dead_time: int, settings: WatchSettings) -> None:
+        self._largest, self._settings = largest, settings
+        scans = dead_time + settings.trip_scans
+        self._beyond: deque[float] = deque(maxlen=scans)
+        self._at_limit: deque[float] = deque(maxlen=scans)
+
+    def push(self, seen: Watched, noise: float, expected: float) -> bool:
+        """Take in a scan; return whether PV runs away.
+
+        Args:
+            seen: the scan.
+            noise: deviation that noise alone makes.
+            expected: size of error that a set-point change explains, 0 without one.
+        """
+        known = max(self._largest, 4.0 * noise)
+        size = abs(seen.error)
+        far = size > self._settings.pv_trip * known + expected
+        pushed = seen.at_limit and size > self._settings.limit_trip * known + expected
+        return _stays(self._beyond, size, far, 1.0) or _stays(self._at_limit, size, pushed, 1.02)
+
+
+def _stays(sizes: deque[float], size: float, beyond: bool, factor: float) -> bool:
+    """Return whether errors beyond have filled their window without becoming smaller."""
+    if not beyond:
+        sizes.clear()
+        return False
+    sizes.append(size)
+    if len(sizes) < (sizes.maxlen or 0):
+        return False
+    seen, half = list(sizes), len(sizes) // 2
+    return sum(seen[half:]) / (len(seen) - half) >= factor * sum(seen[:half]) / half
 
 
 class LoopWatch:
-    """Compares a loop with the figures from before, and its cycles with each other.
+    """Compares a compensated loop with the figures from before, and its cycles with each other.
 
     Args:
-        before: figures under the base controller, or None if it was not watched long enough; then
-            only a growing oscillation is noticed.
-        worse_by: factor of the mean square error that is too much.
+        before: figures under the base controller.
+        settings: factors and windows.
+        horizon: samples that the compensator plans ahead; no verdict of the windows before.
+        dead_time: samples from OP to PV.
+        stroke: OP that a correction takes (a stick band); what two of them travel in the long
+            window is over no budget.
     """
 
-    def __init__(self, before: LoopFigures | None = None, worse_by: float = 1.05) -> None:
-        self.before, self.worse_by = before, worse_by
-        period = before.period if before is not None else _UNKNOWN_PERIOD
-        self._long, self._short = math.ceil(_LONG * period), math.ceil(_SHORT * period)
+    def __init__(
+        self,
+        before: LoopFigures,
+        settings: WatchSettings | None = None,
+        *,
+        horizon: int = 0,
+        dead_time: int = 1,
+        stroke: float = 0.0,
+    ) -> None:
+        self.before, self.settings = before, settings or WatchSettings()
+        quick, short, long = self.settings.periods
+        period = before.period
+        self._quick = math.ceil(max(quick * period, self.settings.least))
+        self._short = math.ceil(max(short * period, min(horizon, 4.0 * period), self._quick))
+        self._long = math.ceil(max(long * period, 1.8 * self._short))
+        self._stroke = stroke
         self._squares: deque[float] = deque(maxlen=self._long)
         self._travels: deque[float] = deque(maxlen=self._long)
+        self._run_away = RunAway(before.largest, dead_time, self.settings)
+        self._cycles = GrowingCycles(before.mean_square)
         self._quietest = math.inf
-        self._halves: deque[float] = deque(maxlen=_HALF_CYCLES)
-        self._side = self._peak = 0.0
-        self._skip = self._patience = 0
-        self._from = 0.0
+        self._skip = self._patience = self._bad_for = 0
+        self._from = self._expected = 0.0
 
     def restart(self, skip: int) -> None:
-        """Leave out the next ``skip`` samples (a set-point change), at most one and a half periods,
-        and as many again while the error has not changed its sign; what was seen before counts.
+        """Leave out the next ``skip`` samples (a set-point change), at most the short window, and
+        as many again while the error has not changed its sign; what was seen before counts.
         """
-        skip = min(skip, self._short)
-        self._skip = self._patience = skip
-        self._from = 0.0
-        self._halves.clear()
-        self._side = self._peak = 0.0
+        self._skip = self._patience = min(skip, self._short)
+        self._from = self._expected = 0.0
+        self._cycles.restart()
 
-    def push(self, error: float, op_change: float, noise_variance: float) -> WatchVerdict:
-        """Take in one sample: PV minus SP, the change of OP, and the variance of PV that noise
-        alone makes with the stem held.
-        """
-        self._quietest = min(self._quietest, noise_variance)
-        if self._overshoots(error):
+    def push(self, seen: Watched) -> WatchVerdict:
+        """Take in one sample."""
+        self._quietest = min(self._quietest, seen.noise_variance)
+        if self._from == 0.0:
+            self._from = seen.error
+            self._expected = 1.1 * abs(seen.error)
+        noise = math.sqrt(self._quietest)
+        on_the_way = self._skip > 0 or seen.limited
+        same_side = seen.error * self._from > 0.0
+        expected = self._expected if on_the_way and same_side else 0.0
+        if self._run_away.push(seen, noise, expected):
+            return WatchVerdict.LEFT_RANGE
+        if self._overshoots(seen.error, noise):
             return WatchVerdict.GROWING
-        if self._still_settling(error):
+        if self._still_settling(seen.error) or seen.limited:
             return WatchVerdict.FINE
-        self._squares.append(error**2)
-        self._travels.append(abs(op_change))
-        verdict = self._push_cycle(error, noise_variance)
-        return verdict if verdict is not WatchVerdict.FINE else self._judge()
+        self._squares.append(seen.error**2)
+        self._travels.append(max(0.0, abs(seen.op_change) - seen.sp_travel))
+        if self._cycles.push(seen.error, seen.noise_variance):
+            return WatchVerdict.GROWING
+        verdict = self._judge()
+        self._bad_for = 0 if verdict is WatchVerdict.FINE else self._bad_for + 1
+        if self._bad_for <= self.settings.persist * self._short:
+            return WatchVerdict.FINE
+        return verdict
 
-    def _overshoots(self, error: float) -> bool:
+    def _overshoots(self, error: float, noise: float) -> bool:
         """Whether PV went as far beyond SP as it was away from it, and far beyond all before."""
-        known = 0.0 if self.before is None else self.before.mean_square
-        usual = max(4.0 * math.sqrt(known), 8.0 * math.sqrt(self._quietest), abs(self._from))
+        known = math.sqrt(self.before.mean_square)
+        if abs(self._from) < 3.0 * max(known, 2.0 * noise):
+            return False
+        usual = max(4.0 * known, 8.0 * noise, abs(self._from))
         return error * self._from < 0.0 and abs(error) > usual
 
     def _still_settling(self, error: float) -> bool:
-        if self._from == 0.0:
-            self._from = error
         if self._skip > 0:
             self._skip -= 1
             return True
@@ -133,53 +258,39 @@ class LoopWatch:
         return False
 
     def _judge(self) -> WatchVerdict:
-        if self.before is None or len(self._squares) < self._short:
+        s = self.settings
+        known = max(self.before.mean_square, s.quiet * self._quietest)
+        # Beside the travel of before, a loop that was at rest may make two corrections a window.
+        usual = self.before.travel
+        allowance = 4.0 * self._stroke / self._long
+        if len(self._squares) < self._quick:
             return WatchVerdict.FINE
-        known, squares, travels = self.before.mean_square, list(self._squares), list(self._travels)
-        recent = sum(squares[-self._short :]) / self._short
-        room = self._room(sum(travels[-self._short :]) / self._short)
-        if recent > max(_MUCH_WORSE * room * known, 2.0 * self._quietest):
-            return WatchVerdict.WORSE
-        if len(squares) < self._long:
+        square, travel = self._means(self._quick)
+        if square > s.both[0] * known and travel > s.both[1] * usual + allowance:
+            return WatchVerdict.HUNTING
+        if len(self._squares) < self._short:
             return WatchVerdict.FINE
-        mean_square, travel = sum(squares) / self._long, sum(travels) / self._long
-        if mean_square > max(self.worse_by * self._room(travel) * known, 1.1 * self._quietest):
+        square, travel = self._means(self._short)
+        if square > s.much_worse * self._room(travel) * known:
             return WatchVerdict.WORSE
-        much = 1.5 * self.before.travel
-        if travel > much and mean_square > max(0.5 * known, 2.0 * self._quietest):
+        if travel > 1.5 * s.travel_budget * usual + 2.0 * allowance:
+            return WatchVerdict.TRAVEL
+        if len(self._squares) < self._long:
+            return WatchVerdict.FINE
+        square, travel = self._means(self._long)
+        if square > s.worse_by * self._room(travel) * known:
+            return WatchVerdict.WORSE
+        if travel > s.travel_budget * usual + allowance:
+            return WatchVerdict.TRAVEL
+        if travel > s.hunting * usual + allowance and square > s.hunting_share * known:
             return WatchVerdict.HUNTING
         return WatchVerdict.FINE
 
+    def _means(self, count: int) -> tuple[float, float]:
+        """Return the mean square error and the mean travel of the last ``count`` samples."""
+        squares, travels = list(self._squares)[-count:], list(self._travels)[-count:]
+        return math.fsum(squares) / count, math.fsum(travels) / count
+
     def _room(self, travel: float) -> float:
-        """Return a factor for the mean square allowed: a valve at rest makes no oscillation, what
-        PV does then is noise, or a load about to be compensated.
-        """
-        assert self.before is not None
-        return _AT_REST if travel < 0.1 * self.before.travel else 1.0
-
-    def _push_cycle(self, error: float, noise_variance: float) -> WatchVerdict:
-        peak, self._peak = self._peak, max(self._peak, abs(error))
-        # The sign has changed once the error is beyond the noise on the other side.
-        if abs(error) <= 1.5 * math.sqrt(noise_variance) or math.copysign(1.0, error) == self._side:
-            return WatchVerdict.FINE
-        began, self._side = self._side != 0.0, math.copysign(1.0, error)
-        self._peak = abs(error)
-        if not began:
-            return WatchVerdict.FINE
-        self._halves.append(peak)
-        return self._judge_cycles(noise_variance)
-
-    def _judge_cycles(self, noise_variance: float) -> WatchVerdict:
-        halves = list(self._halves)
-        if len(halves) < _HALF_CYCLES:
-            return WatchVerdict.FINE
-        cycles = [0.5 * (a + b) for a, b in zip(halves[::2], halves[1::2], strict=True)]
-        grows = (
-            cycles[1] > _GROWTH * cycles[0]
-            and cycles[2] > _GROWTH * cycles[1]
-            and cycles[2] > _GROWN * cycles[0]
-        )
-        known = 0.0 if self.before is None else self.before.mean_square
-        if grows and cycles[2] > max(5.0 * math.sqrt(noise_variance), math.sqrt(2.0 * known)):
-            return WatchVerdict.GROWING
-        return WatchVerdict.FINE
+        """Return the factor of the mean square that is allowed for little travel."""
+        return self.settings.at_rest if travel < 0.1 * self.before.travel else 1.0

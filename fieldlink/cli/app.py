@@ -14,15 +14,16 @@ import typer
 from fieldlink.cli import (
     compensate,
     demo,
+    device_tools,
     fleet,
     fmu,
     history,
     identify,
-    modbus,
     registers_io,
     rehearse,
     simulate,
     site,
+    standing,
 )
 
 __all__ = ["app", "main"]
@@ -43,11 +44,14 @@ app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("simulate")(simulate.simulate)
 app.command("compensate")(compensate.compensate)
+app.command("status")(standing.status)
+app.command("events")(standing.events)
+app.command("withdraw")(standing.withdraw)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
-app.command("scan")(modbus.scan)
-app.command("read")(modbus.read)
-app.command("write")(modbus.write)
+app.command("scan")(device_tools.scan)
+app.command("read")(device_tools.read)
+app.command("write")(device_tools.write)
 app.add_typer(registers_io.app, name="map")
 app.add_typer(fmu.app, name="fmu")
 app.command("warm-up")(identify.warm_up)

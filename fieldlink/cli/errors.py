@@ -14,9 +14,10 @@ def explain(error: Exception) -> bool:
     """
     from estimator import EstimatorError
     from fieldlink.errors import FieldlinkError
+    from fieldlink.printable import as_printable
     from fmu_models import PlantError
 
     if not isinstance(error, EstimatorError | FieldlinkError | PlantError):
         return False
-    typer.secho(f"fieldlink: {error}", err=True, fg=typer.colors.RED)
+    typer.secho(f"fieldlink: {as_printable(str(error), lines=True)}", err=True, fg=typer.colors.RED)
     return True

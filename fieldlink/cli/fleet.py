@@ -115,6 +115,8 @@ async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonSt
 
 
 def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
+    import signal
+
     import fieldlink.lab.plc  # noqa: F401  (makes link = "fmu" known)
     from fieldlink.daemon import LockstepRun, stop_on_signals
 
@@ -125,6 +127,8 @@ def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStat
             param_hint="--duration",
         )
     seconds = float("inf") if duration is None else duration
+    # Without reloads, the end of the terminal is the end of the run.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
     async def work() -> DaemonStatus:
         run = LockstepRun(site, store=True, read_only=read_only, start_utc=time.time())

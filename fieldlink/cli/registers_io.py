@@ -33,16 +33,18 @@ def import_(
 ) -> None:
     """Turn a vendor's list into a register map, with a report of every bad row."""
     from rich.console import Console
+    from rich.text import Text
 
+    from fieldlink.printable import as_printable
     from fieldlink.site.map_export import map_as_csv, write_map
     from fieldlink.site.map_import import import_map
 
     found = import_map(file, addresses=addresses, sheet=sheet)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     for note in found.notes:
-        console.print(f"  {note}")
+        console.print(f"  {as_printable(note)}", markup=False)
     for problem in found.problems:
-        console.print(f"[red]bad row[/red] {problem}")
+        console.print(Text.assemble(("bad row", "red"), f" {as_printable(str(problem))}"))
     console.print(
         f"{found.rows} rows, {len(found.tags)} tags, {found.bad_rows} bad rows", style="bold"
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from fieldlink.compensate.simulation import Simulation, SimulationResult
+    from fieldlink.lab.study.simulation import Simulation, SimulationResult
 
 __all__ = ["simulate"]
 
@@ -81,9 +81,9 @@ def simulate(
     controller under study gets the loop. All runs have the same noise.
     """
     from compensator import CompensatorError
-    from fieldlink.compensate.rig import CONTROLLERS
-    from fieldlink.compensate.simulation import Simulation, SimulationError
-    from fieldlink.compensate.simulation import simulate as run
+    from fieldlink.lab.study.rig import CONTROLLERS
+    from fieldlink.lab.study.simulation import Simulation, SimulationError
+    from fieldlink.lab.study.simulation import simulate as run
 
     names = tuple(controller or ("unaware", "hybrid"))
     for name in names:
@@ -131,7 +131,7 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
     table.add_column("")
 
     def add(name: str, p: object, ms: float | None, words: str) -> None:
-        from compensator.study import Performance
+        from fieldlink.lab.study.closed_loop import Performance
 
         assert isinstance(p, Performance)
         share = 100.0 / p.samples

@@ -33,7 +33,8 @@ def check(
     if as_json:
         typer.echo(json.dumps(report.to_dict()))
         return
-    _print(Console(soft_wrap=True, highlight=False), report)
+    # Names are data: what looks like markup in one is printed as it is.
+    _print(Console(soft_wrap=True, highlight=False, markup=False), report)
 
 
 def schema() -> None:
@@ -46,14 +47,14 @@ def schema() -> None:
 def _print(console: Console, report: CheckReport) -> None:
     from fieldlink.cli.tables import counted
 
-    console.print(f"[bold]site {report.name}[/bold]  {report.file}")
-    console.print(f"  data in {report.data_dir}; historian {report.historian}")
+    _print_line(console, (f"site {report.name}", "bold"), f"  {report.file}")
+    _print_line(console, f"  data in {report.data_dir}; historian {report.historian}")
     for device in report.devices:
         _print_device(console, device)
     for loop in report.loops:
         _print_loop(console, loop)
     for warning in report.warnings:
-        console.print(f"[yellow]warning[/yellow] {warning}")
+        _print_line(console, ("warning", "yellow"), f" {warning}")
     counts = (
         (len(report.devices), "device"),
         (len(report.loops), "loop"),
@@ -61,22 +62,38 @@ def _print(console: Console, report: CheckReport) -> None:
         (len(report.warnings), "warning"),
     )
     devices, loops, requests, warnings = (counted(*pair) for pair in counts)
-    console.print(f"\n[green]ok[/green] {devices}, {loops}, {requests} per scan, {warnings}")
+    console.print()
+    _print_line(console, ("ok", "green"), f" {devices}, {loops}, {requests} per scan, {warnings}")
+
+
+def _print_line(console: Console, *parts: str | tuple[str, str]) -> None:
+    """Print text, some of it in a style, on one line that no part of it can leave."""
+    from rich.text import Text
+
+    from fieldlink.printable import as_printable
+
+    pairs = [(part, "") if isinstance(part, str) else part for part in parts]
+    # Blanks at the ends are ours: they indent.
+    cleaned = [(part if part.isprintable() else as_printable(part), style) for part, style in pairs]
+    console.print(Text.assemble(*cleaned))
 
 
 def _print_device(console: Console, device: DeviceReport) -> None:
     from fieldlink.cli.tables import counted
 
     where = f" {device.address}" if device.address else ""
-    console.print(f"\n[bold]device {device.name}[/bold]  {device.link}{where}")
-    console.print(
+    console.print()
+    _print_line(console, (f"device {device.name}", "bold"), f"  {device.link}{where}")
+    _print_line(
+        console,
         f"  {counted(device.tags, 'tag')}, byte order {device.order}, "
-        f"{counted(len(device.requests), 'request')} per scan"
+        f"{counted(len(device.requests), 'request')} per scan",
     )
     for request in device.requests:
-        console.print(
+        _print_line(
+            console,
             f"  FC{request.function} {request.table} {request.first}-{request.last}: "
-            f"{', '.join(request.tags)}{_rate(request)}"
+            f"{', '.join(request.tags)}{_rate(request)}",
         )
 
 
@@ -87,26 +104,28 @@ def _rate(request: RequestReport) -> str:
 
 
 def _print_loop(console: Console, loop: LoopReport) -> None:
-    console.print(f"\n[bold]loop {loop.name}[/bold]  on {loop.device}")
-    console.print("  " + ", ".join(f"{role} {tag}" for role, tag in loop.tags.items()))
+    console.print()
+    _print_line(console, (f"loop {loop.name}", "bold"), f"  on {loop.device}")
+    _print_line(console, "  " + ", ".join(f"{role} {tag}" for role, tag in loop.tags.items()))
     together = {
         True: "OP and PV come from one request",
         False: "OP and PV do NOT come from one request",
         None: "no register map",
     }[loop.op_pv_together]
-    console.print(
+    _print_line(
+        console,
         f"  every {loop.period:g} s, {together}; window {loop.window_seconds:g} s, "
-        f"estimated every {loop.estimate_every:g} s"
+        f"estimated every {loop.estimate_every:g} s",
     )
     back = loop.writeback
     if back is None:
-        console.print("  write-back: none")
+        _print_line(console, "  write-back: none")
     else:
         areas = ", ".join(
             f"{name} {first}" + (f"-{last}" if last != first else "")
             for name, first, last in back.areas
         )
         state = "enabled" if back.enabled else "disabled"
-        console.print(f"  write-back: {state}, loop id {back.loop_id}; {areas}")
+        _print_line(console, f"  write-back: {state}, loop id {back.loop_id}; {areas}")
     if loop.plant:
-        console.print(f"  simulated by: {loop.plant}")
+        _print_line(console, f"  simulated by: {loop.plant}")

@@ -1,1 +1,1 @@
-"""The compensator at work: studied on simulated plants, and beside a real PLC."""
+"""The compensator at work beside a real PLC."""

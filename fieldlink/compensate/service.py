@@ -22,10 +22,14 @@ from compensator import (
     HybridMpc,
     HybridSettings,
     OpLimits,
+    RetrySettings,
     Supervisor,
     SupervisorSettings,
+    Uncertainty,
+    WatchSettings,
     WithdrawReason,
 )
+from fieldlink.compensate.offers import refusal_of, uncertainty_of
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, Link, LinkError, RegisterAccess, Scan, SystemClock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
@@ -37,6 +41,7 @@ from fieldlink.registers import (
     ExchangeWords,
     Fallback,
     ReaderState,
+    Refusal,
     RegisterValueError,
     Tag,
 )
@@ -138,9 +143,10 @@ class CompensateService:
         limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
         self._limits = limits
         self.supervisor = Supervisor(
-            _PlcsOwn(), SupervisorSettings(HybridSettings(limits)), self._builder(limits)
+            _PlcsOwn(), _supervising(self.loop, self.settings, limits), self._builder(limits)
         )
         self._model: LoopModel | None = None
+        self._told: tuple[int, Refusal | None] = (0, None)
         self.writes_done = 0
 
     @property
@@ -171,6 +177,7 @@ class CompensateService:
             return Step(Verdict.NOT_READ, pv, sp, op, math.nan, words)
         automatic = self._automatic(scan)
         action = self.supervisor.step(pv, sp, op, automatic=automatic)
+        untold = await self._tell_refusal(block)
         if not automatic:
             return Step(Verdict.MANUAL, pv, sp, op, math.nan, "")
         if block.model is None:
@@ -179,7 +186,7 @@ class CompensateService:
             verdict = Verdict.PLC_DISABLED if disabled else Verdict.NO_MODEL
             return Step(verdict, pv, sp, op, math.nan, words)
         if not self.supervisor.compensating:
-            words = self.supervisor.refusal or self.supervisor.reason.value
+            words = (self.supervisor.refusal or self.supervisor.reason.value) + untold
             return Step(Verdict.WAITING, pv, sp, op, math.nan, words)
         return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
 
@@ -198,6 +205,26 @@ class CompensateService:
             return _with(done, Verdict.WRITE_FAILED, str(error))
         self.writes_done += 1
         return _with(done, Verdict.WRITTEN)
+
+    async def _tell_refusal(self, block: ReaderState) -> str:
+        """Acknowledge why the accepted block's model is not used, once a change.
+
+        Written under the same conditions as OP: site file, run and the PLC's enable bit. Returns
+        words on a write that failed; the next scan writes again.
+        """
+        address = self._layout.ack_refusal
+        refusal = None if block.model is None else refusal_of(self.supervisor)
+        told = (block.ack_seq, refusal)
+        if address is None or told == self._told or not self.writes:
+            return ""
+        if block.fallback is Fallback.DISABLED:
+            return ""
+        try:
+            await self._access.write_registers(address, [0 if refusal is None else refusal.code])
+        except LinkError as error:
+            return f"; the refusal could not be written: {error}"
+        self._told = told
+        return ""
 
     def _automatic(self, scan: Scan) -> bool:
         if self.loop.mode is None:
@@ -222,8 +249,8 @@ class CompensateService:
         if model == self._model:
             return
         self._model = model
-        if model is not None and math.isclose(model.process.period, self.loop.period):
-            self.supervisor.offer(model)
+        if model is not None and block.in_force is not None:
+            self.supervisor.offer(model, uncertainty_of(block.in_force))
         elif block.fallback is Fallback.EXPIRED:
             self.supervisor.withdraw(WithdrawReason.EXPIRED)
         elif block.fallback is Fallback.HEARTBEAT_DEAD:
@@ -231,9 +258,9 @@ class CompensateService:
         else:
             self.supervisor.withdraw(WithdrawReason.OPERATOR)
 
-    def _builder(self, limits: OpLimits) -> Callable[[LoopModel], Compensator]:
+    def _builder(self, limits: OpLimits) -> Callable[[LoopModel, Uncertainty], Compensator]:
         if self.settings.controller == "hybrid":
-            return lambda model: HybridMpc(model, HybridSettings(limits))
+            return lambda model, stated: HybridMpc(model, HybridSettings(limits), stated)
         try:
             import casadi  # noqa: F401
         except ImportError as error:
@@ -241,12 +268,22 @@ class CompensateService:
                 f'loop {self._name}: controller = "embedding" needs CasADi; run '
                 'pip install "fieldlink[nlp]" or use controller = "hybrid"'
             ) from error
-        return lambda model: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
+        return lambda model, _: EmbeddingMpc(model, EmbeddingSettings(limits=limits))
 
 
 def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:
     words = step.detail if detail is None else detail
     return Step(verdict, step.pv, step.sp, step.op_before, step.op, words)
+
+
+def _supervising(loop: Loop, settings: CompensateSettings, limits: OpLimits) -> SupervisorSettings:
+    return SupervisorSettings(
+        hybrid=HybridSettings(limits),
+        watch=WatchSettings(travel_budget=settings.travel_budget, pv_trip=settings.pv_trip),
+        retry=RetrySettings(after=max(1, round(settings.retry_after / loop.period))),
+        gain_sign=settings.gain_sign,
+        period=loop.period,
+    )
 
 
 def _op_out(site: Site, loop: Loop) -> Tag | None:
@@ -268,12 +305,17 @@ def _exchange(name: str, loop: Loop) -> ExchangeLayout:
 
 
 def _link(site: Site, loop: Loop, op_out: Tag | None, *, write: bool, clock: Clock | None) -> Link:
-    """A Modbus link that can write OP's registers and nothing else."""
+    """A Modbus link that can write OP and the refusal's register, and nothing else."""
     if not site.devices[loop.device].link.startswith("modbus"):
         raise CompensateError(
             f"device {loop.device!r} is no Modbus device; simulated plants are studied with "
             "fieldlink simulate"
         )
-    ranges = ((op_out.address, op_out.end - 1),) if write and op_out is not None else ()
+    ranges: tuple[tuple[int, int], ...] = ()
+    if write and op_out is not None:
+        ranges = ((op_out.address, op_out.end - 1),)
+        layout = loop.writeback.exchange
+        if layout is not None and layout.ack_refusal is not None:
+            ranges += ((layout.ack_refusal, layout.ack_refusal),)
     settings = ModbusSettings(loop.device, site.devices[loop.device], site, writable=ranges)
     return ModbusLink(settings, site.requests(loop.device), clock or SystemClock())

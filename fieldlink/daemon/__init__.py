@@ -1,16 +1,16 @@
 """The daemon: scans into windows, windows into findings, findings into the PLC's blocks."""
 
-from fieldlink.daemon.estimating import Estimate, EstimateOutcome, Findings, Interval
-from fieldlink.daemon.lateness import BOUNDS as LATENESS_BOUNDS
-from fieldlink.daemon.lateness import LatenessReport
+from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings, Interval
+from fieldlink.daemon.estimation.pool import PoolReport, PoolSettings
 from fieldlink.daemon.lockstep import LockstepRun
-from fieldlink.daemon.logs import configure_logging
-from fieldlink.daemon.notify import Notifier, supervised
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
-from fieldlink.daemon.pool import PoolReport, PoolSettings
+from fieldlink.daemon.reporting.logs import configure_logging
+from fieldlink.daemon.reporting.notify import Notifier, supervised
+from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopStatus
+from fieldlink.daemon.sampling.lateness import BOUNDS as LATENESS_BOUNDS
+from fieldlink.daemon.sampling.lateness import LatenessReport
 from fieldlink.daemon.service import Daemon
 from fieldlink.daemon.signals import reload_on_hangup, stop_on_signals
-from fieldlink.daemon.status import DaemonStatus, DeviceStatus, LoopStatus
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 
 __all__ = [
     "LATENESS_BOUNDS",

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
-from fieldlink.daemon.clock_watch import ClockWatch
-from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.journal import Journal
-from fieldlink.daemon.pipeline import LoopCounts
-from fieldlink.daemon.pool import PoolReport
-from fieldlink.daemon.status import DaemonStatus
+from fieldlink.daemon.estimation.pool import PoolReport
+from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.reporting.journal import Journal
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.links import Clock, Link, open_link
 from fieldlink.site import Site
 from fieldlink.store import Record, StoreReport, WritebackRecord
@@ -53,6 +55,9 @@ class Assembly:
         self._live = live
         self._links = links
         self._watch = watch
+        self._identity: int | None = None
+        # By the loop's name: a loop that comes back after a change of the site goes on counting.
+        self._numbers: dict[str, SequenceNumbers] = {}
         used = dict.fromkeys(loop.device for loop in site.loops.values())
         self.runners = {name: self.runner(site, name) for name in used}
 
@@ -63,16 +68,26 @@ class Assembly:
             name,
             self._links(site, name, self._clock),
             self.journal,
+            numbers=self._numbers,
+            identity=self._identity,
             read_only=self._read_only,
             live=self._live,
             watch=self._watch,
         )
 
+    def identify(self, identity: int) -> None:
+        """Give every writer the identity of this installation, those to come included."""
+        self._identity = identity
+        for runner in self.runners.values():
+            for loop in runner.loops.values():
+                if loop.writer is not None:
+                    loop.writer.identify(identity)
+
     def resume(self, unfinished: Mapping[str, WritebackRecord]) -> None:
-        """Let the write-backs find out what became of blocks that a process before had begun."""
+        """Let the write-backs go on after the last blocks that a process before has recorded."""
         for loop, record in unfinished.items():
-            if (runner := self.runner_of(loop)) is not None:
-                runner.resume(loop, record)
+            if (found := self.loop(loop)) is not None:
+                found.resume(record)
 
     async def open(self) -> None:
         """Open every link.
@@ -87,20 +102,26 @@ class Assembly:
         """Close every link."""
         for runner in self.runners.values():
             await runner.link.close()
+        self.journal.summarize(at_the_end=True)
+
+    def loop(self, name: str) -> LoopRunner | None:
+        """Return the runner of a loop; None when the site has no such loop any more."""
+        runner = self.runner_of(name)
+        return None if runner is None else runner.loops[name]
 
     def runner_of(self, loop: str) -> DeviceRunner | None:
-        """Return the runner of a loop; None when the site has no such loop any more."""
+        """Return the runner of a loop's device; None when the site has no such loop any more."""
         for runner in self.runners.values():
-            if loop in runner.pipelines:
+            if loop in runner.loops:
                 return runner
         return None
 
     def counts(self) -> dict[str, LoopCounts]:
         """Return what became of every loop's samples."""
         return {
-            loop: pipeline.counts
+            name: loop.pipeline.counts
             for runner in self.runners.values()
-            for loop, pipeline in runner.pipelines.items()
+            for name, loop in runner.loops.items()
         }
 
     def status(
@@ -115,13 +136,14 @@ class Assembly:
         return DaemonStatus(
             devices={name: runner.status() for name, runner in self.runners.items()},
             loops={
-                loop: runner.loop_status(loop)
+                name: loop.status(runner.name)
                 for runner in self.runners.values()
-                for loop in runner.pipelines
+                for name, loop in runner.loops.items()
             },
             store=store,
             pool=pool or PoolReport(),
             clock_steps=0 if self._watch is None else self._watch.steps,
             reloads=reloads,
             refused=refused,
+            defects=self.journal.defects,
         )

@@ -10,10 +10,10 @@ import asyncio
 from collections.abc import Callable
 
 from fieldlink.daemon.assembly import Assembly, OpenLink
-from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.estimating import Estimator, InlineEstimator
+from fieldlink.daemon.estimation.estimating import Estimator, InlineEstimator
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.settings import retention_of
-from fieldlink.daemon.status import DaemonStatus
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Link, SteppedLink, VirtualClock, open_link
 from fieldlink.site import Site
@@ -128,9 +128,10 @@ class LockstepRun:
 
     async def _step(self, runner: DeviceRunner, now: float) -> None:
         await runner.poll(now)
-        for pipeline in runner.pipelines.values():
-            if pipeline.samples_until_estimate == 0:
-                runner.accept(await self._estimator.run(pipeline.request()))
+        for loop in runner.loops.values():
+            if loop.pipeline.samples_until_estimate == 0:
+                request = loop.request()
+                loop.accept(await self._estimator.run(request), request)
         await runner.service(now)
 
     def _put(self, record: Record) -> None:

@@ -10,11 +10,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fieldlink.site import Loop, Site
+from fieldlink.daemon.loop_spec import LoopSpec
+from fieldlink.site import Site
 
 __all__ = ["FileWatch", "SiteChange", "same_samples"]
 
-_NOT_ABOUT_SAMPLES = ("writeback", "estimator", "estimate_every", "plant")
 _AT_THE_START = ("historian", "estimation", "web")
 
 
@@ -113,18 +113,7 @@ def same_samples(old: Site, new: Site, loop: str) -> bool:
     """Whether a loop's samples mean the same in both sites, so that its window can go on."""
     if loop not in old.loops or loop not in new.loops:
         return False
-    before, after = old.loops[loop], new.loops[loop]
-    if _sampling(before) != _sampling(after):
-        return False
-    device = after.device
-    if old.devices[device].speed != new.devices[device].speed:
-        return False
-    mine, theirs = old.maps.get(device, {}), new.maps.get(device, {})
-    return all(mine.get(tag) == theirs.get(tag) for tag in after.tags)
-
-
-def _sampling(loop: Loop) -> dict[str, object]:
-    return {key: value for key, value in dict(loop).items() if key not in _NOT_ABOUT_SAMPLES}
+    return LoopSpec.of_site(new, loop).has_samples_of(LoopSpec.of_site(old, loop))
 
 
 def _used(site: Site) -> list[str]:

@@ -1,33 +1,35 @@
 """The live daemon: polls on monotonic deadlines, judges windows, writes back, until told to stop.
 
-Every device has two tasks of its own (`fieldlink.daemon.tasks`), so a silent device delays nobody
-else and a slow write delays no poll. Windows are judged in other processes on the scheduler's beat;
-records go to a thread. The event loop itself only waits. A changed site file is taken over while
-all this runs, device by device.
+Every device has two tasks of its own (`fieldlink.daemon.sampling.tasks`), so a silent device delays
+nobody else and a slow write delays no poll. Windows are judged in other processes on the
+scheduler's beat; records go to a thread. The event loop itself only waits. A changed site file is
+taken over while all this runs, device by device.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from functools import partial
 
-from fieldlink.daemon.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.assembly import Assembly
-from fieldlink.daemon.clock_watch import CHECK_EVERY, ClockWatch
-from fieldlink.daemon.device import DeviceRunner
-from fieldlink.daemon.outcomes import WritebackOutcome
-from fieldlink.daemon.pool import EstimatorPool, PoolReport, PoolSettings
+from fieldlink.daemon.estimation.pool import EstimatorPool, PoolReport, PoolSettings
+from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.reload import FileWatch, SiteChange
+from fieldlink.daemon.reporting.control import control_socket
+from fieldlink.daemon.reporting.documents import live_status
+from fieldlink.daemon.reporting.status import DaemonStatus
+from fieldlink.daemon.sampling.accounts import ACCOUNT_EVERY, SlotAccounts
+from fieldlink.daemon.sampling.clock_watch import CHECK_EVERY, ClockWatch
+from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.daemon.sampling.tasks import DeviceTasks, spawn, wait_for
 from fieldlink.daemon.schedule import Schedule
 from fieldlink.daemon.settings import pool_settings_of, retention_of
-from fieldlink.daemon.status import DaemonStatus
-from fieldlink.daemon.tasks import DeviceTasks, spawn, wait_for
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
 from fieldlink.site import Site, load_site
-from fieldlink.store import Historian, HistorianSettings, StoreError, unfinished_writebacks
+from fieldlink.store import Historian, HistorianSettings, StoreError, last_blocks
 
 __all__ = ["Daemon"]
 
@@ -69,6 +71,9 @@ class Daemon:
         watch_files: bool = False,
     ) -> None:
         self._site = site
+        self._data_dir = site.data_dir
+        self._read_only = read_only
+        self._since = 0.0
         self._clock = clock or SystemClock()
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._clock_watch = ClockWatch(self._clock)
@@ -124,17 +129,27 @@ class Daemon:
             The last status.
 
         Raises:
+            InUseError: another daemon has the data directory.
             StoreError: the historian cannot be opened.
             FieldlinkError: a link that cannot ever work.
         """
+        with only_daemon(self._site.data_dir) as identity:
+            self._assembly.identify(identity)
+            return await self._run(duration, stop)
+
+    async def _run(self, duration: float | None, stop: asyncio.Event | None) -> DaemonStatus:
         journal = self._assembly.journal
+        self._since = self._clock.utc()
         self._historian.start(journal.event_record("daemon.start", "daemon", self._site.name))
         try:
             await self._resume_writebacks()
             self._pool = EstimatorPool(self._pool_settings)
             try:
                 await self._assembly.open()
-                async with self._at_work() as failures:
+                async with (
+                    self._at_work() as failures,
+                    control_socket(self._data_dir, self._answer),
+                ):
                     self.started.set()
                     await _until(stop, duration, failures)
             finally:
@@ -149,17 +164,39 @@ class Daemon:
             await asyncio.to_thread(self._historian.stop)
         return self.status()
 
-    async def _resume_writebacks(self) -> None:
-        """Take up the blocks that a daemon before this one began and whose end is not stored."""
-        open_ones = [outcome.code for outcome in WritebackOutcome if outcome.leaves_open]
-        try:
-            unfinished = await asyncio.to_thread(
-                unfinished_writebacks, self._site.historian_url, open_ones
+    def withdraw(self, name: str, reason: str) -> None:
+        """Withdraw a loop's block at the next look.
+
+        Raises:
+            FieldlinkError: there is no such loop, or it may not be written.
+        """
+        loop = self._assembly.loop(name)
+        if loop is None:
+            raise FieldlinkError(f"the running daemon has no loop {name!r}; see fieldlink status")
+        if self._read_only:
+            raise FieldlinkError(
+                "the running daemon writes nothing (--read-only); clear the PLC's enable bit"
             )
+        loop.withdraw(reason, self._clock.utc())
+
+    def _answer(self, request: Mapping[str, object]) -> Mapping[str, object]:
+        """Answer a request that came through the control socket."""
+        command = request.get("command")
+        if command == "status":
+            return live_status(self.status(), self._since)
+        if command == "withdraw":
+            self.withdraw(str(request.get("loop", "")), str(request.get("reason", "")))
+            return {"asked": True}
+        raise FieldlinkError(f"there is no command {str(command)!r}")
+
+    async def _resume_writebacks(self) -> None:
+        """Go on after the last block of every loop: its number, and what is open about it."""
+        try:
+            last = await asyncio.to_thread(last_blocks, self._site.historian_url)
         except StoreError as error:
             self._assembly.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
         else:
-            self._assembly.resume(unfinished)
+            self._assembly.resume(last)
 
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
@@ -187,6 +224,8 @@ class Daemon:
                 task.cancel()
             await asyncio.gather(warming, *watching, return_exceptions=True)
             await self._end(self._devices.values(), self._judging)
+            for tasks in self._devices.values():
+                tasks.account_for_open_slots()
             self._account(accounts)
             schedule.stop()
             self._failed.cancel()
@@ -205,10 +244,9 @@ class Daemon:
         self._devices[runner.name] = tasks
         for task in tasks.running:
             task.add_done_callback(self._note_end)
-        for pipeline in runner.pipelines.values():
-            seconds = pipeline.loop.estimate_period / runner.speed
-            name = _job(pipeline.name)
-            schedule.every(seconds, name, partial(self._judge, schedule, pipeline.name))
+        for loop in runner.loops.values():
+            seconds = loop.spec.loop.estimate_period / runner.speed
+            schedule.every(seconds, _job(loop.name), partial(self._judge, schedule, loop.name))
 
     def _note_end(self, task: asyncio.Task[None]) -> None:
         """Let an error of a device's task end the daemon: going on without it would be silent."""
@@ -244,6 +282,7 @@ class Daemon:
     async def _watch_clock(self, schedule: Schedule) -> None:
         while True:
             await asyncio.sleep(CHECK_EVERY)
+            self._assembly.journal.summarize()
             step = self._clock_watch.look()
             if step == 0.0:
                 continue
@@ -294,15 +333,16 @@ class Daemon:
         await self._end(leaving.values())
         for name, tasks in leaving.items():
             await tasks.runner.link.close()
-            for loop in tasks.runner.pipelines:
+            for loop in tasks.runner.loops:
                 schedule.remove(_job(loop))
             del self._assembly.runners[name]
         for name, runner in opened.items():
             self._assembly.runners[name] = runner
             begin = self._clock.monotonic()
             if (before := leaving.get(name)) is not None:
-                runner.inherit(before.runner)
-                begin = before.begin
+                runner.carry_over(before.runner)
+                if runner.speed == before.runner.speed:
+                    begin = before.begin
             self._begin(runner, begin, schedule)
         self._site = site
         self._reloads += 1
@@ -313,7 +353,10 @@ class Daemon:
 
     def _do(self, work: Callable[..., None], *arguments: object) -> Callable[[], Awaitable[None]]:
         async def job() -> None:
-            work(*arguments)
+            try:
+                work(*arguments)
+            except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
+                self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
 
@@ -322,21 +365,25 @@ class Daemon:
             runner = self._assembly.runner_of(loop)
             if runner is None or self._stopping:
                 return
-            pipeline = runner.pipelines[loop]
-            missing = pipeline.samples_until_estimate
+            asking = runner.loops[loop]
+            missing = asking.pipeline.samples_until_estimate
             if missing:
-                schedule.postpone(_job(loop), missing * pipeline.loop.period / runner.speed)
+                period = asking.spec.loop.period
+                schedule.postpone(_job(loop), missing * period / runner.speed)
                 return
             task = asyncio.current_task()
             assert task is not None
             assert self._pool is not None
             self._judging.add(task)
             try:
-                estimate = await self._pool.run(pipeline.request())
-                # The site file may have been changed meanwhile.
-                now_with = self._assembly.runner_of(loop)
-                if now_with is not None:
-                    now_with.accept(estimate)
+                request = asking.request()
+                estimate = await self._pool.run(request)
+                # The site file may have been changed meanwhile: the runner of today decides.
+                answered = self._assembly.loop(loop)
+                if answered is not None:
+                    answered.accept(estimate, request)
+            except Exception as error:  # noqa: BLE001  (told; the other loops go on)
+                self._assembly.journal.defect(loop, error, "this estimate is left out")
             finally:
                 self._judging.discard(task)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fieldlink.daemon.pool import PoolSettings
+from fieldlink.daemon.estimation.pool import PoolSettings
 from fieldlink.site import Site
 from fieldlink.store import Retention
 

@@ -1,4 +1,5 @@
-"""What no running edge box needs: the simulated PLC, FMU plants, rehearsals and the demo.
+"""What no running edge box needs.
 
-Nothing of the daemon, its links or its store may import from here.
+Here are the simulated PLC, FMU plants, closed-loop studies, rehearsals and the demo. Nothing of the
+daemon, its links or its store may import from here.
 """

@@ -43,6 +43,8 @@ class Quality(Enum):
     QUARANTINED = (5, "the register answered with an exception and is left out for a while")
     INVALID = (7, "the register holds the value that the map declares to mean invalid")
     NOT_DUE = (8, "not asked for in this scan: its loop has a longer period than others")
+    NO_COUNT = (9, "the cycle counter holds no count: check its type and its word order in the map")
+    LATE = (10, "asked for so late that the value is not of its slot: look at the lateness metric")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
     def __init__(self, code: int, advice: str) -> None:
@@ -71,6 +73,11 @@ class Reading(NamedTuple):
     def good(self) -> bool:
         """Whether the value may enter a window."""
         return self.quality is Quality.GOOD
+
+    @property
+    def was_read(self) -> bool:
+        """Whether the device gave something for it, good or bad."""
+        return self.quality not in (Quality.NOT_READ, Quality.QUARANTINED, Quality.UNKNOWN_TAG)
 
     def age(self, now: float) -> float:
         """Return the seconds since the reply arrived, at ``now`` of the link's clock."""

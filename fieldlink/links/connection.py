@@ -35,7 +35,7 @@ from fieldlink.links.frames import (
 )
 from fieldlink.links.late import LateReplies, proves
 from fieldlink.links.line import Line, Lines, LineSettings
-from fieldlink.links.wire import Wire, WireLostError, WrongReplyError
+from fieldlink.links.wire import Wire, WireClosedError, WireLostError, WrongReplyError
 from fieldlink.registers import Table
 
 __all__ = ["ModbusConnection"]
@@ -128,16 +128,24 @@ class ModbusConnection:
         await line.turns.acquire(urgent=urgent)
         try:
             self._wait_over()
-            wire = await self._open(line)
-            if self._late:
-                await self._probe(line, wire, request)
-                wire = await self._open(line)
-            pdu = await self._exchange(line, wire, request)
+            try:
+                pdu = await self._ask(line, request, again=request.is_read)
+            except WireClosedError:
+                # A device that closes after each answer; nothing is written twice by this.
+                pdu = await self._ask(line, request)
         finally:
             line.turns.release()
         if request.is_exception(pdu):
             raise ExceptionReplyError(self._device, request.text, pdu[1])
         return pdu
+
+    async def _ask(self, line: Line, request: Request, *, again: bool = False) -> bytes:
+        """Send a request; with ``again`` a `WireClosedError` is the caller's to deal with."""
+        wire = await self._open(line)
+        if self._late:
+            await self._probe(line, wire, request)
+            wire = await self._open(line)
+        return await self._exchange(line, wire, request, again=again)
 
     def _wait_over(self) -> None:
         if not self._backoff.failures:
@@ -162,7 +170,9 @@ class ModbusConnection:
                 )
             ) from error
 
-    async def _exchange(self, line: Line, wire: Wire, request: Request) -> bytes:
+    async def _exchange(
+        self, line: Line, wire: Wire, request: Request, *, again: bool = False
+    ) -> bytes:
         self.requests += 1
         late = self._late
         try:
@@ -172,6 +182,8 @@ class ModbusConnection:
         except WireLostError as error:
             line.drop()
             self._owe(request)
+            if again and isinstance(error, WireClosedError):
+                raise
             raise self._failed(
                 LinkUnreachableError(
                     self._device,

@@ -73,6 +73,11 @@ class Request:
         """The function code."""
         return self.pdu[0]
 
+    @property
+    def is_read(self) -> bool:
+        """Whether the request changes nothing, so that it may be sent again."""
+        return self.function in _READS
+
     def is_regular(self, pdu: bytes) -> bool:
         """Whether ``pdu`` is the regular answer."""
         return len(pdu) == self.size and pdu.startswith(self.head)

@@ -24,7 +24,7 @@ WRITE_LIMIT = 123
 COIL_WRITE_LIMIT = 1968
 """The most coils one FC15 request may write (same source)."""
 
-WRITTEN_PARTS = frozenset({"heartbeat", "commit", "bank_a", "bank_b"})
+WRITTEN_PARTS = frozenset({"heartbeat", "writer", "commit", "bank_a", "bank_b"})
 """The parts of an exchange area that are Fieldlink's to write; the others are the PLC's."""
 
 Ranges = tuple[tuple[int, int], ...]
@@ -39,7 +39,7 @@ class ModbusSettings:
         device: how it is reached, and its quirks.
         site: the site that the device's certificates belong to; None without one.
         backoff: pauses after failures; from the device unless given.
-        quarantine: seconds until a register that answered with an exception is tried again.
+        quarantine: longest seconds until a register that answered with an exception is tried again.
         writable: holding registers (first, last) that may be written; nothing by default.
         writable_coils: coils (first, last) that may be written; nothing by default.
         beat: seconds between two scans, for requests that are not in every scan; with 0 they are.

@@ -1,10 +1,10 @@
 """Runs a read plan: whole blocks while they answer, and around a bad register when one does not.
 
 A block that answers with an exception is cut in halves until the tags that cannot be read are
-alone. Those are quarantined and tried again now and then; the rest goes on in requests as large as
-the device accepts. A device that does not answer at all ends the scan at once, so that a scan never
-costs more than one time-out; the next scan begins behind the request that failed, so that one that
-always times out cannot starve the others.
+alone. Those are left out and tried again now and then (`quarantine`); the rest goes on in requests
+as large as the device accepts. A device that does not answer at all ends the scan at once, so that
+a scan never costs more than one time-out; the next scan begins behind the request that failed, so
+that one that always times out cannot starve the others.
 
 A request of tags with a rate of their own (``every``) is sent when it is due; between, its tags
 keep the last reading, with the time at which that arrived, until it is two intervals old. A request
@@ -26,8 +26,8 @@ from fieldlink.links.errors import (
     LinkError,
     LinkUnreachableError,
 )
-from fieldlink.registers import BlockDecoder, ReadRequest, Table, Tag
-from fieldlink.registers import Quality as TagQuality
+from fieldlink.links.quarantine import Quarantine
+from fieldlink.registers import BlockDecoder, ReadRequest, Table, Tag, ValueQuality
 
 __all__ = ["PlanReader", "ReadBlock"]
 
@@ -39,13 +39,7 @@ EARLY = 0.1
 
 KEPT_DECODERS = 1000
 
-_QUALITY = {quality: Quality[quality.name] for quality in TagQuality}
-
-
-@dataclass(frozen=True, slots=True)
-class _Quarantined:
-    tag: Tag
-    until: float
+_QUALITY = {quality: Quality[quality.name] for quality in ValueQuality}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +55,7 @@ class PlanReader:
         plan: the requests, as `plan_reads` gives them.
         read: the connection's read.
         clock: stamps the readings.
-        retry_after: seconds until a quarantined tag is tried again.
+        retry_after: longest seconds until a quarantined tag is tried again.
         beat: seconds between two scans; with 0 every scan sends every request.
     """
 
@@ -78,7 +72,6 @@ class PlanReader:
         self._plan = list(plan)
         self._read = read
         self._clock = clock
-        self._retry_after = retry_after
         self._beat = beat
         self._began_first: float | None = None
         self._polls = {
@@ -88,7 +81,7 @@ class PlanReader:
             if beat and request.polls > 1
         }
         self._period_of: dict[str, int] = {}
-        self._quarantine: dict[str, _Quarantined] = {}
+        self._quarantine = Quarantine(plan, retry_after)
         self._decoders: dict[int, BlockDecoder] = {}
         self._slow: dict[str, Reading] = {}
         self._due: dict[str, float] = {}
@@ -98,7 +91,7 @@ class PlanReader:
     @property
     def quarantined(self) -> tuple[str, ...]:
         """The tags that are left out for now."""
-        return tuple(self._quarantine)
+        return self._quarantine.names
 
     async def scan(self) -> Scan:
         """Read every tag of the plan once."""
@@ -206,8 +199,7 @@ class PlanReader:
         pieces = await self._join(await self._halve(request, error, bad), bad)
         at = self._plan.index(request)
         self._plan[at : at + 1] = [piece.request for piece in pieces]
-        until = self._clock.monotonic() + self._retry_after
-        self._quarantine.update({tag.name: _Quarantined(tag, until) for tag in bad})
+        self._quarantine.refuse(bad, self._clock.monotonic())
         return pieces
 
     async def _halve(
@@ -245,13 +237,11 @@ class PlanReader:
 
     async def _retry_quarantined(self) -> None:
         now = self._clock.monotonic()
-        due = [entry for entry in self._quarantine.values() if entry.until <= now]
-        for entry in due:
+        for trial in self._quarantine.trials(now):
             try:
-                await self._ask(_request_for((entry.tag,)))
+                await self._ask(_request_for((trial.tag,)))
             except ExceptionReplyError:
-                until = now + self._retry_after
-                self._quarantine[entry.tag.name] = _Quarantined(entry.tag, until)
+                self._quarantine.refuse(trial.stands_for, now)
             else:
                 self._quarantine.clear()
                 self._plan = list(self._planned)
@@ -276,7 +266,7 @@ class PlanReader:
     def _keep(self, pieces: Sequence[_Piece], readings: dict[str, Reading]) -> None:
         now, utc = self._clock.monotonic(), self._clock.utc()
         # Names of the module looked up once: this loop is most of what a scan costs.
-        reading, nan, good, found_good = Reading, math.nan, Quality.GOOD, TagQuality.GOOD
+        reading, nan, good, found_good = Reading, math.nan, Quality.GOOD, ValueQuality.GOOD
         for piece in pieces:
             for name, value, found, text in self._decoder(piece.request).decode(piece.payload):
                 if found is found_good:

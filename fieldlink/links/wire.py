@@ -20,7 +20,12 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 
 from fieldlink.links.frames import Frame, Framing, FramingError, Request
 
-__all__ = ["Wire", "WireLostError", "WrongReplyError"]
+try:
+    from termios import error as TerminalError  # noqa: N812
+except ImportError:  # pragma: no cover  (a system without terminals has no such errors)
+    TerminalError = OSError  # type: ignore[misc,assignment]
+
+__all__ = ["Wire", "WireClosedError", "WireLostError", "WrongReplyError"]
 
 _TRANSACTIONS = cycle(range(1, 0x10000))
 """Ids go on from one connection to the next: gateways are known to deliver the late reply to a
@@ -32,6 +37,10 @@ Late = Callable[[bytes], bool]
 
 class WireLostError(Exception):
     """The transport cannot be opened or is gone; the text says why."""
+
+
+class WireClosedError(WireLostError):
+    """The other side closed, in order, a connection on which it had answered before."""
 
 
 class WrongReplyError(Exception):
@@ -67,6 +76,7 @@ class Wire(ModbusProtocol):
         self._datagrams = params.comm_type is CommType.UDP
         self._buffer = b""
         self._waiting: _Waiting | None = None
+        self._answered = False
 
     @property
     def is_open(self) -> bool:
@@ -84,8 +94,9 @@ class Wire(ModbusProtocol):
             self.transport, _ = await asyncio.wait_for(self.call_create(), within)
         except TimeoutError as error:
             raise WireLostError(f"no connection within {within:g} s") from error
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TerminalError) as error:
             # ValueError: a host name or a serial setting that the system does not take.
+            # A terminal error: a setting that the serial port itself refuses, such as a parity.
             raise WireLostError(_reason(error)) from error
 
     def close(self, reconnect: bool = False) -> None:
@@ -109,6 +120,7 @@ class Wire(ModbusProtocol):
 
         Raises:
             TimeoutError: no answer in time.
+            WireClosedError: the other side closed a connection on which it had answered before.
             WireLostError: the transport was lost meanwhile.
             WrongReplyError: what came is no answer to this request.
         """
@@ -121,7 +133,9 @@ class Wire(ModbusProtocol):
         try:
             self._buffer = b""
             self._send(self._framing.encode(unit, transaction, request.pdu))
-            return await reply
+            answer = await reply
+            self._answered = True
+            return answer
         finally:
             timer.cancel()
             self._waiting = None
@@ -135,6 +149,9 @@ class Wire(ModbusProtocol):
 
     def callback_disconnected(self, exc: Exception | None) -> None:
         """Part of pymodbus' transport: wake a request whose connection is lost."""
+        if self._answered and (exc is None or isinstance(exc, BrokenPipeError)):
+            self._fail(WireClosedError("the connection was closed after the last answer"))
+            return
         reason = f" ({_reason(exc)})" if exc is not None else ""
         self._fail(WireLostError(f"the connection was dropped{reason}"))
 
@@ -196,4 +213,7 @@ class Wire(ModbusProtocol):
 
 def _reason(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    if isinstance(error, TerminalError) and not isinstance(error, OSError):
+        number, said = (*error.args, "")[:2] if error.args else (None, "")
+        text = f"the serial port refuses its settings ({said or number})"
     return str(text).rstrip(".")

@@ -11,6 +11,7 @@ from fieldlink.registers.codes import (
     NOTHING_SEEN,
     BlockError,
     BlockFault,
+    Refusal,
     Status,
     Verdict,
     describe_ack,
@@ -23,10 +24,11 @@ from fieldlink.registers.exchange import (
     commit_word,
     split_commit,
 )
+from fieldlink.registers.heartbeat import HEARTBEAT_EVERY, HEARTBEAT_TIMEOUT
 from fieldlink.registers.layout import BLOCK_FIELDS, BLOCK_REGISTERS
 from fieldlink.registers.plan import Apart, PlanError, ReadRequest, find_apart, plan_reads
 from fieldlink.registers.reader import BlockLimits, BlockReader, Fallback, ReaderState
-from fieldlink.registers.tag import Quality, Reading, Tag
+from fieldlink.registers.tag import DecodedValue, Tag, ValueQuality
 from fieldlink.registers.types import (
     ORDERS,
     DataType,
@@ -43,6 +45,8 @@ __all__ = [
     "ACCEPTED",
     "BLOCK_FIELDS",
     "BLOCK_REGISTERS",
+    "HEARTBEAT_EVERY",
+    "HEARTBEAT_TIMEOUT",
     "NOTHING_SEEN",
     "ORDERS",
     "Apart",
@@ -54,20 +58,21 @@ __all__ = [
     "BlockReader",
     "Bounded",
     "DataType",
+    "DecodedValue",
     "ExchangeLayout",
     "ExchangeWords",
     "Fallback",
     "Order",
     "ParameterBlock",
     "PlanError",
-    "Quality",
     "ReadRequest",
     "ReaderState",
-    "Reading",
+    "Refusal",
     "RegisterValueError",
     "Status",
     "Table",
     "Tag",
+    "ValueQuality",
     "Verdict",
     "commit_word",
     "decode",

@@ -11,6 +11,7 @@ __all__ = [
     "NOTHING_SEEN",
     "BlockError",
     "BlockFault",
+    "Refusal",
     "Status",
     "Verdict",
     "describe_ack",
@@ -76,6 +77,50 @@ class BlockFault(Enum):
     def from_code(cls, code: int) -> BlockFault | None:
         """Return the fault that an ``ack_result`` stands for; None for 0, 1 and unknown codes."""
         return next((fault for fault in cls if fault.code == code), None)
+
+
+class Refusal(Enum):
+    """Why a consumer refuses or gave up a model; ``code`` is the PLC's ``ack_refusal``."""
+
+    WRONG_SIGN = (
+        20,
+        "the gain has the wrong sign",
+        "check the signs of OP and PV in the register map",
+    )
+    UNSTABLE = (21, "the process model is unstable", "identify again from a longer window")
+    PERIOD = (22, "its sampling period is not the consumer's", "identify with the scan's period")
+    RANGE = (
+        23,
+        "a parameter is outside what the controller accepts",
+        "compare the block with the controller's limits",
+    )
+    WORSE = (24, "given up, because PV got worse", "identify again without compensation")
+    TRAVEL = (
+        25,
+        "given up, because the valve's travel was over its budget",
+        "identify again, or raise travel_budget",
+    )
+    LEFT_RANGE = (
+        26,
+        "given up, because the error left its known range",
+        "check the gain's sign and the dead time, and identify again",
+    )
+    OTHER = (27, "withdrawn by an operator or for another reason", "ask the operator")
+
+    def __init__(self, code: int, text: str, advice: str) -> None:
+        self.code = code
+        self.text = text
+        self.advice = advice
+
+    @classmethod
+    def from_code(cls, code: int) -> Refusal | None:
+        """Return the refusal that an ``ack_refusal`` stands for; None for 0.
+
+        A code that is not known counts as `OTHER`: the model is refused, whatever the reason.
+        """
+        if code == 0:
+            return None
+        return next((refusal for refusal in cls if refusal.code == code), cls.OTHER)
 
 
 class BlockError(FieldlinkError, ValueError):

@@ -13,12 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from fieldlink.registers.plan import ReadRequest
-from fieldlink.registers.tag import Quality, Tag
+from fieldlink.registers.tag import Tag, ValueQuality
 from fieldlink.registers.types import DataType, Order, Table
 
 __all__ = ["BlockDecoder", "Decoded", "pack_payload", "unpack_payload"]
 
-Decoded = tuple[str, float, Quality, str | None]
+Decoded = tuple[str, float, ValueQuality, str | None]
 """Tag name, value in engineering units, quality, and the text of a string."""
 
 _INFINITE = float("inf")
@@ -74,7 +74,7 @@ class BlockDecoder:
         if self._request.table.is_bits:
             return [self._bit(tag, payload) for tag in self._request.tags]
         found: list[Decoded] = []
-        good = Quality.GOOD
+        good = ValueQuality.GOOD
         for layer in self._layers:
             ordered = _reorder(payload, layer.word_order, layer.byte_order)
             values = layer.layout.unpack(ordered)
@@ -85,11 +85,11 @@ class BlockDecoder:
                 if low <= value <= high:
                     quality = good
                 elif value < low and value != -_INFINITE:
-                    quality = Quality.BELOW_RANGE
+                    quality = ValueQuality.BELOW_RANGE
                 elif value > high and value != _INFINITE:
-                    quality = Quality.ABOVE_RANGE
+                    quality = ValueQuality.ABOVE_RANGE
                 else:
-                    quality = Quality.NOT_A_NUMBER
+                    quality = ValueQuality.NOT_A_NUMBER
                 found.append((name, value, quality, None))
         if self._others:
             words = struct.unpack(f">{self._request.count}H", payload)

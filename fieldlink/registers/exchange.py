@@ -7,8 +7,10 @@
 | ack_result | PLC | what became of the block last committed (`fieldlink.registers.codes`) |
 | active_bank | PLC | bank of the block last accepted |
 | ack_commit | PLC | the commit word that ack_result is about |
+| ack_refusal | PLC | why the consumer refuses or gave up the model of ack_seq (`Refusal`) |
 | heartbeat | Fieldlink | counts while Fieldlink lives |
 | commit | Fieldlink | bank in the high byte, low byte of the block's seq in the low byte |
+| writer | Fieldlink | identity of the installation that writes; optional |
 | bank_a, bank_b | Fieldlink | a block each |
 
 A writer puts the next block into the bank that is not active, or, before any block was accepted,
@@ -77,7 +79,11 @@ class ExchangeWords:
 
 @dataclass(frozen=True, slots=True)
 class ExchangeLayout:
-    """0-based addresses of one loop's exchange registers, all of them holding registers."""
+    """0-based addresses of one loop's exchange registers, all of them holding registers.
+
+    ``ack_refusal`` and ``writer`` are optional: without them a refusal cannot be told, and a second
+    writer with an identity of its own not be seen.
+    """
 
     enable: int
     ack_seq: int
@@ -88,6 +94,8 @@ class ExchangeLayout:
     commit: int
     bank_a: int
     bank_b: int
+    ack_refusal: int | None = None
+    writer: int | None = None
 
     def __post_init__(self) -> None:
         taken: dict[int, str] = {}
@@ -112,6 +120,8 @@ class ExchangeLayout:
             commit=base + 7,
             bank_a=base + _BANK_A_OFFSET,
             bank_b=base + _BANK_B_OFFSET,
+            ack_refusal=base + 5,
+            writer=base + 8,
         )
 
     def bank_address(self, bank: Bank) -> int:
@@ -119,11 +129,14 @@ class ExchangeLayout:
         return self.bank_a if bank is Bank.A else self.bank_b
 
     def spans(self) -> tuple[tuple[str, int, int], ...]:
-        """Return (name, first address, last address) of every part, in the order of the fields."""
+        """Return (name, first address, last address) of every part, in the order of the fields,
+        without the registers that the site leaves out.
+        """
         return tuple(
             (part.name, first, first + (BLOCK_REGISTERS if part.name.startswith("bank") else 1) - 1)
             for part in fields(self)
             for first in (getattr(self, part.name),)
+            if first is not None
         )
 
     def view(self, read: Callable[[int, int], Sequence[int]]) -> ExchangeWords:

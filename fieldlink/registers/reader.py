@@ -20,8 +20,16 @@ from enum import Enum
 
 from fieldlink.registers.block import ParameterBlock, is_newer
 from fieldlink.registers.codec import decode_block, read_seq
-from fieldlink.registers.codes import ACCEPTED, NOTHING_SEEN, BlockError, BlockFault, Status
+from fieldlink.registers.codes import (
+    ACCEPTED,
+    NOTHING_SEEN,
+    BlockError,
+    BlockFault,
+    Refusal,
+    Status,
+)
 from fieldlink.registers.exchange import Bank, ExchangeLayout, ExchangeWords, split_commit
+from fieldlink.registers.heartbeat import HEARTBEAT_TIMEOUT
 from fieldlink.registers.types import Order
 from loop_model import LoopModel
 
@@ -100,14 +108,22 @@ class ReaderState:
         """Whether the heartbeat is what keeps the accepted block from being used."""
         return self.fallback is Fallback.HEARTBEAT_DEAD
 
-    def reply(self, layout: ExchangeLayout) -> Mapping[int, int]:
-        """Return address and word of every register the PLC has to write."""
-        return {
+    def reply(self, layout: ExchangeLayout, refusal: Refusal | None = None) -> Mapping[int, int]:
+        """Return address and word of every register the PLC has to write.
+
+        Args:
+            layout: addresses.
+            refusal: why the consumer does not use the accepted block's model; None if it does.
+        """
+        words = {
             layout.ack_seq: self.ack_seq,
             layout.ack_result: self.ack_result,
             layout.active_bank: int(self.active_bank),
             layout.ack_commit: self.ack_commit,
         }
+        if layout.ack_refusal is not None:
+            words[layout.ack_refusal] = 0 if refusal is None else refusal.code
+        return words
 
 
 class BlockReader:
@@ -118,7 +134,7 @@ class BlockReader:
         loop_id: int,
         *,
         word_order: Order = "big",
-        heartbeat_timeout: float = 10.0,
+        heartbeat_timeout: float = HEARTBEAT_TIMEOUT,
         limits: BlockLimits | None = None,
     ) -> None:
         """Begin without a block.
@@ -137,6 +153,7 @@ class BlockReader:
         self._expires_at = -math.inf
         self._why_none = Fallback.NO_BLOCK
         self._judged: tuple[int, Sequence[int]] | None = None
+        self._refused: int | None = None
         self._heartbeat: int | None = None
         self._alive_until = -math.inf
         self._ack_seq = 0
@@ -158,11 +175,14 @@ class BlockReader:
         self._now = now_s
         self._watch_heartbeat(words.heartbeat)
         enabled = bool(words.enable & 1)
-        if enabled:
-            self._judge(words)
-        elif words.commit != self._ack_commit:
-            self._judged = None
+        if words.commit != self._refused:
+            self._refused = None
+        if not enabled and words.commit != self._ack_commit:
+            # For good: what was committed against the operator's will is not taken up later.
+            self._judged, self._refused = None, words.commit
             self._reject(words.commit, BlockError(BlockFault.NOT_ENABLED))
+        elif enabled and self._refused is None:
+            self._judge(words)
         if self._accepted is not None and not any(words.bank(self._active_bank)):
             self._drop(Fallback.CLEARED)
         if self._accepted is not None and now_s >= self._expires_at:

@@ -24,10 +24,10 @@ from fieldlink.registers.types import (
     pattern,
 )
 
-__all__ = ["Quality", "Reading", "Tag"]
+__all__ = ["DecodedValue", "Tag", "ValueQuality"]
 
 
-class Quality(Enum):
+class ValueQuality(Enum):
     """How far a reading can be trusted; the value is the text for people."""
 
     GOOD = "good"
@@ -39,18 +39,18 @@ class Quality(Enum):
     @property
     def is_good(self) -> bool:
         """Whether the value may be used."""
-        return self is Quality.GOOD
+        return self is ValueQuality.GOOD
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class DecodedValue:
     """One decoded value in engineering units, and how far it can be trusted.
 
     ``text`` is what a string holds; its ``value`` is NaN.
     """
 
     value: float
-    quality: Quality
+    quality: ValueQuality
     text: str | None = None
 
 
@@ -107,7 +107,7 @@ class Tag:
         """The first address after the tag."""
         return self.address + self.count
 
-    def decode(self, words: Sequence[int]) -> Reading:
+    def decode(self, words: Sequence[int]) -> DecodedValue:
         """Return the engineering value of the tag's own ``words``.
 
         Raises:
@@ -118,7 +118,9 @@ class Tag:
                 raise RegisterValueError(
                     f"{self.name} takes {self.count} register(s), got {len(words)}"
                 )
-            return Reading(math.nan, Quality.GOOD, decode_text(words, byte_order=self.byte_order))
+            return DecodedValue(
+                math.nan, ValueQuality.GOOD, decode_text(words, byte_order=self.byte_order)
+            )
         raw = decode(words, self.data_type, word_order=self.word_order, byte_order=self.byte_order)
         if self.bit is not None:
             raw = bool(_swapped(words[0], self.byte_order) >> self.bit & 1)
@@ -129,22 +131,22 @@ class Tag:
         )
         return self.judge(float(raw), bits)
 
-    def judge(self, raw: float, bits: int = 0) -> Reading:
+    def judge(self, raw: float, bits: int = 0) -> DecodedValue:
         """Return the reading of the ``raw`` number whose registers hold ``bits``.
 
         ``bits`` is looked at only by tags with `invalid_patterns`.
         """
         value = self.scale * raw + self.offset
         if self.invalid_patterns and bits in self.invalid_patterns:
-            return Reading(value, Quality.INVALID)
+            return DecodedValue(value, ValueQuality.INVALID)
         if self.invalid and raw in self.invalid:
-            return Reading(value, Quality.INVALID)
+            return DecodedValue(value, ValueQuality.INVALID)
         quality = self._quality(value)
-        if self.clamp and self.low is not None and quality is Quality.BELOW_RANGE:
-            return Reading(self.low, Quality.GOOD)
-        if self.clamp and self.high is not None and quality is Quality.ABOVE_RANGE:
-            return Reading(self.high, Quality.GOOD)
-        return Reading(value, quality)
+        if self.clamp and self.low is not None and quality is ValueQuality.BELOW_RANGE:
+            return DecodedValue(self.low, ValueQuality.GOOD)
+        if self.clamp and self.high is not None and quality is ValueQuality.ABOVE_RANGE:
+            return DecodedValue(self.high, ValueQuality.GOOD)
+        return DecodedValue(value, quality)
 
     def encode(self, value: float, *, clamp: bool = False) -> list[int]:
         """Return the words for the engineering ``value``.
@@ -164,7 +166,10 @@ class Tag:
         if clamp and math.isfinite(raw):
             smallest, largest = self.data_type.bounds
             raw = min(max(raw, smallest), largest)
-        if not clamp and self._quality(value) in (Quality.BELOW_RANGE, Quality.ABOVE_RANGE):
+        if not clamp and self._quality(value) in (
+            ValueQuality.BELOW_RANGE,
+            ValueQuality.ABOVE_RANGE,
+        ):
             raise RegisterValueError(
                 f"{self.name}: {value:g} is {self._quality(value).value} "
                 f"({self.low} to {self.high} {self.unit})".rstrip()
@@ -194,14 +199,14 @@ class Tag:
         except RegisterValueError as error:
             raise RegisterValueError(f"{self.name}: {error}") from error
 
-    def _quality(self, value: float) -> Quality:
+    def _quality(self, value: float) -> ValueQuality:
         if not math.isfinite(value):
-            return Quality.NOT_A_NUMBER
+            return ValueQuality.NOT_A_NUMBER
         if self.low is not None and value < self.low:
-            return Quality.BELOW_RANGE
+            return ValueQuality.BELOW_RANGE
         if self.high is not None and value > self.high:
-            return Quality.ABOVE_RANGE
-        return Quality.GOOD
+            return ValueQuality.ABOVE_RANGE
+        return ValueQuality.GOOD
 
 
 def _swapped(word: int, byte_order: Order) -> int:

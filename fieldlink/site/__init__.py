@@ -11,7 +11,7 @@ from fieldlink.site.errors import Problem, RecordingError, SiteError
 from fieldlink.site.load import load_site, schema
 from fieldlink.site.models import (
     EstimatorSettings,
-    HistorianSettings,
+    HistorianTable,
     Loop,
     PiSettings,
     PlantSettings,
@@ -27,7 +27,7 @@ __all__ = [
     "CheckReport",
     "Device",
     "EstimatorSettings",
-    "HistorianSettings",
+    "HistorianTable",
     "Loop",
     "PiSettings",
     "PlantSettings",

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fieldlink.site.device import Model
+from fieldlink.site.device import Model, Seconds
 
 __all__ = ["CompensateSettings"]
 
@@ -24,10 +24,18 @@ class CompensateSettings(Model):
     """Least OP that is ever written."""
     high: float = 100.0
     """Greatest OP that is ever written."""
-    rate: float = Field(default=5.0, gt=0)
+    rate: float = Field(default=5.0, gt=0, le=1e6)
     """Most that OP changes from one scan to the next."""
-    heartbeat_timeout: float = Field(default=10.0, gt=0)
+    heartbeat_timeout: Seconds = 10.0
     """Plant seconds without a count of the daemon's heartbeat after which the block is not used."""
+    travel_budget: float = Field(default=2.0, ge=0.1, le=100)
+    """Factor of OP's travel, against before compensation, beyond which the model is given up."""
+    pv_trip: float = Field(default=3.0, ge=1, le=100)
+    """Multiple of the largest error known beyond which PV must return at once."""
+    retry_after: float = Field(default=28800.0, gt=0)
+    """Seconds after which a model that was given up may be tried again: one shift."""
+    gain_sign: Literal[-1, 0, 1] = 0
+    """Sign of the process gain that the PLC's controller counts on; 0 when it is not known."""
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

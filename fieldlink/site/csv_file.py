@@ -9,11 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem
 
 __all__ = ["CsvFile", "CsvRow", "read_csv"]
 
 _MAX_PROBLEMS = 20
+
+LARGEST = 1000
+"""Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +56,21 @@ class CsvFile:
         return value
 
 
-def read_csv(path: Path, error: Callable[[Iterable[Problem]], FieldlinkError]) -> CsvFile:
+def read_csv(
+    path: Path, error: Callable[[Iterable[Problem]], FieldlinkError], *, pipe: bool = False
+) -> CsvFile:
     """Read a CSV file; blank lines at its end and lines that begin with ``#`` are skipped.
+
+    Args:
+        path: the file.
+        error: makes the error to raise.
+        pipe: whether the file may be a pipe, which is waited for.
 
     Raises:
         FieldlinkError: made by ``error`` of everything that is wrong: not readable, not text, no
             header, rows of another length.
     """
-    text = _read_text(path, error)
+    text = _read_text(path, error, pipe=pipe)
     lines = text.replace("\r\n", "\n").replace("\r", "\n")
     separator = _separator(lines)
     try:
@@ -96,16 +107,19 @@ def read_csv(path: Path, error: Callable[[Iterable[Problem]], FieldlinkError]) -
     return CsvFile(path, separator, tuple(columns), header.line, tuple(fitted))
 
 
-def _read_text(path: Path, error: Callable[[Iterable[Problem]], FieldlinkError]) -> str:
+def _read_text(
+    path: Path, error: Callable[[Iterable[Problem]], FieldlinkError], *, pipe: bool
+) -> str:
     try:
-        raw = path.read_bytes()
-    except OSError as cause:
-        message = f"cannot be read ({cause.strerror or cause})"
-        raise error(
-            [Problem(str(path), "", message, "check the path and its permissions")]
-        ) from cause
+        raw = read_bytes(path, most_megabytes=LARGEST, pipe=pipe)
+    except UnreadableFileError as cause:
+        raise error([Problem(str(path), "", cause.message, cause.remedy)]) from cause
+    if raw[:4] in (b"\xff\xfe\0\0", b"\0\0\xfe\xff"):
+        raise error([_not_csv(path, "it is UTF-32 text")])
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ["utf-16"]
+    elif raw[1:100:2].count(0) > 40 or raw[0:100:2].count(0) > 40:
+        raise error([_not_csv(path, "it is UTF-16 text without the mark that says so")])
     elif b"\0" in raw or raw[:2] == b"PK":
         raise error([_not_csv(path, "it is a binary file")])
     else:

@@ -11,7 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 __all__ = ["Address", "Device", "Model", "Quirks", "Seconds", "Tls"]
 
 Address = Annotated[int, Field(ge=0, le=0xFFFF)]
-Seconds = Annotated[float, Field(gt=0)]
+Seconds = Annotated[float, Field(ge=0.001, le=1e8)]
+"""A time of a plant: from a millisecond, below which no scan is, to three years."""
+Factor = Annotated[float, Field(ge=0.001, le=1e6)]
+"""How many times faster something is."""
 Pause = Annotated[float, Field(ge=0, le=60)]
 
 TLS_PORT = 802
@@ -120,7 +123,7 @@ class Device(Model):
     """Most registers in one read request."""
     ranges: tuple[tuple[Address, Address], ...] = ()
     """Readable address ranges (first, last), both included; no request crosses their borders."""
-    speed: Seconds = 1.0
+    speed: Factor = 1.0
     """Plant seconds per second of the wall clock, for a simulated plant."""
     pace: Literal["clock", "plant"] = "clock"
     """Who paces a simulated plant that is served: the clock, or the plant as fast as it can."""

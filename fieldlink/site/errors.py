@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.printable import as_printable, shortened
 
 __all__ = ["Problem", "RecordingError", "SiteError", "nearest"]
 
@@ -31,8 +32,9 @@ class Problem:
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
-        key = f"{self.key}: " if self.key else ""
-        return f"{place}: {key}{self.message}; {self.remedy}"
+        key = f"{shortened(self.key)}: " if self.key else ""
+        # Names of keys and tags come from files: nothing in them may be obeyed where this is shown.
+        return as_printable(f"{place}: {key}{self.message}; {self.remedy}")
 
 
 class _ProblemsError(FieldlinkError):

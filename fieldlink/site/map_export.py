@@ -11,6 +11,7 @@ from fieldlink.registers import DataType, Tag
 from fieldlink.registers.types import order_name
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.map_row import COLUMNS, REQUIRED
+from fieldlink.spreadsheet import to_cell
 
 __all__ = ["map_as_csv", "map_rows", "write_map"]
 
@@ -27,7 +28,7 @@ def map_as_csv(tags: Iterable[Tag]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({name: to_cell(cell) for name, cell in row.items()} for row in rows)
     return text.getvalue()
 
 
@@ -45,7 +46,13 @@ def write_map(tags: Iterable[Tag], path: Path) -> None:
 
         rows = map_rows(tags)
         frame = pd.DataFrame(rows, columns=_used(rows))
-        frame.to_excel(path, sheet_name="registers", index=False, engine="openpyxl")
+        with pd.ExcelWriter(path, engine="openpyxl") as book:
+            frame.to_excel(book, sheet_name="registers", index=False)
+            for row in book.sheets["registers"].iter_rows():
+                for cell in row:
+                    if cell.data_type == "f":
+                        # No cell of ours is a formula: one that begins like it is a name.
+                        cell.data_type = "s"
     except ImportError as error:
         remedy = "install fieldlink[excel], or write a .csv"
         message = "Excel workbooks need the extra excel"

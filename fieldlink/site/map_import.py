@@ -20,6 +20,7 @@ from fieldlink.site.map_addresses import AddressStyle, guess_style, parse_addres
 from fieldlink.site.map_row import REQUIRED, RowReader
 from fieldlink.site.map_words import column_of, meaning_of
 from fieldlink.site.register_map import collect_tags
+from fieldlink.spreadsheet import from_cell
 
 __all__ = ["ImportedMap", "import_map"]
 
@@ -99,7 +100,9 @@ def import_map(
 
 def _read_text(path: Path) -> _Sheet:
     file = read_csv(path, SiteError)
-    rows = tuple((row.line, row.cells) for row in file.rows if any(row.cells))
+    rows = tuple(
+        (row.line, tuple(map(from_cell, row.cells))) for row in file.rows if any(row.cells)
+    )
     return _Sheet(file.header, file.header_line, rows)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
+from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import ORDERS, DataType, Order, Table, Tag
 from fieldlink.site.errors import Problem, nearest
 
@@ -38,6 +39,10 @@ COLUMNS = (
 _POINTS = ("raw_low", "raw_high", "eng_low", "eng_high")
 _LAST_ADDRESS = 0xFFFF
 _LONGEST_TEXT = 125
+SCALES = (1e-30, 1e30)
+"""Scalings with which the largest and the smallest register still is a number."""
+LONGEST_INTERVAL = 1e8
+"""Seconds between two readings of a tag: three years."""
 _BOOLEANS = {
     "": False,
     "true": True,
@@ -82,6 +87,8 @@ class RowReader:
         name = self._cell("tag")
         if not name:
             self.report("tag", "the tag has no name", "name it")
+        for column in ("tag", "unit", "comment"):
+            self._printable(column)
         table = self._choice("table", {item.value: item for item in Table}, Table.HOLDING)
         data_type = self._choice("type", {item.value: item for item in DataType}, None)
         address = self._address()
@@ -97,8 +104,9 @@ class RowReader:
             )
         if clamp and low is None and high is None:
             self.report("outside", "there is no range to clamp to", "give low, high or both")
-        if every < 0.0:
-            self.report("every", f"{every:g} is negative", "give seconds, or leave it empty")
+        if not 0.0 <= every <= LONGEST_INTERVAL:
+            remedy = f"give seconds from 0 to {LONGEST_INTERVAL:g}, or leave it empty"
+            self.report("every", f"{every:g} is no interval", remedy)
         if table is not None and data_type is not None:
             self._type_fits(table, data_type)
         bit = self._bit(table, data_type)
@@ -160,6 +168,8 @@ class RowReader:
             self.report("scale", "a scale of 0 loses the value", "give engineering units per count")
         points = [self._number(column, None) for column in _POINTS]
         if all(point is None for point in points):
+            if scale and not self._is_usable("scale", scale, offset or 0.0):
+                return 1.0, 0.0
             return 1.0 if scale is None else scale, offset or 0.0
         if self._cell("scale") or self._cell("offset"):
             self.report("scale", "scale or offset and two points are given", "keep one of the ways")
@@ -174,7 +184,29 @@ class RowReader:
             self.report("raw_low", "the two points are one", "give two that differ in both")
             return 1.0, 0.0
         slope = (eng_high - eng_low) / (raw_high - raw_low)
-        return slope, eng_low - slope * raw_low
+        offset = eng_low - slope * raw_low
+        if not self._is_usable("raw_low", slope, offset):
+            return 1.0, 0.0
+        return slope, offset
+
+    def _is_usable(self, column: str, scale: float, offset: float) -> bool:
+        """Whether a scaling leaves a number of every register; says so if it does not."""
+        small, large = SCALES
+        if small <= abs(scale) <= large and abs(offset) <= large:
+            return True
+        message = f"scale {scale:g} with offset {offset:g} leaves no number of a register"
+        remedy = f"give a scale from {small:g} to {large:g} and an offset up to {large:g}"
+        self.report(column, message, remedy)
+        return False
+
+    def _printable(self, column: str) -> None:
+        cell = self._cell(column)
+        if not cell.isprintable():
+            self.report(
+                column,
+                f"{quoted(as_printable(cell))} has characters that cannot be printed",
+                "remove them",
+            )
 
     def _bit(self, table: Table | None, data_type: DataType | None) -> int | None:
         cell = self._cell("bit")
@@ -213,7 +245,9 @@ class RowReader:
                 numbers.append(self._parse(word))
             except ValueError:
                 self.report(
-                    "invalid", f"{word!r} is no number", "give raw values, such as 0x8000 -9999 nan"
+                    "invalid",
+                    f"{quoted(word)} is no number",
+                    "give raw values, such as 0x8000 -9999 nan",
                 )
         bits = 16 * (data_type.registers if data_type is not None else 4)
         if patterns and max(patterns) >= 1 << bits:
@@ -235,7 +269,7 @@ class RowReader:
         if not cell and default is not None:
             return default
         if cell not in choices:
-            message = f"{self._cell(column)!r} is unknown" if cell else "is empty"
+            message = f"{quoted(self._cell(column))} is unknown" if cell else "is empty"
             self.report(column, message, nearest(cell, [name for name in choices if name]))
             return None
         return choices[cell]
@@ -247,14 +281,14 @@ class RowReader:
         try:
             return self._parse(cell)
         except ValueError:
-            self.report(column, f"{cell!r} is no number", "give a number or leave it empty")
+            self.report(column, f"{quoted(cell)} is no number", "give a number or leave it empty")
             return default
 
     def _whole(self, column: str, low: int, high: int, remedy: str) -> int | None:
         cell = self._cell(column)
         digits = cell.isascii() and cell.isdigit() and len(cell) <= len(str(high))
         if not (digits and low <= int(cell) <= high):
-            self.report(column, f"{cell!r} is no whole number from {low} to {high}", remedy)
+            self.report(column, f"{quoted(cell)} is no whole number from {low} to {high}", remedy)
             return None
         return int(cell)
 
@@ -263,7 +297,7 @@ class RowReader:
         try:
             address = int(cell)
         except ValueError:
-            message = f"{cell!r} is no whole number" if cell else "is empty"
+            message = f"{quoted(cell)} is no whole number" if cell else "is empty"
             self.report("address", message, "give the 0-based address, for 40001 that is 0")
             return None
         if not 0 <= address <= _LAST_ADDRESS:

@@ -16,7 +16,7 @@ from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
-from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
+from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
 
 __all__ = [
     "Device",
@@ -24,7 +24,7 @@ __all__ = [
     "EstimatorSettings",
     "ExchangeAddresses",
     "ExternalSettings",
-    "HistorianSettings",
+    "HistorianTable",
     "Loop",
     "PiSettings",
     "PlantSettings",
@@ -37,6 +37,9 @@ __all__ = [
 ]
 
 Span = tuple[float, float]
+
+LARGEST_LIMIT = 1e6
+"""Units of OP: a single float of a parameter block still tells a tenth of a unit there."""
 
 
 class SiteSettings(Model):
@@ -78,6 +81,10 @@ class ExchangeAddresses(Model):
     """Fieldlink: first register of bank A."""
     bank_b: Address
     """Fieldlink: first register of bank B."""
+    ack_refusal: Address | None = None
+    """PLC: why the consumer refuses or gave up the model; left out, refusals are not told."""
+    writer: Address | None = None
+    """Fieldlink: identity of the installation that writes; may be left out."""
 
 
 class WriteLimits(Model):
@@ -96,6 +103,11 @@ class WriteLimits(Model):
                 raise ValueError(
                     f"{name} = [{low:g}, {high:g}] must be 0 <= low < high; reorder it"
                 )
+            if high > LARGEST_LIMIT:
+                raise ValueError(
+                    f"{name} = [{low:g}, {high:g}] reaches beyond {LARGEST_LIMIT:g} units of OP; "
+                    "correct it"
+                )
         return self
 
 
@@ -112,14 +124,17 @@ class WriteBack(Model):
     """The exchange registers one by one, instead of base."""
     limits: WriteLimits = WriteLimits()
     """Ranges outside which nothing is written."""
-    deadband: float = Field(default=0.05, ge=0)
+    deadband: float = Field(default=0.05, ge=0, le=1e6)
     """Least change of S or J (units of OP) that is worth a new block."""
-    min_interval: float = Field(default=60.0, ge=0)
+    min_interval: float = Field(default=60.0, ge=0, le=1e8)
     """Least plant seconds between two blocks."""
     valid_for: int = Field(default=86400, ge=1, le=0xFFFFFFFF)
     """Plant seconds after which the PLC stops using a block."""
     min_windows: int = Field(default=2, ge=1, le=0xFFFF)
     """Windows that must agree before a block is written."""
+    max_age: float | None = Field(default=None, gt=0)
+    """Plant seconds from the end of its window for which a finding may wait to be written; four
+    estimate periods unless given."""
 
     @property
     def exchange(self) -> ExchangeLayout | None:
@@ -199,7 +214,7 @@ class SiteFile(Model):
     """Devices by name."""
     loops: Mapping[str, Loop] = Field(min_length=1)
     """Control loops by name."""
-    historian: HistorianSettings = HistorianSettings()
+    historian: HistorianTable = HistorianTable()
     """Where history is stored."""
     estimation: EstimationSettings = EstimationSettings()
     """The processes in which windows are judged."""

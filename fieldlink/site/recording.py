@@ -113,7 +113,7 @@ def read_recording(
     Raises:
         RecordingError: naming the file, the row and the column, and what to do.
     """
-    file = read_csv(Path(path), RecordingError)
+    file = read_csv(Path(path), RecordingError, pipe=True)
     columns = _Columns(file)
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
     found = {role: columns.find(role, name) for role, name in wanted.items()}

@@ -9,6 +9,7 @@ from fieldlink.registers import Order, Tag
 from fieldlink.site.csv_file import CsvFile, CsvRow, read_csv
 from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.map_row import COLUMNS, REQUIRED, RowReader
+from fieldlink.spreadsheet import from_cell
 
 __all__ = ["COLUMNS", "collect_tags", "read_register_map"]
 
@@ -62,7 +63,7 @@ def collect_tags(
 def _reader(file: CsvFile, row: CsvRow, columns: Mapping[str, int]) -> tuple[int, RowReader]:
     def cell(column: str) -> str:
         number = columns.get(column)
-        return "" if number is None else row.cells[number]
+        return "" if number is None else from_cell(row.cells[number])
 
     return row.line, RowReader(str(file.path), row.line, cell, file.number)
 

@@ -15,7 +15,7 @@ from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
 from fieldlink.site.polling import poll_period, polls_by_tag
-from fieldlink.site.upkeep import EstimationSettings, HistorianSettings, WebSettings
+from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
 
 __all__ = ["Site"]
 
@@ -55,7 +55,7 @@ class Site:
         return self.file.loops
 
     @property
-    def historian(self) -> HistorianSettings:
+    def historian(self) -> HistorianTable:
         """The historian's settings."""
         return self.file.historian
 

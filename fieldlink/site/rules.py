@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import (
     BLOCK_REGISTERS,
+    HEARTBEAT_EVERY,
     DataType,
     ExchangeLayout,
     PlanError,
@@ -25,6 +27,9 @@ from fieldlink.site.toml_source import TomlSource
 
 __all__ = ["find_problems"]
 
+LONGEST_NAME = 200
+"""Characters: a name that no screen shows in one line tells nobody what it means."""
+
 
 def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     """Return everything that is wrong with a site whose parts are each well-formed."""
@@ -34,11 +39,34 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
         for rule in _LOOP_RULES
         for problem in rule(site, source, name, loop)
     ]
+    problems.extend(_printable(site, source))
     problems.extend(_readable(site, source))
     problems.extend(_certificates(site, source))
     problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))
     return problems
+
+
+def _printable(site: Site, source: TomlSource) -> Iterator[Problem]:
+    """Names go to terminals, logs and labels of metrics: nothing in them may be obeyed there."""
+    names = {
+        ("site", "name"): site.name,
+        **{("devices", name): name for name in site.devices},
+        **{("loops", name): name for name in site.loops},
+    }
+    for key, name in names.items():
+        if not name.isprintable():
+            yield source.problem(
+                key,
+                f"{quoted(as_printable(name))} has characters that cannot be printed",
+                "remove them",
+            )
+        elif len(name) > LONGEST_NAME:
+            yield source.problem(
+                key,
+                f"{quoted(name)} has {len(name)} characters",
+                f"shorten it to {LONGEST_NAME} or less",
+            )
 
 
 def _known_device(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
@@ -119,6 +147,23 @@ def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> I
         )
 
 
+def _heartbeat_lives(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
+    """A request that times out holds up the next heartbeat: readers must not call it dead."""
+    device = site.devices.get(loop.device)
+    if device is None or not device.is_modbus or not loop.writeback.enabled:
+        return
+    # A plant served faster than real time has its time-outs in seconds of the wall.
+    longest = HEARTBEAT_EVERY + 2.0 * device.timeout
+    allowed = loop.compensate.heartbeat_timeout
+    if device.speed == 1.0 and longest > allowed:
+        yield source.problem(
+            ("loops", name, "compensate", "heartbeat_timeout"),
+            f"the heartbeat comes every {HEARTBEAT_EVERY:g} s, and {longest:g} s apart when "
+            f"requests time out; it would be called dead after {allowed:g} s",
+            f"lower the timeout of device {loop.device!r}, or raise heartbeat_timeout",
+        )
+
+
 def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
         for tag in site.maps.get(name, {}).values():
@@ -164,6 +209,7 @@ _LOOP_RULES = (
     plant_fits,
     compensate_fits,
     _write_back_fits,
+    _heartbeat_lives,
 )
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem, SiteError
 
 __all__ = ["TomlSource"]
@@ -23,6 +24,12 @@ _KEY = re.compile(rf"^\s*({_PATH})\s*=")
 _LINE_IN_ERROR = re.compile(r"\s*\(at line (\d+), column \d+\)$|\s*\(at end of document\)$")
 
 Key = tuple[str, ...]
+
+LARGEST = 10
+"""Megabytes of a site file: a thousand loops take half of one."""
+
+DEEPEST = 30
+"""Levels of tables and arrays: far more than a site file has, far less than a parser's stack."""
 
 
 class TomlSource:
@@ -40,23 +47,15 @@ class TomlSource:
             SiteError: it cannot be read or is no TOML.
         """
         self.path = path
-        try:
-            text = path.read_text(encoding="utf-8-sig")
-        except OSError as error:
-            reason = error.strerror or str(error)
-            remedy = "check the path and its permissions"
-            raise SiteError(
-                [Problem(str(path), "", f"cannot be read ({reason})", remedy)]
-            ) from error
-        except UnicodeDecodeError as error:
-            message = f"is not UTF-8 text (byte {error.start})"
-            raise SiteError(
-                [Problem(str(path), "", message, "save it as a UTF-8 text file")]
-            ) from error
+        text = _read_text(path)
         try:
             self.data: dict[str, Any] = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise SiteError([_syntax_problem(path, text, str(error))]) from error
+        except RecursionError as error:
+            raise SiteError([_too_deep(path)]) from error
+        if _depth(self.data) > DEEPEST:
+            raise SiteError([_too_deep(path)])
         self._lines = _find_lines(text)
 
     def line_of(self, key: Sequence[str | int]) -> int | None:
@@ -72,6 +71,42 @@ class TomlSource:
         """Return a problem at ``key`` of this file."""
         dotted = ".".join(str(part) for part in key)
         return Problem(str(self.path), dotted, message, remedy, self.line_of(key))
+
+
+def _read_text(path: Path) -> str:
+    try:
+        raw = read_bytes(path, most_megabytes=LARGEST)
+    except UnreadableFileError as error:
+        raise SiteError([Problem(str(path), "", error.message, error.remedy)]) from error
+    try:
+        if b"\0" in raw:
+            raise UnicodeDecodeError("utf-8", raw, raw.index(b"\0"), 0, "a zero byte")
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"is not UTF-8 text (byte {error.start})"
+        raise SiteError(
+            [Problem(str(path), "", message, "save it as a UTF-8 text file")]
+        ) from error
+
+
+def _depth(data: object) -> int:
+    """Return how deep tables and arrays lie in each other, without recursion."""
+    depth, level = 0, [data]
+    while level:
+        inner: list[object] = []
+        for item in level:
+            if isinstance(item, dict):
+                inner.extend(item.values())
+            elif isinstance(item, list):
+                inner.extend(item)
+        level = [item for item in inner if isinstance(item, dict | list)]
+        depth += 1
+    return depth
+
+
+def _too_deep(path: Path) -> Problem:
+    message = f"its tables or arrays lie more than {DEEPEST} deep in each other"
+    return Problem(str(path), "", message, "no key of a site file needs more than six")
 
 
 def _syntax_problem(path: Path, text: str, message: str) -> Problem:

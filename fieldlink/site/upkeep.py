@@ -10,21 +10,24 @@ from pydantic import Field, model_validator
 
 from fieldlink.site.device import Model, Seconds
 
-__all__ = ["EstimationSettings", "HistorianSettings", "WebSettings"]
+__all__ = ["EstimationSettings", "HistorianTable", "WebSettings"]
+
+LONGEST_DAYS = 36_500
+"""A century: whoever means for ever leaves the key out."""
 
 
-class HistorianSettings(Model):
+class HistorianTable(Model):
     """``[historian]``: where samples, estimates and write-backs are stored."""
 
     url: str = "sqlite:///history.sqlite"
     """SQLAlchemy URL; an SQLite path is relative to data_dir."""
-    retention_days: float | None = Field(default=None, gt=0)
+    retention_days: float | None = Field(default=None, ge=0.001, le=LONGEST_DAYS)
     """Days that samples are kept; for ever unless given."""
-    average_minutes: float | None = Field(default=None, gt=0, le=1440)
+    average_minutes: float | None = Field(default=None, ge=0.01, le=1440)
     """Length of the averages that older samples become; they are dropped unless given."""
-    averages_days: float | None = Field(default=None, gt=0)
+    averages_days: float | None = Field(default=None, ge=0.001, le=LONGEST_DAYS)
     """Days that averages are kept; for ever unless given."""
-    max_megabytes: float = Field(default=10_000.0, ge=10)
+    max_megabytes: float = Field(default=10_000.0, ge=10, le=1e9)
     """Size of an SQLite historian above which the oldest samples go before their time."""
 
     @model_validator(mode="after")
@@ -44,7 +47,7 @@ class EstimationSettings(Model):
     """Processes; one less than the machine has cores unless given."""
     window_seconds: Seconds = 60.0
     """Seconds that one window may take; then its process is ended."""
-    memory_megabytes: float = Field(default=1500.0, ge=300)
+    memory_megabytes: float = Field(default=1500.0, ge=300, le=1e6)
     """Memory that one process may take; a window that needs more is given up."""
 
 
@@ -54,7 +57,7 @@ class WebSettings(Model):
     enabled: bool = True
     """Whether the daemon answers HTTP at all."""
     host: str = "127.0.0.1"
-    """Address to bind; other machines reach it only with a token or TLS."""
+    """Address to bind; other machines reach it only with a token and TLS."""
     port: int = Field(default=9480, ge=0, le=0xFFFF)
     """TCP port; 0 picks a free one."""
     token_file: Path | None = None
@@ -76,10 +79,11 @@ class WebSettings(Model):
     def _guarded(self) -> Self:
         if (self.tls_certificate is None) != (self.tls_key is None):
             raise ValueError("tls_certificate and tls_key belong together; give both or neither")
-        guarded = self.token_file is not None or self.tls_certificate is not None
+        guarded = self.token_file is not None and self.tls_certificate is not None
         if self.enabled and not self.is_local and not guarded:
             raise ValueError(
-                f"host = {self.host!r} lets other machines in; add a token_file or a "
-                'tls_certificate with its tls_key, or bind to "127.0.0.1"'
+                f'host = "{self.host}" lets other machines in; add a token_file and a '
+                "tls_certificate with its tls_key (without TLS the token can be read on the way), "
+                'or bind to "127.0.0.1"'
             )
         return self

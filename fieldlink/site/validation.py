@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from fieldlink.printable import quoted
 from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.toml_source import TomlSource
 
@@ -51,10 +52,13 @@ def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) ->
         message, _, remedy = detail["msg"].removeprefix("Value error, ").partition("; ")
         return source.problem(key, message, remedy)
     if kind == "literal_error" and field is not None:
-        return source.problem(key, f"{value!r} is unknown", nearest(str(value), _choices(field)))
+        unknown = f"{quoted(value)} is unknown"
+        return source.problem(key, unknown, nearest(str(value), _choices(field)))
     if kind in ("union_tag_invalid", "union_tag_not_found") and field is not None:
         return _wrong_kind(source, key, field, detail)
-    shown = repr(value) if not isinstance(value, dict | list) else f"a {type(value).__name__}"
+    shown = quoted(value)
+    if isinstance(value, dict | list):
+        shown = "a table" if isinstance(value, dict) else "an array"
     message = f"{shown}: {detail['msg'].replace('Input should', 'should')}"
     return source.problem(key, message, f"correct it{_meaning(field)}")
 

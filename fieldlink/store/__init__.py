@@ -5,6 +5,7 @@ from fieldlink.store.errors import StoreError
 from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
+from fieldlink.store.last_blocks import last_blocks
 from fieldlink.store.queries import (
     read_averages,
     read_estimates,
@@ -22,7 +23,6 @@ from fieldlink.store.records import (
     WritebackRecord,
 )
 from fieldlink.store.reports import HistorianSettings, StoreReport
-from fieldlink.store.unfinished import unfinished_writebacks
 
 __all__ = [
     "EXPORTED_TABLES",
@@ -41,11 +41,11 @@ __all__ = [
     "WritebackRecord",
     "back_up",
     "export",
+    "last_blocks",
     "read_averages",
     "read_estimates",
     "read_events",
     "read_samples",
     "read_slots",
     "read_writebacks",
-    "unfinished_writebacks",
 ]

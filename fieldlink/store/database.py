@@ -12,6 +12,7 @@ from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from fieldlink.store.damage import is_corruption, was_a_database
 from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.ownership import refuse_foreign_file, refuse_foreign_tables
 from fieldlink.store.records import EventRecord
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
 
@@ -30,14 +31,16 @@ def open_for_writing(url: str, opened: EventRecord, busy_timeout: float = 5.0) -
 
     Raises:
         StoreCorruptError: the file was a historian and is damaged.
-        StoreError: the address is wrong, the folder or file cannot be written, the file is no
-            database, or it was made by another release.
+        StoreMismatchError: the database is another program's, or was made by another release.
+        StoreError: the address is wrong, the folder or file cannot be written, or the file is no
+            database.
     """
     address = _address(url)
     file = file_of(url)
     if file is not None:
+        refuse_foreign_file(file)
         _make_file(file)
-    engine = _engine(address, busy_timeout)
+    engine = _engine(address, busy_timeout, writes=True)
     try:
         _prepare(engine, opened)
     except SQLAlchemyError as error:
@@ -123,22 +126,19 @@ def _make_file(file: Path) -> None:
 
 
 def _prepare(engine: Engine, opened: EventRecord) -> None:
+    if engine.dialect.name != "sqlite":
+        refuse_foreign_tables(engine)
     METADATA.create_all(engine)
     with engine.begin() as connection:
         version = connection.scalar(select(META.c.value).where(META.c.key == "schema"))
         if version is None:
             connection.execute(insert(META), {"key": "schema", "value": str(SCHEMA_VERSION)})
-        elif not version.isdecimal() or not 1 <= int(version) <= SCHEMA_VERSION:
-            raise StoreError(
-                f"{engine.url.render_as_string()} has schema {version}, this release writes schema "
-                f"{SCHEMA_VERSION}; move it away or set historian.url to a new one"
-            )
         elif int(version) < SCHEMA_VERSION:
             upgrade(connection, int(version))
         connection.execute(insert(opened.table), opened.row())
 
 
-def _engine(address: URL, busy_timeout: float) -> Engine:
+def _engine(address: URL, busy_timeout: float, *, writes: bool = False) -> Engine:
     sqlite = address.get_backend_name() == "sqlite"
     patience: dict[str, float] = {}
     if sqlite:
@@ -152,7 +152,8 @@ def _engine(address: URL, busy_timeout: float) -> Engine:
             f"no driver for {address.render_as_string()}: {error}; install it (for PostgreSQL: "
             "pip install 'fieldlink[postgresql]'), or use sqlite:///history.sqlite"
         ) from error
-    if sqlite:
+    if sqlite and writes:
+        # Who only reads changes nothing in a file that may be somebody else's.
         event.listen(engine, "connect", _configure_sqlite)
     return engine
 

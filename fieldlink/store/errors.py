@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["StoreCorruptError", "StoreError"]
+__all__ = ["StoreCorruptError", "StoreError", "StoreMismatchError"]
 
 
 class StoreError(FieldlinkError):
     """The historian cannot be opened, read or written; the message names place and remedy."""
+
+
+class StoreMismatchError(StoreError):
+    """The database is no historian of this release; trying again does not change that."""
 
 
 class StoreCorruptError(StoreError):

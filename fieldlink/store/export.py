@@ -28,6 +28,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import SQLAlchemyError
 
+from fieldlink.spreadsheet import to_cell
 from fieldlink.store.database import cause_of, open_for_reading, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.schema import AVERAGES, ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
@@ -176,6 +177,8 @@ def _iso(utc_ms: int) -> str:
 
 
 def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return to_cell(value)
     return int(value) if isinstance(value, bool) else value
 
 

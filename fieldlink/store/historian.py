@@ -13,21 +13,23 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 
 import structlog
-from sqlalchemy import Engine, insert
-from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
+from sqlalchemy import Engine
+from sqlalchemy.exc import SQLAlchemyError
 
+from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.store.damage import is_corruption, set_aside
 from fieldlink.store.database import cause_of, file_of, open_for_writing
-from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.errors import StoreCorruptError, StoreError, StoreMismatchError
 from fieldlink.store.housekeeping import Housekeeping, Retention
+from fieldlink.store.inserting import insert_batch, may_pass
 from fieldlink.store.presence import Presence
 from fieldlink.store.records import EventRecord, Record, SampleRecord
 from fieldlink.store.reports import HistorianSettings, StoreReport
+from fieldlink.store.wal import keep_damaged_log
 
 __all__ = ["Historian"]
 
@@ -67,6 +69,8 @@ class Historian:
         self._receipts: dict[int, Future[bool]] = {}
         self._last_error = ""
         self._failing = False
+        self._refusals = OnceAMinute()
+        self._mismatch_since: float | None = None
         self._overflowing_since: int | None = None
         self._stopping = threading.Event()
         self._deadline = float("inf")
@@ -180,6 +184,8 @@ class Historian:
             batch.append(self._queue.get(timeout=self._settings.linger))
         except queue.Empty:
             return batch
+        with self._lock:
+            self._in_hand = 1
         if not self._stopping.is_set():
             self._stopping.wait(self._settings.linger)
         while len(batch) < self._settings.batch:
@@ -198,11 +204,14 @@ class Historian:
             try:
                 if self._presence is not None and (what := self._presence.lost()):
                     engine = self._go_on_without(engine, self._presence, what)
-                written = _insert(engine, batch)
+                written = insert_batch(engine, batch)
                 if self._presence is not None and self._presence.lost():
                     # It went into a file that nobody will find.
                     continue
             except StoreError as error:
+                if isinstance(error, StoreMismatchError) and self._is_beyond_patience():
+                    self._refuse(batch, str(error), failing=True)
+                    break
                 self._note_failure(str(error), first=not failed)
                 failed = True
                 if self._give_up(batch):
@@ -212,16 +221,19 @@ class Historian:
                 if is_corruption(error) and (anew := self._replace(engine, error)) is not None:
                     engine = anew
                     continue
-                if not _may_pass(error):
+                if not may_pass(error):
                     # Not the database but a record is wrong: the others must not suffer.
-                    self._note_failure(cause_of(error), first=True)
-                    engine = self._write_singly(engine, batch)
+                    engine = self._write_singly(engine, batch, cause_of(error))
                     break
                 self._note_failure(cause_of(error), first=not failed)
                 failed = True
                 if self._give_up(batch):
                     break
                 continue
+            except Exception as error:  # noqa: BLE001  (of a driver, for a value out of its range)
+                engine = self._write_singly(engine, batch, " ".join(str(error).split()))
+                break
+            self._mismatch_since = None
             with self._lock:
                 self._written += written
                 self._failing = False
@@ -233,16 +245,34 @@ class Historian:
             self._in_hand = 0
         return engine
 
-    def _write_singly(self, engine: Engine, batch: Sequence[Record]) -> Engine:
+    def _write_singly(self, engine: Engine, batch: Sequence[Record], cause: str) -> Engine:
+        """Write the good rows of a batch that is refused as a whole."""
         if len(batch) == 1:
-            self._drop(1)
-            self._settle(batch, stored=False)
-            with self._lock:
-                self._failing = False
+            self._refuse(batch, f"a row of {batch[0].table.name} is refused: {cause}")
             return engine
         for record in batch:
             engine = self._write(engine, [record])
         return engine
+
+    def _refuse(self, batch: Sequence[Record], cause: str, *, failing: bool = False) -> None:
+        """Give up records that the database will never take; each cause is told once a minute."""
+        self._drop(len(batch))
+        self._settle(batch, stored=False)
+        with self._lock:
+            self._last_error = cause
+            self._failing = failing
+        if lost := self._refusals.note(cause, len(batch)):
+            _log.error("store.refused", error=cause, records=lost)
+            if not failing and not isinstance(batch[0], EventRecord):
+                message = f"lost {lost} records: {cause}"
+                self.put(EventRecord(_now_ms(), "store.refused", "store", message))
+
+    def _is_beyond_patience(self) -> bool:
+        """Whether a database that is no historian has had the place of ours for too long."""
+        now = time.monotonic()
+        if self._mismatch_since is None:
+            self._mismatch_since = now
+        return now - self._mismatch_since >= self._settings.patience
 
     def _give_up(self, batch: Sequence[Record]) -> bool:
         """Wait for the next attempt; True when there is no time left for one."""
@@ -280,6 +310,11 @@ class Historian:
                 return self._replace(engine, error) or engine
             with self._lock:
                 self._failing = False
+        except Exception as error:  # noqa: BLE001  (told; samples go on being stored)
+            self._sweep = None
+            self._note_failure(" ".join(str(error).split()), first=True)
+            with self._lock:
+                self._failing = False
         return engine
 
     def _replace(self, engine: Engine, error: SQLAlchemyError) -> Engine | None:
@@ -297,9 +332,13 @@ class Historian:
             return None
 
     def _open(self, opened: EventRecord) -> Engine:
-        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
         file = file_of(self._url)
+        damage = "" if file is None else keep_damaged_log(file)
+        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
         self._presence = None if file is None else Presence(file)
+        if damage:
+            _log.error("store.log_damaged", error=damage)
+            self.put(EventRecord(_now_ms(), "store.log_damaged", "store", damage))
         return engine
 
     def _go_on_without(self, engine: Engine, presence: Presence, what: str) -> Engine:
@@ -364,24 +403,6 @@ class Historian:
     def _drop(self, count: int) -> None:
         with self._lock:
             self._dropped += count
-
-
-def _may_pass(error: SQLAlchemyError) -> bool:
-    """Whether waiting may cure it: locked, full, unplugged, a server that is being restarted."""
-    if isinstance(error, OperationalError | InterfaceError):
-        return True
-    return is_corruption(error) or (isinstance(error, DBAPIError) and error.connection_invalidated)
-
-
-def _insert(engine: Engine, batch: Sequence[Record]) -> int:
-    """Insert all of ``batch`` in one transaction."""
-    by_table = defaultdict(list)
-    for record in batch:
-        by_table[record.table].append(record.row())
-    with engine.begin() as connection:
-        for table, rows in by_table.items():
-            connection.execute(insert(table), rows)
-    return len(batch)
 
 
 def _now_ms() -> int:

@@ -18,6 +18,8 @@ class HistorianSettings:
         retry: seconds between attempts while the database cannot be written.
         busy_timeout: seconds one attempt waits for another program's lock.
         flush: seconds that stopping may take.
+        patience: seconds that records wait while a database that is no historian has the place of
+            ours, so that the change can be undone; then they are lost.
     """
 
     queue: int = 200_000
@@ -26,6 +28,7 @@ class HistorianSettings:
     retry: float = 1.0
     busy_timeout: float = 5.0
     flush: float = 20.0
+    patience: float = 60.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -208,5 +208,10 @@ def _of_the_daemon(status: DaemonStatus) -> Iterator[Metric]:
         CounterMetricFamily(
             "fieldlink_clock_steps", "Steps of the wall clock.", status.clock_steps
         ),
+        CounterMetricFamily(
+            "fieldlink_defects",
+            "Errors met that the program does not foresee; the log tells where.",
+            status.defects,
+        ),
         reloads,
     )

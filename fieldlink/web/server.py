@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import stat
 from collections.abc import AsyncIterator, Iterator
@@ -17,13 +18,12 @@ from fieldlink.daemon import Daemon
 from fieldlink.errors import FieldlinkError
 from fieldlink.site import Site
 from fieldlink.web.app import make_app
+from fieldlink.web.limits import MOST_CONNECTIONS, BoundedListener, QuietLog, TimedProtocol
 
 __all__ = ["WebError", "read_token", "web_server"]
 
 SHORTEST_TOKEN = 20
 """Characters; less can be guessed."""
-
-MOST_CONNECTIONS = 32
 
 _log = structlog.get_logger(__name__)
 
@@ -61,7 +61,7 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
         access_log=False,
         lifespan="off",
         server_header=False,
-        limit_concurrency=MOST_CONNECTIONS,
+        http=TimedProtocol,
         timeout_graceful_shutdown=2,
     )
     if settings.tls_certificate is not None and settings.tls_key is not None:
@@ -87,6 +87,8 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
         return
     port = int(listener.getsockname()[1])
     server = _Server(config)
+    quiet = QuietLog()
+    logging.getLogger("uvicorn.error").addFilter(quiet)
     task = asyncio.create_task(server.serve([listener]), name="web")
     _log.info(
         "web.listening",
@@ -100,6 +102,7 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
         server.should_exit = True
         await task
         listener.close()
+        logging.getLogger("uvicorn.error").removeFilter(quiet)
 
 
 def read_token(file: Path) -> str:
@@ -128,7 +131,7 @@ def read_token(file: Path) -> str:
 def _listen(host: str, port: int) -> socket.socket:
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     family, kind, protocol, _, address = found[0]
-    listener = socket.socket(family, kind, protocol)
+    listener = BoundedListener(family, kind, protocol)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)

@@ -14,7 +14,7 @@ from benchmarks.compensation_cases import (
 )
 from benchmarks.compensation_verdicts import best_at, dominated, judge
 from compensator import ActionStatus
-from compensator.study import Trace
+from fieldlink.lab.study.closed_loop import Trace
 
 CASE = CASES[0]
 

@@ -86,18 +86,18 @@ class Plc:
         self.port = server.port
         self._beats = 0
 
-    def send_block(self) -> None:
+    def send_block(self, seq: int = 1) -> None:
         plant = catalogue["example1"]
         assert plant.process is not None
         block = ParameterBlock.from_model(
             LoopModel(plant.valve, plant.process),
             loop_id=101,
-            seq=1,
+            seq=seq,
             valid_for=86_400,
             window_end_ms=1_795_000_000_000,
         )
         self.image.write(Table.HOLDING, AREA.bank_address(Bank.B), encode_block(block))
-        self.image.write(Table.HOLDING, AREA.commit, [commit_word(Bank.B, 1)])
+        self.image.write(Table.HOLDING, AREA.commit, [commit_word(Bank.B, seq)])
 
     def enable(self, on: bool) -> None:
         self._plc.enable("FC101", on)
@@ -156,8 +156,10 @@ async def test_it_writes_op_bumplessly_inside_its_limits_and_stops_when_told(
         plc.send_block()
         off = await steps(service, plc, 0, 5)
         assert {step.verdict for step in off} == {Verdict.NO_MODEL}
+        # What was committed while it was forbidden stays refused.
         plc.enable(True)
-        on = await steps(service, plc, 5, 60)
+        plc.send_block(seq=2)
+        on = await steps(service, plc, 5, 150)
         written = [step for step in on if step.verdict is Verdict.WRITTEN]
         assert len(written) > 45
         assert written[0].op == pytest.approx(written[0].op_before)
@@ -166,17 +168,17 @@ async def test_it_writes_op_bumplessly_inside_its_limits_and_stops_when_told(
         assert max(step.op for step in written) > 55.0  # beyond fS: the valve is being moved
         assert service.writes_done == len(written)
         plc.enable(False)
-        after = await steps(service, plc, 65, 10)
+        after = await steps(service, plc, 155, 10)
         assert {step.verdict for step in after} == {Verdict.PLC_DISABLED}
         assert service.writes_done == len(written)
         plc.enable(True)
-        again = await steps(service, plc, 75, 12)
+        again = await steps(service, plc, 165, 12)
         assert again[-1].verdict is Verdict.WRITTEN
-        dead = await steps(service, plc, 87, 14, alive=False)
+        dead = await steps(service, plc, 177, 14, alive=False)
         assert dead[-1].verdict is Verdict.NO_MODEL
         assert "heartbeat" in dead[-1].detail
         plc.image.write(Table.HOLDING, 6, [0])  # the operator takes the loop to manual
-        manual = await steps(service, plc, 101, 4)
+        manual = await steps(service, plc, 191, 4)
         assert manual[-1].verdict is Verdict.MANUAL
         assert math.isnan(manual[-1].op)
         await service.close()
@@ -195,7 +197,7 @@ async def test_nothing_is_written_unless_site_file_and_run_both_allow_it(
         plc.send_block()
         plc.enable(True)
         before = plc.op
-        done = await steps(service, plc, 0, 25)
+        done = await steps(service, plc, 0, 80)
         assert done[-1].verdict is verdict
         assert math.isfinite(done[-1].op)
         assert plc.op == before

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
-from fieldlink.compensate.simulation import Simulation, SimulationError, simulate
+from fieldlink.lab.study.simulation import Simulation, SimulationError, simulate
 
 RUN = CliRunner()
 

@@ -12,10 +12,11 @@ from compensator import (
     EmbeddingMpc,
     EmbeddingSettings,
     HybridMpc,
+    HybridSettings,
     OpLimits,
     UnawareMpc,
 )
-from compensator.study import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, run
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 pytest.importorskip("casadi")
@@ -61,16 +62,16 @@ def test_a_solve_that_stopped_at_its_bound_is_never_applied() -> None:
 
 
 def test_its_three_warm_starts_are_those_of_the_text() -> None:
-    controller = EmbeddingMpc(EXAMPLE_1)
+    controller = EmbeddingMpc(EXAMPLE_1, EmbeddingSettings(estimator=HybridSettings(unseen=1.0)))
     controller.observe(REST, 50.0)
-    first = controller.warm_starts(REST + 5.0)
+    first = controller.warm_starts(REST + 15.0)
     assert list(first) == ["the compensator's plan", "hold"]
-    action = controller.decide(REST + 5.0)
+    action = controller.decide(REST + 15.0)
     assert action.op > 50.0 + EXAMPLE_1.valve.static_friction
     controller.observe(REST, action.op)
-    assert "the shifted solution" in controller.warm_starts(REST + 5.0)
+    assert "the shifted solution" in controller.warm_starts(REST + 15.0)
     controller.observe(REST, 49.0)  # somebody else moved OP: the old solution is void
-    assert "the shifted solution" not in controller.warm_starts(REST + 5.0)
+    assert "the shifted solution" not in controller.warm_starts(REST + 15.0)
 
 
 def test_a_bad_pv_holds_op() -> None:

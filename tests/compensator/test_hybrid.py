@@ -14,9 +14,19 @@ from compensator import (
     HybridSettings,
     OpLimits,
     UnawareMpc,
+    Uncertainty,
 )
-from compensator.belief import GAIN
-from compensator.study import EXAMPLE_1, EXAMPLE_2, Plant, Study, assess, held_stem_std, run
+from compensator.belief import GAIN, Belief, merge_alike
+from compensator.friction import FrictionPrior
+from fieldlink.lab.study.closed_loop import (
+    EXAMPLE_1,
+    EXAMPLE_2,
+    Plant,
+    Study,
+    assess,
+    held_stem_std,
+    run,
+)
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 NOISE = {"example1": 0.01, "example2": 10**-1.5}
@@ -50,7 +60,7 @@ def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(name: str) 
     rest = example.process.gain * 50.0
     held = held_stem_std(example.process, sigma, 0.0)
     after, before, offsets, travel, reversals = [], [], [], [0.0, 0.0], [0, 0]
-    for seed in range(4):
+    for seed in range(8):
         study = Study(
             [(0, rest), (10, rest + 2.5)], 1200, equation_noise=sigma, seed=seed, stem0=48.0
         )
@@ -62,8 +72,8 @@ def test_on_the_paper_s_loops_noise_alone_is_left_of_the_oscillation(name: str) 
         offsets.append(good.offset)
         travel = [travel[0] + bad.travel, travel[1] + good.travel]
         reversals = [reversals[0] + bad.reversals, reversals[1] + good.reversals]
-    assert np.sqrt(np.mean(np.square(after))) <= 1.15 * held
-    assert max(after) < 0.9 * min(before)
+    assert np.sqrt(np.mean(np.square(after))) <= 1.2 * held
+    assert np.mean(after) < 0.8 * np.mean(before)
     assert travel[1] <= travel[0]
     assert reversals[1] <= reversals[0]
     assert abs(np.mean(offsets)) < 0.35 * held
@@ -80,10 +90,16 @@ def test_with_wrong_frictions_it_is_no_worse_than_the_unaware(
     fs = max(static * valve.static_friction, dynamic * valve.dynamic_friction)
     wrong = ValveModel.from_friction(fs, dynamic * valve.dynamic_friction)
     rest = example.process.gain * 50.0
-    study = Study([(0, rest), (10, rest + 2.5)], 900, equation_noise=sigma, seed=1, stem0=48.0)
-    controller = TakeOver(example.process, HybridMpc(LoopModel(wrong, example.process)), 400)
-    trace = run(example.process, valve, controller, study)
-    assert assess(trace, 450).pv_std < assess(trace, 50, 400).pv_std
+    before, after = [], []
+    for seed in range(4):
+        study = Study(
+            [(0, rest), (10, rest + 2.5)], 900, equation_noise=sigma, seed=seed, stem0=48.0
+        )
+        controller = TakeOver(example.process, HybridMpc(LoopModel(wrong, example.process)), 400)
+        trace = run(example.process, valve, controller, study)
+        before.append(assess(trace, 50, 400).pv_std)
+        after.append(assess(trace, 450).pv_std)
+    assert np.mean(after) < np.mean(before)
 
 
 @pytest.mark.parametrize("gain", [0.9, 1.0, 1.1])
@@ -246,12 +262,39 @@ def test_a_wrong_gain_is_learnt_from_set_point_steps(factor: float) -> None:
     assert believed == pytest.approx(1.0, abs=0.08)
 
 
-def test_a_missed_slip_makes_the_next_command_stronger() -> None:
-    """A command that did not move the stem is kept in mind, also after the slip that follows."""
-    valve = ValveModel.from_friction(5.6, 3.2)  # believed; the true one needs 7
-    controller = HybridMpc(LoopModel(valve, EXAMPLE_1.process))
-    rest = EXAMPLE_1.process.gain * 50.0
-    study = Study([(0, rest), (50, rest + 4.0)], 400, equation_noise=0.01, seed=3)
-    trace = run(EXAMPLE_1.process, EXAMPLE_1.valve, controller, study)
-    assert controller.tracker.best.survived > 0.0
-    assert abs(assess(trace, 250).offset) < 1.0
+def test_a_command_that_missed_makes_the_next_one_stronger() -> None:
+    """What the stem has withstood is claimed on, and paid for by the prior of the friction."""
+    prior = FrictionPrior()
+    fresh = Belief(50.0, 1.0, np.zeros(3), np.zeros(3))
+    missed = fresh.stay(2.0, math.log(0.5), prior)
+    assert missed.survived == missed.tested == 2.0
+    assert missed.prior == pytest.approx(math.log(0.95 * 0.02275 + 0.05 * 0.30854), rel=1e-3)
+    for _ in range(1000):
+        missed.see(0.0, 0.98)
+    assert missed.score == pytest.approx(missed.prior)
+    slipped = missed.slip(58.0, 1.0, 0.0, prior)
+    assert slipped.survived == pytest.approx(1.9)
+    assert slipped.tested == -math.inf
+
+
+def test_friction_far_beyond_the_model_is_impossible() -> None:
+    prior = FrictionPrior()
+    assert prior.chance_of_rest(6.1, 5.9) == 0.0
+    assert 0.0 < prior.chance_of_rest(5.9, 5.8) < 1.0
+    assert prior.chance_of_rest(-4.1, -math.inf) == 1.0
+    wide = FrictionPrior(uncertainty=Uncertainty(3.0, 2.0))
+    assert wide.static_deviation(EXAMPLE_1.valve) == 3.0
+    assert prior.static_deviation(EXAMPLE_1.valve) == pytest.approx(0.7)
+
+
+def test_hypotheses_that_agree_on_the_stem_are_merged_by_their_moments() -> None:
+    one = Belief(50.0, 1.0, np.array([1.0]), np.array([2.0, 0.0, 0.0]), score=math.log(0.75))
+    two = Belief(50.0, 1.0, np.array([5.0]), np.array([-2.0, 0.0, 0.0]), score=math.log(0.25))
+    far = Belief(53.0, 1.0, np.array([0.0]), np.zeros(3), score=-1.0)
+    merged, spreads = merge_alike([one, two, far])
+    assert [h.stem for h in merged] == [50.0, 53.0]
+    assert merged[0].state == pytest.approx([2.0])
+    assert merged[0].errors == pytest.approx([1.0, 0.0, 0.0])
+    assert merged[0].score == pytest.approx(0.0)
+    assert spreads[50.0][:2, :2] == pytest.approx(np.array([[3.0, -3.0], [-3.0, 3.0]]))
+    assert list(spreads) == [50.0]

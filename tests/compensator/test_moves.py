@@ -7,8 +7,9 @@ import pytest
 from scipy import optimize
 
 from compensator import Prediction
-from compensator.moves import MovePlan, MovePlanner, best_on_polygon
-from compensator.study import EXAMPLE_1
+from compensator.move_kernels import best_on_polygon
+from compensator.moves import LeastMoves, MovePlan, MovePlanner
+from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import ProcessModel
 
 LAG = ProcessModel((-0.8,), (0.4,), 2, 0.0, 1.0)
@@ -48,7 +49,7 @@ def solve(
     return planner.plan(
         error,
         (options["low"] - start, options["high"] - start),
-        options["smallest"],
+        LeastMoves.alike(options["smallest"]),
         options["move_cost"],
         options["travel_cost"],
     )

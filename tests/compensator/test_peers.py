@@ -17,7 +17,7 @@ from compensator import (
     TwoMoveSettings,
     UnawareMpc,
 )
-from compensator.study import EXAMPLE_1, Study, assess, run
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 REST = EXAMPLE_1.process.gain * 50.0

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from compensator import ActionStatus, CompensatorError, OpLimits, PiController, PiSettings
-from compensator.study import Study, run
+from fieldlink.lab.study.closed_loop import Study, run
 from loop_model import ProcessModel
 
 LAG = ProcessModel((-0.9,), (0.2,), 2, 0.0, 1.0)

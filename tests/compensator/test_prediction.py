@@ -6,7 +6,7 @@ from scipy import signal
 
 from compensator import CompensatorError, NoiseModel, Prediction
 from compensator.prediction import StateFilter
-from compensator.study import EXAMPLE_1, EXAMPLE_2
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2
 from loop_model import ProcessModel
 
 PROCESSES = [

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from compensator import HybridMpc, HybridSettings, MpcSettings, OpLimits, Prediction, UnawareMpc
-from compensator.moves import MovePlanner, Ramp
-from compensator.study import EXAMPLE_1, Study, assess, run
+from compensator.moves import LeastMoves, MovePlanner, Ramp
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 LAG = ProcessModel((-0.7,), (0.3,), 1, 0.0, 1.0)
@@ -22,7 +22,9 @@ def test_no_sequence_of_op_does_better_with_two_moves(sp: float) -> None:
     planner = MovePlanner(Prediction.of(LAG, "input"), horizon=6)
     move_cost, travel_cost = 0.3, 0.05
     error = np.full(planner.points.size, -sp)
-    plan = planner.plan(error, (-9.0, 9.0), valve.slip_jump, move_cost, travel_cost)
+    plan = planner.plan(
+        error, (-9.0, 9.0), LeastMoves.alike(valve.slip_jump), move_cost, travel_cost
+    )
     lattice = np.arange(-7.5, 7.6, 1.5)
     count = min(5, int(planner.times[-1]) + 1)
     sequences = np.array(list(itertools.product(lattice, repeat=count)))
@@ -50,7 +52,7 @@ def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
     planner = MovePlanner(Prediction.of(LAG, "input"), horizon=14)
     ramp = Ramp(up=2, down=3, same=2, opposite=4, largest=2.5)
     error = np.full(planner.points.size, -sp)
-    plan = planner.plan(error, (-8.0, 8.0), 1.0, 0.1, 0.02, ramp)
+    plan = planner.plan(error, (-8.0, 8.0), LeastMoves.alike(1.0), 0.1, 0.02, ramp)
     response = np.concatenate([[0.0], planner.prediction.step_response(14)])
     sizes = np.concatenate([np.arange(-2.5, -0.9, 0.25), np.arange(1.0, 2.6, 0.25)])
 
@@ -76,23 +78,29 @@ def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
     assert not plan.times or plan.times[0] >= (2 if changes[0] > 0.0 else 3)
 
 
-@pytest.mark.parametrize(("rate", "share"), [(0.6, 1.0), (1.0, 0.7), (2.0, 0.4), (3.0, 0.5)])
+@pytest.mark.parametrize(("rate", "share"), [(0.6, 0.9), (1.0, 0.8), (2.0, 0.4), (3.0, 0.6)])
 def test_a_slow_op_still_takes_the_oscillation_away(rate: float, share: float) -> None:
     limits = OpLimits(rate=rate)
-    study = Study([(0, REST), (10, REST + 4.0)], 700, equation_noise=0.01, seed=1, stem0=48.0)
-    hybrid = HybridMpc(EXAMPLE_1, HybridSettings(limits))
-    good = run(EXAMPLE_1.process, EXAMPLE_1.valve, hybrid, study)
-    unaware = UnawareMpc(EXAMPLE_1.process, MpcSettings(limits=limits))
-    bad = run(EXAMPLE_1.process, EXAMPLE_1.valve, unaware, study)
-    assert np.abs(np.diff(good.op)).max() <= rate + 1e-9
-    assert assess(good, 250).rms < share * assess(bad, 250).rms
+    good, bad = [], []
+    for seed in range(4):
+        study = Study(
+            [(0, REST), (10, REST + 4.0)], 700, equation_noise=0.01, seed=seed, stem0=48.0
+        )
+        hybrid = HybridMpc(EXAMPLE_1, HybridSettings(limits))
+        compensated = run(EXAMPLE_1.process, EXAMPLE_1.valve, hybrid, study)
+        unaware = UnawareMpc(EXAMPLE_1.process, MpcSettings(limits=limits))
+        plain = run(EXAMPLE_1.process, EXAMPLE_1.valve, unaware, study)
+        assert np.abs(np.diff(compensated.op)).max() <= rate + 1e-9
+        good.append(assess(compensated, 250).rms)
+        bad.append(assess(plain, 250).rms)
+    assert np.mean(good) < share * np.mean(bad)
 
 
 def test_the_plan_counts_the_scans_that_op_needs() -> None:
     """fS 2, fD 1, rate 0.5: from mid-band the edge is four scans away, the slip is the fifth."""
     model = LoopModel(ValveModel.from_friction(2.0, 1.0), LAG)
-    slow = HybridMpc(model, HybridSettings(OpLimits(rate=0.5), slip_margin=0.0))
-    quick = HybridMpc(model, HybridSettings(slip_margin=0.0))
+    slow = HybridMpc(model, HybridSettings(OpLimits(rate=0.5), slip_margin=0.0, unseen=1.0))
+    quick = HybridMpc(model, HybridSettings(slip_margin=0.0, unseen=1.0))
     for controller in (slow, quick):
         controller.observe(50.0, 50.0)
     assert quick.plan(55.0).times[0] == 0

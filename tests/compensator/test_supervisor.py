@@ -11,14 +11,17 @@ from compensator import (
     ActionStatus,
     EmbeddingMpc,
     EmbeddingSettings,
+    LoopFigures,
+    RetrySettings,
     Supervisor,
     SupervisorSettings,
     SupervisorState,
     UnawareMpc,
     WithdrawReason,
 )
-from compensator.study import EXAMPLE_1, Plant
-from compensator.watch import LoopFigures, LoopWatch, WatchVerdict, oscillation_period
+from compensator.figures import oscillation_period
+from compensator.watch import LoopWatch, Watched, WatchVerdict
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 REST = EXAMPLE_1.process.gain * 50.0
@@ -204,6 +207,7 @@ def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
         WithdrawReason.WORSE,
         WithdrawReason.GROWING,
         WithdrawReason.HUNTING,
+        WithdrawReason.LEFT_RANGE,
     }
     assert not loop.supervisor.offer(wrong)
     assert "worse" in loop.supervisor.refusal
@@ -212,13 +216,55 @@ def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
     assert loop.supervisor.compensating
 
 
+def test_a_wrong_sign_after_manual_trips_at_once() -> None:
+    """Manual shortly before the take-over must not make the watch blind."""
+    loop = Loop()
+    loop.run(400)
+    p = EXAMPLE_1.process
+    loop.run(5, manual=loop.op[-1])
+    wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))
+    assert loop.supervisor.offer(wrong)
+    loop.run(400)
+    assert loop.supervisor.state is SupervisorState.BASE
+    errors = np.abs(np.asarray(loop.pv) - (REST + 2.5))
+    far = np.flatnonzero(errors[405:] > 3.0 * errors[100:400].max())
+    on = [k for k, state in enumerate(loop.states) if state is SupervisorState.COMPENSATING]
+    assert far.size == 0 or on[-1] - (405 + far[0]) <= 40
+
+
+def test_a_twin_of_a_model_that_was_given_up_is_refused_until_time_has_passed() -> None:
+    loop = Loop(settings=SupervisorSettings(retry=RetrySettings(after=900)))
+    loop.run(400)
+    p = EXAMPLE_1.process
+    wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))
+    loop.supervisor.offer(wrong)
+    loop.run(300)
+    valve = ValveModel.from_friction(7.1, 3.9)
+    twin = LoopModel(valve, ProcessModel(p.a, tuple(-1.01 * b for b in p.b), 1, 0.0, 1.0))
+    assert not loop.supervisor.offer(twin)
+    memory = loop.supervisor.memory
+    other = Loop()
+    other.supervisor.restore(memory)
+    assert not other.supervisor.offer(twin)
+    assert other.supervisor.memory.figures == memory.figures
+    loop.run(900)
+    assert loop.supervisor.offer(twin)
+
+
+def test_a_valve_that_does_not_stick_is_refused() -> None:
+    loop = Loop()
+    loop.run(50)
+    assert not loop.supervisor.offer(LoopModel(ValveModel(0.0, 0.0), EXAMPLE_1.process))
+    assert "stick band is 0" in loop.supervisor.refusal
+
+
 def test_a_valve_model_far_too_small_is_given_up() -> None:
     loop = Loop()
     loop.run(600)
     valve = EXAMPLE_1.valve
     wrong = ValveModel(0.3 * valve.stick_band, 0.3 * valve.slip_jump)
     assert loop.supervisor.offer(LoopModel(wrong, EXAMPLE_1.process))
-    loop.run(700)
+    loop.run(1200)
     assert loop.supervisor.state is SupervisorState.BASE
     assert loop.supervisor.reason in {
         WithdrawReason.WORSE,
@@ -246,12 +292,12 @@ def test_a_solver_that_keeps_passing_its_bound_is_given_up() -> None:
     pytest.importorskip("casadi")
     supervisor = Supervisor(
         UnawareMpc(EXAMPLE_1.process),
-        build=lambda model: EmbeddingMpc(model, EmbeddingSettings(max_iterations=1)),
+        build=lambda model, _: EmbeddingMpc(model, EmbeddingSettings(max_iterations=1)),
     )
     plant = Plant(EXAMPLE_1.process, EXAMPLE_1.valve, 50.0)
     supervisor.offer(EXAMPLE_1)
     op, ops, failed = 50.0, [], 0
-    for _ in range(40):
+    for _ in range(60):
         action = supervisor.step(plant.pv, REST, op)
         failed += action.status is ActionStatus.SOLVER_FAILED
         op = action.op
@@ -271,20 +317,20 @@ def test_a_solver_that_keeps_passing_its_bound_is_given_up() -> None:
 
 def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
     period, growth = 40, 1.3
-    watch = LoopWatch()
+    watch = LoopWatch(LoopFigures(0.04, 0.1, 100.0, 0.6))
     noise = np.random.default_rng(1).normal(0.0, 0.1, 20 * period)
     for k in range(20 * period):
         error = 0.5 * growth ** (k / period) * math.sin(2.0 * math.pi * k / period) + noise[k]
-        if watch.push(error, 0.0, 0.01) is not WatchVerdict.FINE:
+        if watch.push(Watched(error, 0.0, 0.01)) is not WatchVerdict.FINE:
             break
     # It begins at five deviations of the noise.
     assert k < 5 * period
 
 
 def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> None:
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
     for k in range(400):
-        verdict = watch.push(1.05 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01)
+        verdict = watch.push(Watched(1.05 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01))
         if verdict is not WatchVerdict.FINE:
             break
     assert verdict is WatchVerdict.WORSE
@@ -293,11 +339,11 @@ def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> No
 
 @pytest.mark.parametrize("amplitude", [0.9, 0.3])
 def test_a_steady_oscillation_no_worse_than_before_is_let_be(amplitude: float) -> None:
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
     noise = np.random.default_rng(2).normal(0.0, 0.1, 2000)
     for k in range(2000):
         error = amplitude * math.sin(2.0 * math.pi * k / 40.0) + noise[k]
-        assert watch.push(error, 0.5, 0.01) is WatchVerdict.FINE
+        assert watch.push(Watched(error, 0.5, 0.01)) is WatchVerdict.FINE
 
 
 def test_the_period_is_read_from_the_error() -> None:
@@ -308,35 +354,83 @@ def test_the_period_is_read_from_the_error() -> None:
 
 
 def test_what_was_seen_before_a_set_point_change_still_counts() -> None:
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
     seen = 0
     for k in range(1000):
         if k % 70 == 0:
             watch.restart(20)
         seen += 1
-        if watch.push(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01) is WatchVerdict.WORSE:
+        if (
+            watch.push(Watched(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01))
+            is WatchVerdict.WORSE
+        ):
             break
     assert seen < 8 * 40
 
 
 def test_an_overshoot_as_large_as_the_step_ends_it_at_once() -> None:
-    watch = LoopWatch(LoopFigures(0.02, 1.0, 40.0))
+    watch = LoopWatch(LoopFigures(0.02, 1.0, 40.0, 2.0))
     watch.restart(60)
     for k in range(60):
-        verdict = watch.push(-5.0 + 0.25 * k, 0.0, 0.0025)
+        verdict = watch.push(Watched(-5.0 + 0.25 * k, 0.0, 0.0025))
         if verdict is not WatchVerdict.FINE:
             break
     assert verdict is WatchVerdict.GROWING
     assert k == 41
 
 
+def test_an_error_far_beyond_all_that_was_known_ends_it_within_the_dead_time_and_eight() -> None:
+    watch = LoopWatch(LoopFigures(0.02, 1.0, 40.0, 0.4), dead_time=5)
+    for k in range(60):
+        verdict = watch.push(Watched(0.1 * k, 0.0, 0.0025))
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.LEFT_RANGE
+    assert k == 13 + 12  # beyond 1.2 from sample 13 on
+
+
+def test_an_error_that_returns_is_none_that_ran_away() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    for k in range(300):
+        error = 5.0 * math.exp(-((k - 100.0) ** 2) / 18.0)
+        assert watch.push(Watched(error, 0.0, 0.01)) is WatchVerdict.FINE
+
+
+def test_op_at_its_limit_with_pv_leaving_ends_it() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), dead_time=1)
+    for k in range(60):
+        verdict = watch.push(Watched(1.0 + 0.05 * k, 0.0, 0.01, limited=True, at_limit=True))
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.LEFT_RANGE
+    assert 1.0 + 0.05 * k < 3.0 * 1.2
+
+
+def test_a_set_point_out_of_reach_is_not_worse() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    watch.restart(40)
+    for _ in range(1000):
+        assert (
+            watch.push(Watched(-5.0, 0.0, 0.01, limited=True, at_limit=True)) is WatchVerdict.FINE
+        )
+
+
+def test_travel_over_its_budget_is_noticed_however_good_pv_is() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    found = [watch.push(Watched(0.05, 2.5, 1e-4)) for _ in range(300)]
+    assert WatchVerdict.TRAVEL in found
+    fair = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    assert all(fair.push(Watched(0.05, 1.9, 1e-4)) is WatchVerdict.FINE for _ in range(300))
+    ramp = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    asked = [ramp.push(Watched(0.05, 2.5, 1e-4, sp_travel=1.0)) for _ in range(300)]
+    assert set(asked) == {WatchVerdict.FINE}
+
+
 def test_a_valve_at_rest_is_given_more_room() -> None:
     """What PV does then is noise: 1.5 times the mean square of before is no reason to give up."""
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
     for k in range(2000):
         error = math.sqrt(1.5) * math.sin(2.0 * math.pi * k / 40.0)
-        assert watch.push(error, 0.0, 0.2) is WatchVerdict.FINE
-    assert any(
-        watch.push(1.5 * math.sin(2.0 * math.pi * k / 40.0), 0.0, 0.2) is WatchVerdict.WORSE
-        for k in range(160)
-    )
+        assert watch.push(Watched(error, 0.0, 0.2)) is WatchVerdict.FINE
+    errors = [3.5 * math.sin(2.0 * math.pi * k / 40.0) for k in range(260)]
+    assert any(watch.push(Watched(e, 0.0, 0.2)) is WatchVerdict.WORSE for e in errors)

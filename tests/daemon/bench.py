@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.exchange import Exchange
-from fieldlink.daemon.outcomes import Attempt, WritebackOutcome
-from fieldlink.daemon.writeback import WriteBack
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.exchange_io import Exchange
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.sequence import SequenceNumbers
+from fieldlink.daemon.writeback.writer import BlockWriter
 from fieldlink.links import LinkError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import WRITTEN_PARTS, ModbusLink, ModbusSettings
@@ -27,9 +28,11 @@ WINDOW_END = 1_795_262_400.0
 class Bench:
     """A write-back, its PLC, and the plant's time in the tester's hands."""
 
-    writeback: WriteBack
+    writeback: BlockWriter
     plc: Any
     said: list[Attempt]
+    told: list[tuple[str, str]]
+    numbers: SequenceNumbers
     now: float = 0.0
     errors: list[LinkError] = field(default_factory=list)
 
@@ -37,8 +40,8 @@ class Bench:
     def outcomes(self) -> list[WritebackOutcome]:
         return [attempt.outcome for attempt in self.said]
 
-    def submit(self, findings: Findings) -> None:
-        self.writeback.submit(findings, WINDOW_END)
+    def submit(self, findings: Findings, *, compensated: bool = False) -> None:
+        self.writeback.submit(findings, WINDOW_END, since=self.now, compensated=compensated)
 
     async def seconds(self, seconds: float, scanning: bool = True) -> None:
         """Let plant time pass: every second the write-back is called and the PLC scans."""
@@ -69,7 +72,7 @@ def stored(_: Attempt) -> Future[bool]:
 async def benches(
     device: Any, plc: Any, layout: ExchangeLayout
 ) -> AsyncIterator[Callable[..., Bench]]:
-    """Give what makes benches on one device; keywords are those of `WriteBack` and its settings."""
+    """Give what makes benches on one device; keywords: those of `BlockWriter`, its settings."""
     links = []
 
     def make(
@@ -78,6 +81,8 @@ async def benches(
         pause: Callable[[], Awaitable[None]] | None = None,
         word_order: Order = "big",
         keep: Callable[[Attempt], Future[bool]] | None = None,
+        identity: int | None = None,
+        last_seq: int = 0,
         **settings: Any,
     ) -> Bench:
         link = ModbusLink(
@@ -98,11 +103,13 @@ async def benches(
         )
         links.append(link)
         said: list[Attempt] = []
+        told: list[tuple[str, str]] = []
+        numbers = SequenceNumbers(last_seq)
 
         async def nothing() -> None:
             plc.scan()
 
-        writeback = WriteBack(
+        writeback = BlockWriter(
             Settings(enabled=True, loop_id=101, base=100, **({"min_windows": 1} | settings)),
             Exchange(link, layout, word_order),
             period=1.0,
@@ -110,8 +117,11 @@ async def benches(
             pause=pause or nothing,
             report=said.append,
             keep=keep or stored,
+            tell=lambda kind, message: told.append((kind, message)),
+            numbers=numbers,
+            identity=identity,
         )
-        return Bench(writeback, plc, said)
+        return Bench(writeback, plc, said, told, numbers)
 
     try:
         yield make

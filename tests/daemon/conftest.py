@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import tests.daemon.live
-from fieldlink.daemon.estimating import Findings, Interval
-from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState
+from fieldlink.daemon.estimation.estimating import Findings, Interval
+from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState, Refusal
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.daemon.bench import Bench, benches
 from tests.links.fake_device import FakeDevice
@@ -51,13 +51,14 @@ class PlcProgram:
         self.reader = BlockReader(loop_id)
         self.now = 0.0
         self.state = ReaderState()
+        self.refusal: Refusal | None = None
         words[LAYOUT.enable] = 1
 
     def scan(self, seconds: float = 1.0) -> ReaderState:
         self.now += seconds
         view = LAYOUT.view(lambda address, count: self.words[address : address + count])
         self.state = self.reader.scan(view, self.now)
-        for address, word in self.state.reply(LAYOUT).items():
+        for address, word in self.state.reply(LAYOUT, self.refusal).items():
             self.words[address] = word
         return self.state
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.accounts import SlotAccounts
-from fieldlink.daemon.lateness import BOUNDS, Lateness
-from fieldlink.daemon.pipeline import LoopCounts, LoopPipeline
+from fieldlink.daemon.sampling.accounts import SlotAccounts
+from fieldlink.daemon.sampling.lateness import BOUNDS, Lateness
+from fieldlink.daemon.windows.pipeline import LoopCounts, LoopPipeline
 from fieldlink.links import Quality, Reading, Scan, VirtualClock
 from fieldlink.site import Loop
 from fieldlink.store import Record, SlotRecord, read_samples, read_slots

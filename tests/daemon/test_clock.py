@@ -16,7 +16,7 @@ import apscheduler.triggers.interval
 import pytest
 
 import fieldlink.daemon.schedule
-from fieldlink.daemon.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.schedule import Schedule
 from fieldlink.links import VirtualClock
 from fieldlink.store import StoreError, read_estimates, read_events, read_samples

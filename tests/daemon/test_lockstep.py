@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fieldlink.daemon import Daemon, LockstepRun, PoolSettings
-from fieldlink.daemon.estimating import EstimateOutcome
+from fieldlink.daemon.estimation.estimating import EstimateOutcome
 from fieldlink.errors import FieldlinkError
 from fieldlink.registers import decode_block
 from fieldlink.site import Site, load_site

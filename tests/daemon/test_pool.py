@@ -13,15 +13,15 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 
-from fieldlink.daemon.estimating import (
+from fieldlink.daemon.estimation.estimating import (
     Estimate,
     EstimateOutcome,
     EstimateRequest,
     estimate,
 )
-from fieldlink.daemon.pool import EstimatorPool, PoolSettings
-from fieldlink.daemon.priority import NICENESS
-from fieldlink.daemon.window import WindowData
+from fieldlink.daemon.estimation.pool import EstimatorPool, PoolSettings
+from fieldlink.daemon.estimation.priority import NICENESS
+from fieldlink.daemon.windows.window import WindowData
 from loop_model import ProcessModel, ValveModel
 
 

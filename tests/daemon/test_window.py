@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldlink.daemon.placing import BeatPlacer, CounterPlacer, Place
-from fieldlink.daemon.window import LoopSample, Window
+from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place
+from fieldlink.daemon.windows.window import LoopSample, Window
 
 
 def sample(value: float) -> LoopSample:

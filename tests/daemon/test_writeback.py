@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.exchange import Exchange
-from fieldlink.daemon.outcomes import WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.exchange_io import Exchange
+from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.registers import (
     Bank,
     BlockReader,
@@ -45,9 +46,10 @@ async def test_one_block_is_one_request_read_back_and_one_commit(
     await b.seconds(1)
     writes = [(function, address) for function, address, _ in device.writes]
     assert writes == [(6, layout.heartbeat), (16, layout.bank_b), (6, layout.commit)]
-    assert [(function, address) for function, address, _ in device.requests[-3:]] == [
+    assert [(function, address) for function, address, _ in device.requests[-4:]] == [
         (16, layout.bank_b),
         (3, layout.bank_b),
+        (3, layout.enable),
         (6, layout.commit),
     ]
 
@@ -127,7 +129,8 @@ async def test_registers_between_are_read_along_only_where_the_site_allows(
             asked.append((address, count))
             return [address + i for i in range(count)]
 
-    exchange = Exchange(Registers(), layout, "big", max_gap=8, readable=readable)  # type: ignore[arg-type]
+    least = replace(layout, ack_refusal=None, writer=None)
+    exchange = Exchange(Registers(), least, "big", max_gap=8, readable=readable)  # type: ignore[arg-type]
     words = await exchange.control()
     assert asked == requests
     assert (words.enable, words.ack_commit, words.heartbeat, words.commit) == (100, 104, 106, 107)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from fieldlink.daemon.estimating import Findings
-from fieldlink.daemon.outcomes import WritebackOutcome
+from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.registers import (
     BLOCK_REGISTERS,
     Bank,

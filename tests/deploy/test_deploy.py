@@ -14,6 +14,7 @@ import pytest
 import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
+from fieldlink.cli.app import app
 from fieldlink.daemon import (
     DaemonStatus,
     DeviceStatus,
@@ -24,7 +25,7 @@ from fieldlink.daemon import (
     LoopStatus,
     WritebackOutcome,
 )
-from fieldlink.daemon.pipeline import LoopCounts
+from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.links import LinkState
 from fieldlink.store import StoreReport
 from fieldlink.web import render_metrics
@@ -158,6 +159,23 @@ def test_the_service_waits_for_the_daemons_own_word() -> None:
     assert service["ExecStart"].split()[1:] == ["run", "/etc/fieldlink/%i/site.toml"]
     # The daemon takes five seconds for its tasks and twenty for the store.
     assert int(service["TimeoutStopSec"]) > 25
+
+
+def test_the_service_can_open_serial_ports() -> None:
+    service = unit()["Service"]
+    assert service["SupplementaryGroups"] == "dialout"
+    assert service["PrivateDevices"] == "no"
+    assert "DeviceAllow" not in service
+
+
+def test_the_kernels_are_compiled_where_the_service_may_write() -> None:
+    """systemd makes the cache directory of a bare machine, before anything of the unit runs."""
+    service = unit()["Service"]
+    cache = Path(service["Environment"].removeprefix("NUMBA_CACHE_DIR="))
+    assert cache == Path("/var/cache") / service["CacheDirectory"]
+    program, command = service["ExecStartPre"].split()
+    assert (program, command) == ("/opt/fieldlink/bin/fieldlink", "warm-up")
+    assert command in {name.name for name in app.registered_commands}
 
 
 def test_systemd_itself_agrees(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.pool import PoolReport
+from fieldlink.daemon.estimation.pool import PoolReport
 
 
 class NoPool:

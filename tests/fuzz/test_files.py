@@ -214,6 +214,10 @@ names = st.text(
 )
 
 
+offsets = st.floats(-1e30, 1e30)
+scales = offsets.filter(lambda scale: abs(scale) >= 1e-30)
+
+
 @st.composite
 def tags(draw: st.DrawFn) -> Tag:
     table = draw(st.sampled_from(list(Table)))
@@ -231,8 +235,8 @@ def tags(draw: st.DrawFn) -> Tag:
         table,
         draw(st.integers(0, 60_000)),
         kind,
-        scale=draw(finite.filter(bool)) if number else 1.0,
-        offset=draw(finite) if number else 0.0,
+        scale=draw(scales) if number else 1.0,
+        offset=draw(offsets) if number else 0.0,
         unit=draw(names).strip(),
         low=low if number else None,
         high=high if number else None,

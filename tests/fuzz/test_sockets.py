@@ -19,7 +19,7 @@ from pymodbus.transport import CommParams, CommType
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.listening import listen
-from fieldlink.lab.plc.modbus import modbus_device, other_units
+from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.links import SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.frames import (

@@ -21,7 +21,7 @@ from benchmarks.libmodbus import LibModbus
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.listening import listen
-from fieldlink.lab.plc.modbus import modbus_device
+from fieldlink.lab.plc.modbus_device import modbus_device
 from fieldlink.links import LinkState, SystemClock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads

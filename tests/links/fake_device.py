@@ -25,6 +25,8 @@ class FakeDevice:
     """Seconds from request to reply."""
     mute: bool = False
     """Read requests and say nothing."""
+    closes: bool = False
+    """Close the connection, in order, after each answer."""
     tamper: Callable[[bytes], bytes] | None = None
     """Changes a whole reply frame on its way out; an empty result drops the connection."""
     after_write: Callable[[], None] | None = None
@@ -73,6 +75,8 @@ class FakeDevice:
                     return
                 writer.write(frame)
                 await writer.drain()
+                if self.closes:
+                    return
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             # The stream's own callback would report a cancellation as an error.
             return

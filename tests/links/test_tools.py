@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
-from fieldlink.lab.plc.modbus import modbus_device, other_units
+from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.registers import Table
 from tests.links.serving import served_in_a_thread
 
@@ -103,6 +104,31 @@ def test_addresses_of_a_host_are_read(port: int) -> None:
 def test_what_cannot_be_read_is_said(site: str) -> None:
     assert "holding 700" in refusal(run("read", site, "700"))
     assert "did you mean 'PUMP'?" in refusal(run("read", site, "PUMB"))
+
+
+def test_one_address_that_the_device_refuses_costs_the_others_nothing(port: int) -> None:
+    target, given = f"127.0.0.1:{port}", ["10:int16", "11:float32", "13", "40", "41", "42"]
+    result = run("read", target, *given, "700", "--timeout", "5")
+    lines = [line.split("   (")[0] for line in result.stdout.splitlines()]
+    assert lines[:4] == ["10:int16 = 425", "11:float32 = 25", "13 = 8", "40 = 0"]
+    assert lines[6].startswith("700 = no good value: the register answered with an exception")
+    assert (len(lines), result.exit_code) == (7, 2)
+    assert "700 could not be read" in result.stderr
+    as_json = json.loads(run("read", target, *given, "700", "--timeout", "5", "--json").stdout)
+    assert {name for name, found in as_json.items() if found["quality"] == "good"} == set(given)
+    assert as_json["700"]["value"] is None
+
+
+def test_an_absent_device_costs_the_tags_of_another_nothing(site: str) -> None:
+    text = Path(site).read_text()
+    away = text.split("[loops")[0].split("[devices.plc]")[1]
+    away = re.sub(r"port = \d+", "port = 1", away.replace("map.csv", "away.csv"))
+    Path(site).write_text(f"{text}[devices.away]{away}")
+    Path(site).with_name("away.csv").write_text("tag,address,type\nFAR,0,uint16\n")
+    result = run("read", site, "OP", "FAR")
+    assert result.stdout.startswith("OP = 42.5 %")
+    assert "device away: no connection" in result.stderr
+    assert result.exit_code == 2
 
 
 @pytest.mark.parametrize("what", ["-1", "holding:", "holding:1:float", "1:string", "coil:1:int16"])

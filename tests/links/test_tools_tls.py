@@ -12,7 +12,7 @@ from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
-from fieldlink.lab.plc.modbus import modbus_device
+from fieldlink.lab.plc.modbus_device import modbus_device
 from fieldlink.registers import Table
 from tests.links.serving import served_in_a_thread
 

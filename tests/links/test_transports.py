@@ -14,7 +14,7 @@ import pytest
 from fieldlink.lab.plc import Listening, serve
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.listening import listen
-from fieldlink.lab.plc.modbus import modbus_device
+from fieldlink.lab.plc.modbus_device import modbus_device
 from fieldlink.links import LinkState, LinkUnreachableError, SystemClock, open_link
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.modbus import ModbusLink, ModbusSettings

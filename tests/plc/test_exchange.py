@@ -111,7 +111,10 @@ def test_nothing_is_accepted_while_the_operator_has_it_disabled(
         assert writer.answer == (0, BlockFault.NOT_ENABLED.code)
         plc.enable("FC101", True)
         writer.run(1)
-        assert writer.answer == (7, ACCEPTED)
+        assert writer.answer == (0, BlockFault.NOT_ENABLED.code)
+        writer.send(make_block(8))
+        writer.run(1)
+        assert writer.answer == (8, ACCEPTED)
 
 
 def test_fieldlink_cannot_write_what_is_the_plc_s(make_site: MakeSite) -> None:

@@ -12,7 +12,7 @@ from pymodbus.pdu import ModbusPDU
 
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.listening import Listening, PortError, listen
-from fieldlink.lab.plc.modbus import modbus_device, other_units
+from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.registers.types import Table
 
 HOST = "127.0.0.1"

@@ -11,6 +11,7 @@ from fieldlink.registers import (
     NOTHING_SEEN,
     BlockFault,
     ExchangeLayout,
+    Refusal,
     Status,
     describe_ack,
 )
@@ -62,3 +63,11 @@ def test_every_result_code_is_explained_in_the_program_s_words() -> None:
 def test_every_status_is_explained() -> None:
     documented = {int(code): name for code, name, _ in table("status")}
     assert documented == {status.value: status.name.lower().replace("_", " ") for status in Status}
+
+
+def test_every_refusal_is_explained_in_the_program_s_words() -> None:
+    said = {refusal.code: f"{refusal.text}; {refusal.advice}" for refusal in Refusal}
+    assert {int(code): text for code, text in table("refusal")} == said
+    assert Refusal.from_code(0) is None
+    assert Refusal.from_code(24) is Refusal.WORSE
+    assert Refusal.from_code(99) is Refusal.OTHER

@@ -14,11 +14,11 @@ from fieldlink.registers import (
     ORDERS,
     BlockDecoder,
     DataType,
-    Quality,
     ReadRequest,
     RegisterValueError,
     Table,
     Tag,
+    ValueQuality,
     decode,
     decode_text,
     encode,
@@ -77,7 +77,7 @@ def test_where_a_counter_wraps(kind: DataType, modulus: float) -> None:
 
 
 def test_a_digit_above_nine_is_no_number() -> None:
-    assert tag(DataType.BCD16).decode([0x12A4]).quality is Quality.NOT_A_NUMBER
+    assert tag(DataType.BCD16).decode([0x12A4]).quality is ValueQuality.NOT_A_NUMBER
 
 
 @pytest.mark.parametrize("value", [-1, 10_000])
@@ -147,19 +147,19 @@ def test_text_that_does_not_fit_is_refused(text: str) -> None:
 def test_what_the_map_calls_invalid_is_invalid(
     kind: DataType, words: list[int], rest: dict[str, Any]
 ) -> None:
-    assert tag(kind, **rest).decode(words).quality is Quality.INVALID
-    assert tag(kind).decode(words).quality is Quality.GOOD
+    assert tag(kind, **rest).decode(words).quality is ValueQuality.INVALID
+    assert tag(kind).decode(words).quality is ValueQuality.GOOD
 
 
 def test_nan_is_never_good_even_where_it_would_be_clamped() -> None:
     found = tag(DataType.FLOAT32, low=0.0, high=1.0, clamp=True)
-    assert found.decode(NAN32).quality is Quality.NOT_A_NUMBER
+    assert found.decode(NAN32).quality is ValueQuality.NOT_A_NUMBER
 
 
 @pytest.mark.parametrize(("raw", "value"), [(150, 100.0), (50, 50.0), (0, 10.0)])
 def test_clamping_cuts_a_reading_off_at_its_range(raw: int, value: float) -> None:
     reading = tag(DataType.INT16, low=10.0, high=100.0, clamp=True).decode([raw])
-    assert (reading.value, reading.quality) == (value, Quality.GOOD)
+    assert (reading.value, reading.quality) == (value, ValueQuality.GOOD)
 
 
 @st.composite

@@ -253,9 +253,14 @@ def test_without_the_enable_bit_nothing_is_accepted_or_used(plc: Plc) -> None:
     state = plc.scan()
     assert state.fallback is Fallback.DISABLED
     assert (state.ack_seq, state.ack_result) == (1, BlockFault.NOT_ENABLED.code)
+    # What was committed against the operator's will stays refused; a new number is accepted.
     plc.registers[LAYOUT.enable] = 1
     state = plc.scan()
-    assert (state.ack_seq, state.ack_result) == (2, ACCEPTED)
+    assert (state.ack_seq, state.ack_result) == (1, BlockFault.NOT_ENABLED.code)
+    assert state.in_force == BLOCK
+    plc.write(replace(BLOCK, seq=3), Bank.A)
+    state = plc.scan()
+    assert (state.ack_seq, state.ack_result) == (3, ACCEPTED)
     assert state.model == MODEL
 
 
@@ -283,7 +288,7 @@ def test_time_must_not_go_back(plc: Plc) -> None:
 
 def test_the_compact_layout_leaves_no_register_to_two_parts() -> None:
     used = [address for _, first, last in LAYOUT.spans() for address in range(first, last + 1)]
-    assert len(used) == len(set(used)) == 7 + 2 * BLOCK_REGISTERS
+    assert len(used) == len(set(used)) == 9 + 2 * BLOCK_REGISTERS
     assert min(used) == 100
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fieldlink.registers import DataType, Quality, RegisterValueError, Table, Tag, encode
+from fieldlink.registers import DataType, RegisterValueError, Table, Tag, ValueQuality, encode
 
 PERCENT = Tag(
     "FC101.OP", Table.HOLDING, 0, DataType.INT16, scale=0.01, unit="%", low=0.0, high=100.0
@@ -21,19 +21,19 @@ def test_engineering_value_is_scale_times_raw_plus_offset() -> None:
 @pytest.mark.parametrize(
     ("raw", "quality"),
     [
-        (0, Quality.GOOD),
-        (10000, Quality.GOOD),
-        (10001, Quality.ABOVE_RANGE),
-        (0xFFFF, Quality.BELOW_RANGE),  # -1 as int16
+        (0, ValueQuality.GOOD),
+        (10000, ValueQuality.GOOD),
+        (10001, ValueQuality.ABOVE_RANGE),
+        (0xFFFF, ValueQuality.BELOW_RANGE),  # -1 as int16
     ],
 )
-def test_the_engineering_range_gives_the_quality(raw: int, quality: Quality) -> None:
+def test_the_engineering_range_gives_the_quality(raw: int, quality: ValueQuality) -> None:
     assert PERCENT.decode([raw]).quality is quality
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_no_number_is_marked(value: float) -> None:
-    assert FLOW.decode(encode(value, DataType.FLOAT32)).quality is Quality.NOT_A_NUMBER
+    assert FLOW.decode(encode(value, DataType.FLOAT32)).quality is ValueQuality.NOT_A_NUMBER
 
 
 def test_writing_outside_the_range_is_refused_with_the_limits() -> None:

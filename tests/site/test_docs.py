@@ -14,7 +14,7 @@ from fieldlink.registers import DataType, Table
 from fieldlink.site import (
     Device,
     EstimatorSettings,
-    HistorianSettings,
+    HistorianTable,
     Loop,
     PiSettings,
     PlantSettings,
@@ -51,7 +51,7 @@ MODELS: list[type[BaseModel]] = [
     PlantVariables,
     PiSettings,
     ExternalSettings,
-    HistorianSettings,
+    HistorianTable,
     EstimationSettings,
     WebSettings,
 ]

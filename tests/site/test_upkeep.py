@@ -7,17 +7,18 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from fieldlink.site.upkeep import HistorianSettings, WebSettings
+from fieldlink.site.upkeep import HistorianTable, WebSettings
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.7", "::", "plc-gateway"])
-def test_other_machines_need_a_token_or_tls(host: str) -> None:
-    with pytest.raises(ValidationError, match="lets other machines in"):
-        WebSettings(host=host)
-    assert WebSettings(host=host, enabled=False).host == host
-    assert not WebSettings(host=host, token_file="token").is_local  # type: ignore[arg-type]
+def test_other_machines_need_a_token_and_tls(host: str) -> None:
+    token: dict[str, Any] = {"token_file": "token"}
     tls: dict[str, Any] = {"tls_certificate": "a.pem", "tls_key": "b.pem"}
-    assert not WebSettings(host=host, **tls).is_local
+    for too_little in ({}, token, tls):
+        with pytest.raises(ValidationError, match="lets other machines in"):
+            WebSettings(host=host, **too_little)
+    assert WebSettings(host=host, enabled=False).host == host
+    assert not WebSettings(host=host, **token, **tls).is_local
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
@@ -32,5 +33,5 @@ def test_a_key_without_a_certificate_is_refused() -> None:
 
 def test_averages_need_samples_that_grow_old() -> None:
     with pytest.raises(ValidationError, match="give retention_days"):
-        HistorianSettings(average_minutes=10.0)
-    assert HistorianSettings(average_minutes=10.0, retention_days=30.0).average_minutes == 10.0
+        HistorianTable(average_minutes=10.0)
+    assert HistorianTable(average_minutes=10.0, retention_days=30.0).average_minutes == 10.0

@@ -21,12 +21,12 @@ from fieldlink.store import (
     SlotRecord,
     StoreError,
     WritebackRecord,
+    last_blocks,
     read_estimates,
     read_events,
     read_samples,
     read_slots,
     read_writebacks,
-    unfinished_writebacks,
 )
 
 NOON_MS = 1_795_262_400_000
@@ -271,10 +271,10 @@ def test_a_promise_is_kept_when_the_row_is_stored(tmp_path: Path) -> None:
     historian.start(EventRecord(NOON_MS, "start", "test", ""))
     row = WritebackRecord("FC101", NOON_MS, "begun", "", seq=3, bank="A", words=(1, 2))
     assert historian.keep(row).result(30.0)
-    assert unfinished_writebacks(url, ["begun"]) == {"FC101": replace(row, words=[1, 2])}
+    assert last_blocks(url) == {"FC101": replace(row, words=[1, 2])}
     assert historian.keep(replace(row, outcome="accepted")).result(30.0)
     assert historian.keep(replace(row, outcome="too_soon", seq=None)).result(30.0)
-    assert unfinished_writebacks(url, ["begun"]) == {}
+    assert last_blocks(url)["FC101"].outcome == "accepted"
     historian.stop()
 
 

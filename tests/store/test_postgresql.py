@@ -187,3 +187,34 @@ def test_backup_is_left_to_the_servers_own_tool(url: str, tmp_path: Path) -> Non
     with pytest.raises(StoreError, match="pg_dump") as caught:
         back_up(url, tmp_path / "copy")
     assert "hunter2" not in str(caught.value)
+
+
+def test_another_programs_database_is_refused_untouched(url: str) -> None:
+    import sqlalchemy
+
+    engine = sqlalchemy.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        connection.execute(sqlalchemy.text("CREATE TABLE orders (number INTEGER)"))
+        connection.execute(sqlalchemy.text("CREATE TABLE events (at TEXT, what TEXT)"))
+    with pytest.raises(StoreError, match=r"another program \(tables events, orders\)"):
+        Historian(url, QUICK).start(OPENED)
+    assert sorted(sqlalchemy.inspect(engine).get_table_names()) == ["events", "orders"]
+    with engine.begin() as connection:
+        connection.execute(sqlalchemy.text("DROP TABLE events"))
+        connection.execute(sqlalchemy.text("CREATE TABLE meta (key TEXT, value TEXT)"))
+        connection.execute(sqlalchemy.text("INSERT INTO meta VALUES ('schema', '99')"))
+    with pytest.raises(StoreError, match="has schema 99"):
+        Historian(url, QUICK).start(OPENED)
+    assert sorted(sqlalchemy.inspect(engine).get_table_names()) == ["meta", "orders"]
+    engine.dispose()
+
+
+def test_a_row_that_the_server_cannot_hold_costs_itself_only(url: str) -> None:
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    for slot in (0, 2**63, 2**70, 1):
+        historian.put(sample(slot, utc_ms=1))
+    while historian.report().dropped < 2:
+        time.sleep(0.005)
+    assert historian.stop().dropped == 2
+    assert read_samples(url)["slot"].tolist() == [0, 1]

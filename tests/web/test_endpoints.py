@@ -120,7 +120,7 @@ async def test_a_part_that_hangs_is_a_503(tmp_path: Path, live: Any) -> None:
 async def test_a_token_is_asked_for_at_every_endpoint(
     token_file: Path, tmp_path: Path, live: Any
 ) -> None:
-    text = f'host = "0.0.0.0"\ntoken_file = "{token_file.name}"\n'
+    text = f'token_file = "{token_file.name}"\n'
     site = with_web(live.site_for(tmp_path, {"plc": 9}), text)
     async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
         for name in ("healthz", "readyz", "metrics"):
@@ -154,21 +154,27 @@ async def test_a_token_that_is_no_secret_is_refused(
     assert TOKEN not in str(caught.value)
 
 
-async def test_tls(tmp_path: Path, live: Any) -> None:
+async def test_tls(token_file: Path, tmp_path: Path, live: Any) -> None:
     subprocess.run(
         ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1",
          "-nodes", "-keyout", tmp_path / "key.pem", "-out", tmp_path / "cert.pem", "-days", "2",
          "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"],
         check=True, capture_output=True,
     )  # fmt: skip
-    text = 'host = "0.0.0.0"\ntls_certificate = "cert.pem"\ntls_key = "key.pem"\n'
+    text = (
+        f'host = "0.0.0.0"\ntoken_file = "{token_file.name}"\n'
+        'tls_certificate = "cert.pem"\ntls_key = "key.pem"\n'
+    )
     site = with_web(live.site_for(tmp_path, {"plc": 9}), text)
     trusted = ssl.create_default_context(cafile=tmp_path / "cert.pem")
     async with (
         web_server(site, Daemon(site)) as port,
         httpx.AsyncClient(verify=trusted) as client,
     ):
-        assert (await client.get(f"https://127.0.0.1:{port}/healthz")).status_code == 200
+        url = f"https://127.0.0.1:{port}/healthz"
+        assert (await client.get(url)).status_code == 401
+        right = {"Authorization": f"Bearer {TOKEN}"}
+        assert (await client.get(url, headers=right)).status_code == 200
         with pytest.raises(httpx.TransportError):
             await client.get(f"http://127.0.0.1:{port}/healthz")
 

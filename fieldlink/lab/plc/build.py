@@ -112,7 +112,7 @@ class LoopSetup:
         assert owning.fmu is not None
         known = catalogue.get(owning.fmu)
         model: str | Path = owning.fmu  # a name that the catalogue lacks is its to complain about
-        if owning.fmu.endswith(".fmu"):
+        if owning.fmu.endswith((".fmu", ".ssp")):
             model = site.resolve(owning.fmu)
         signals = _signals(settings, known, _sharing(site, owner).index(name))
         limits = OpLimits(*known.op_range) if known is not None else OpLimits()
@@ -185,8 +185,19 @@ class LoopSetup:
             own = self._pi() if asked.policy == "take_over" else None
             return ByClient(TimeOut(asked.timeout, asked.policy, safe), period, limits, own)
         controller = self._pi() if kind == "pi" else self._mpc()
-        settings = SupervisorSettings(hybrid=HybridSettings(limits=limits))
-        return Supervised(supervise(controller, settings), period, limits)
+        settings = SupervisorSettings(
+            hybrid=HybridSettings(limits=limits), gain_sign=self._gain_sign(), period=period
+        )
+        return Supervised(supervise(controller, settings), limits)
+
+    def _gain_sign(self) -> int:
+        """The sign of the process gain that the loop's own controller counts on; 0: unknown."""
+        process = _process(self.known, self.loop.period)
+        tuning = self.settings.pi
+        counted = tuning.gain if tuning is not None else 0.0
+        if tuning is None and process is not None:
+            counted = sum(process.b)
+        return (counted > 0.0) - (counted < 0.0)
 
     def _pi(self) -> Controller:
         tuning = self.settings.pi

@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass
 
 from compensator import Supervisor
+from fieldlink.compensate.offers import refusal_of
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.program import Commands, LoopFailedError
 from fieldlink.lab.plc.sources import OpSource, Supervised
 from fieldlink.lab.plc.truth import CycleRecord
+from fieldlink.registers import Refusal
 
 __all__ = ["ControlledLoop", "SelfControlledLoop", "Signals"]
 
@@ -36,6 +38,11 @@ class _PlantLoop:
     def pv(self) -> float:
         """PV as the next cycle will read it."""
         return self.plant.values[self._signals.pv]
+
+    @property
+    def refusal(self) -> Refusal | None:
+        """Why the model of the block in force is not used; None if it is, or there is none."""
+        return None
 
     def close(self) -> None:
         """End the plant."""
@@ -86,6 +93,11 @@ class ControlledLoop(_PlantLoop):
     def supervisor(self) -> Supervisor | None:
         """Who has controller and compensator; None for a loop without."""
         return self._source.supervisor if isinstance(self._source, Supervised) else None
+
+    @property
+    def refusal(self) -> Refusal | None:
+        """Why the model of the block in force is not used; None if it is, or there is none."""
+        return None if self.supervisor is None else refusal_of(self.supervisor)
 
     @property
     def op(self) -> float:

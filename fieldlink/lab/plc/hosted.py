@@ -85,6 +85,8 @@ class HostedLoop:
         elif not self._stands:
             try:
                 self.program.begin(commands)
+                if self.exchange is not None:
+                    self.exchange.tell(self.program.refusal)
             except LoopFailedError as error:
                 self.failure, self._stands = str(error), True
 

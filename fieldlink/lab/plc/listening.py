@@ -27,7 +27,7 @@ from pymodbus.server.base import ModbusBaseServer
 from pymodbus.simulator import SimDevice
 
 from fieldlink.errors import FieldlinkError
-from fieldlink.lab.plc.modbus import CHECKED_REQUESTS
+from fieldlink.lab.plc.modbus_device import CHECKED_REQUESTS
 
 __all__ = ["LOOPBACK", "Listening", "PortError", "listen"]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from fieldlink.lab.plc.image import RegisterImage
-from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState, Table, Tag
+from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState, Refusal, Table, Tag
 
 __all__ = ["ExchangePort", "TagPort"]
 
@@ -78,11 +78,13 @@ class ExchangePort:
         self._image = image
         self._layout = layout
         self._reader = reader
+        self._ack_seq = 0
+        self._refusal: Refusal | None = None
         if layout == ExchangeLayout.at(layout.enable):
             # The compact layout is one run of registers; those between its parts read 0.
             last = max(last for _, _, last in layout.spans())
             image.define(Table.HOLDING, layout.enable, last - layout.enable + 1)
-        fieldlinks = {"heartbeat", "commit", "bank_a", "bank_b"}
+        fieldlinks = {"heartbeat", "writer", "commit", "bank_a", "bank_b"}
         for part, first, last in layout.spans():
             image.define(Table.HOLDING, first, last - first + 1, writable=part in fieldlinks)
         self.enable(True)
@@ -95,6 +97,15 @@ class ExchangePort:
         """Read the area once at ``now`` PLC seconds, acknowledge, return what is in force."""
         words = self._layout.view(lambda first, n: self._image.get(Table.HOLDING, first, n))
         state = self._reader.scan(words, now)
-        for address, word in state.reply(self._layout).items():
+        if state.ack_seq != self._ack_seq:
+            self._ack_seq, self._refusal = state.ack_seq, None
+        for address, word in state.reply(self._layout, self._refusal).items():
             self._image.put(Table.HOLDING, address, [word])
         return state
+
+    def tell(self, refusal: Refusal | None) -> None:
+        """Acknowledge what the consumer made of the accepted block's model."""
+        self._refusal = refusal
+        if self._layout.ack_refusal is not None:
+            code = 0 if refusal is None else refusal.code
+            self._image.put(Table.HOLDING, self._layout.ack_refusal, [code])

@@ -13,7 +13,7 @@ from typing import Protocol
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.truth import CycleRecord
-from fieldlink.registers import ReaderState
+from fieldlink.registers import ReaderState, Refusal
 from fieldlink.site import Recording
 
 __all__ = ["Commands", "LoopFailedError", "LoopProgram", "ReplayedLoop"]
@@ -61,6 +61,11 @@ class LoopProgram(Protocol):
         ...
 
     @property
+    def refusal(self) -> Refusal | None:
+        """Why the model of the block in force is not used; None if it is, or there is none."""
+        ...
+
+    @property
     def plant(self) -> HostedPlant | None:
         """What is stepped between `begin` and `end`; None without a plant."""
         ...
@@ -95,6 +100,7 @@ class ReplayedLoop:
 
     plant: HostedPlant | None = None
     stem = math.nan
+    refusal: Refusal | None = None
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording

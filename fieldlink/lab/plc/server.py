@@ -24,7 +24,7 @@ from pymodbus.server.base import ModbusBaseServer
 
 from fieldlink.lab.plc.build import PlcError
 from fieldlink.lab.plc.listening import LOOPBACK, Listening, listen
-from fieldlink.lab.plc.modbus import modbus_device, other_units
+from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.lab.plc.virtual import VirtualPlc
 from fieldlink.links import Clock, SystemClock
 from fieldlink.site import Device, Site

@@ -11,6 +11,7 @@ from enum import IntEnum
 from typing import Literal, Protocol
 
 from compensator import Controller, OpLimits, Supervisor, WithdrawReason
+from fieldlink.compensate.offers import uncertainty_of
 from fieldlink.lab.plc.program import Commands
 from fieldlink.registers import Fallback, ReaderState
 from loop_model import LoopModel
@@ -66,13 +67,11 @@ class Supervised:
 
     Args:
         supervisor: has both.
-        period: of the loop, seconds; a model of another one is refused.
         limits: of what an operator writes.
     """
 
-    def __init__(self, supervisor: Supervisor, period: float, limits: OpLimits) -> None:
+    def __init__(self, supervisor: Supervisor, limits: OpLimits) -> None:
         self.supervisor = supervisor
-        self._period = period
         self._limits = limits
         self._model: LoopModel | None = None
 
@@ -91,8 +90,8 @@ class Supervised:
         if model == self._model:
             return
         self._model = model
-        if model is not None and math.isclose(model.process.period, self._period):
-            self.supervisor.offer(model)
+        if block is not None and block.in_force is not None and model is not None:
+            self.supervisor.offer(model, uncertainty_of(block.in_force))
         else:
             self.supervisor.withdraw(_reason(block))
 
@@ -166,5 +165,4 @@ def _reason(block: ReaderState | None) -> WithdrawReason:
         return WithdrawReason.OPERATOR
     if block.fallback is not None:
         return _REASONS.get(block.fallback, WithdrawReason.OPERATOR)
-    # In force: either it says that the valve is healthy, or its model is of another period.
-    return WithdrawReason.NO_STICTION if block.model is None else WithdrawReason.REFUSED
+    return WithdrawReason.NO_STICTION  # in force, and it says that the valve is healthy

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from fieldlink.daemon import Estimate, Findings, Interval
-from fieldlink.daemon.estimating import EstimateRequest, estimate
+from fieldlink.daemon.estimation.estimating import EstimateRequest, estimate
 from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.models import Misestimate, Scenario
 from loop_model import LoopModel, ValveModel

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimator import Interval, Track, track
-from fieldlink.daemon.pipeline import LoopCounts
+from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.lab.rehearse.stage import Trend
 from fieldlink.store import EstimateRecord, EventRecord, WritebackRecord
 

@@ -26,6 +26,7 @@ from fieldlink.lab.rehearse.course import at
 from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.models import Manual, Scenario
 from fieldlink.lab.rehearse.worn_plant import WornPlant
+from fieldlink.registers import Refusal
 from fieldlink.site import Site
 
 __all__ = ["Moment", "Stage", "Trend"]
@@ -96,8 +97,8 @@ class Stage:
         self._scenario = scenario
         self._defect = defect
         self._setup = LoopSetup.of(site, loop)
-        self._plant = WornPlant(self._setup.open(), scenario)
         self._op = self._setup.op
+        self._plant = WornPlant(self._setup.open(), scenario, self._op)
         self._start_pv = self._plant.true_pv
         self._pvs = self._plant.true_pv, self._plant.measured_pv
         self.moments: list[Moment] = []
@@ -186,6 +187,10 @@ class _Program:
         return self._inner.stem
 
     @property
+    def refusal(self) -> Refusal | None:
+        return self._inner.refusal
+
+    @property
     def plant(self) -> HostedPlant:
         return self._inner.plant
 
@@ -199,9 +204,18 @@ class _Program:
         """The plant outlives the PLC."""
 
 
+_NOTICED = {
+    WithdrawReason.WORSE,
+    WithdrawReason.GROWING,
+    WithdrawReason.HUNTING,
+    WithdrawReason.TRAVEL,
+    WithdrawReason.LEFT_RANGE,
+}
+
+
 class _Unwatched(Supervisor):
     """The defect of a PLC that does not notice that compensation makes the loop worse."""
 
     def withdraw(self, reason: WithdrawReason) -> None:
-        if reason not in (WithdrawReason.WORSE, WithdrawReason.GROWING, WithdrawReason.HUNTING):
+        if reason not in _NOTICED:
             super().withdraw(reason)

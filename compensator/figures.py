@@ -1,0 +1,137 @@
+"""What a loop was like under its own controller: the figures that compensation is compared with."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from compensator.action import require_not_negative, require_positive
+
+__all__ = ["LoopFigures", "LoopRecord", "Sample", "oscillation_period"]
+
+_SHORTEST_PERIOD = 12
+"""Samples: what oscillates faster is noise."""
+_STEADY = 30
+"""Samples of a stretch at least, the way to a new set-point left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopFigures:
+    """A loop under its base controller.
+
+    Attributes:
+        mean_square: of PV minus SP.
+        travel: of OP per sample.
+        period: of its oscillation, samples.
+        largest: error seen.
+    """
+
+    mean_square: float
+    travel: float
+    period: float
+    largest: float
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            "LoopFigures", mean_square=self.mean_square, travel=self.travel, largest=self.largest
+        )
+        require_positive("LoopFigures", period=self.period)
+
+
+def oscillation_period(errors: Sequence[float], otherwise: float) -> float:
+    """Return the mean period of an error, in samples; ``otherwise`` where it has no three turns.
+
+    Its sign has changed once it is half its root mean square beyond zero.
+    """
+    level = 0.5 * math.sqrt(sum(e * e for e in errors) / max(1, len(errors)))
+    side, turns = 0.0, []
+    for k, error in enumerate(errors):
+        if abs(error) > level and math.copysign(1.0, error) != side:
+            if side:
+                turns.append(k)
+            side = math.copysign(1.0, error)
+    if len(turns) < 3:
+        return otherwise
+    return max(float(_SHORTEST_PERIOD), 2.0 * (turns[-1] - turns[0]) / (len(turns) - 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One scan: PV, SP, the OP applied before it, and whether the base controller had the loop."""
+
+    pv: float
+    sp: float
+    op: float
+    by_base: bool
+
+
+class LoopRecord:
+    """The latest scans of a loop, whoever had it.
+
+    Args:
+        length: scans that are kept.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._samples: deque[Sample] = deque(maxlen=length)
+
+    @property
+    def last_op(self) -> float:
+        """OP applied last; NaN without a scan."""
+        return self._samples[-1].op if self._samples else math.nan
+
+    def push(self, sample: Sample) -> None:
+        """Take in a scan."""
+        self._samples.append(sample)
+
+    def latest(self, count: int) -> list[Sample]:
+        """Return the last ``count`` scans, oldest first."""
+        return list(self._samples)[-count:]
+
+    def figures(self, window: int, least: int) -> LoopFigures | None:
+        """Return the figures of the base controller, None if it had the loop too shortly.
+
+        The latest stretch without a change of set-point that is two windows long counts; else the
+        longest; else, where the set-point moves all the time, the longest stretch at all.
+
+        Args:
+            window: samples that a set-point change takes to settle, times two.
+            least: samples that are needed.
+        """
+        steady = self._stretches(any_setpoint=False)
+        settled = [s if k == 0 else s[window // 2 :] for k, s in enumerate(steady)]
+        settled = [s for s in settled if len(s) >= max(least, _STEADY)]
+        if not settled:
+            settled = [s for s in self._stretches(any_setpoint=True) if len(s) >= least]
+        if not settled:
+            return None
+        long = [s for s in settled if len(s) >= 2 * window]
+        return _figures_of(long[-1] if long else max(settled, key=len), window, least)
+
+    def _stretches(self, *, any_setpoint: bool) -> list[list[Sample]]:
+        stretches: list[list[Sample]] = [[]]
+        last: Sample | None = None
+        for sample in self._samples:
+            moved = last is not None and sample.sp != last.sp and not any_setpoint
+            if not sample.by_base or moved:
+                stretches.append([])
+            if sample.by_base:
+                stretches[-1].append(sample)
+            last = sample
+        return stretches
+
+
+def _figures_of(samples: Sequence[Sample], window: int, least: int) -> LoopFigures | None:
+    errors = [s.pv - s.sp for s in samples if math.isfinite(s.pv)]
+    if len(errors) < least:
+        return None
+    travel = sum(abs(b.op - a.op) for a, b in itertools.pairwise(samples))
+    return LoopFigures(
+        math.fsum(e * e for e in errors) / len(errors),
+        travel / len(samples),
+        min(oscillation_period(errors, window), max(0.5 * len(errors), window)),
+        max(map(abs, errors)),
+    )

@@ -1,0 +1,120 @@
+"""What is believed of a valve's friction before any command has tested it.
+
+The parameters of a block are known to some per cent only. The static friction is taken as normal
+around fS; one valve in twenty is worse described than its parameters say. The prior does not fade
+with the evidence: a hypothesis that claims more friction than fS pays for the claim as long as it
+makes it, and a claim beyond `FrictionPrior.farthest` deviations is impossible. Otherwise every
+correction that misses would be answered by a larger one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from compensator.action import CompensatorError, require_not_negative
+from loop_model import ValveModel
+
+__all__ = ["FrictionPrior", "Uncertainty"]
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """Standard deviations of the friction that an identification states.
+
+    Attributes:
+        static_friction: of fS, in OP; 0 when nothing is stated.
+        dynamic_friction: of fD, in OP; 0 when nothing is stated.
+    """
+
+    static_friction: float = 0.0
+    dynamic_friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            "Uncertainty",
+            static_friction=self.static_friction,
+            dynamic_friction=self.dynamic_friction,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionPrior:
+    """Prior of the friction around a valve model.
+
+    Attributes:
+        spread: least relative deviation of fS: friction varies by some per cent from slip to slip
+            and with the stem's position (Karnopp, 1985; recorded valves), whatever an
+            identification states.
+        dynamic_spread: least relative deviation of fD. It is wider than that of fS because fD
+            follows from S and J as a difference, and J is the less certain of the two (Table 1 of
+            Bacci di Capaci et al., 2018).
+        doubt: share of valves that their parameters describe badly.
+        doubtful: factor of their deviation.
+        nearest: deviations from fS (negative: below it) up to which a command never moves the stem.
+        farthest: deviations above fS from which a command always does; the bound of every claim.
+        kept: share of a claim that is left after each slip, because friction varies.
+        uncertainty: deviations that the identification states; the larger ones count.
+    """
+
+    spread: float = 0.1
+    dynamic_spread: float = 0.25
+    doubt: float = 0.05
+    doubtful: float = 4.0
+    nearest: float = -4.0
+    farthest: float = 6.0
+    kept: float = 0.95
+    uncertainty: Uncertainty = Uncertainty()
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            "FrictionPrior", spread=self.spread, dynamic_spread=self.dynamic_spread
+        )
+        if not (0.0 <= self.doubt < 1.0 and 0.0 <= self.kept <= 1.0 and self.doubtful >= 1.0):
+            raise CompensatorError(
+                f"FrictionPrior: doubt and kept are shares and doubtful is a factor of at least 1; "
+                f"got {self.doubt!r}, {self.kept!r} and {self.doubtful!r}"
+            )
+        if not self.nearest < 0.0 < self.farthest:
+            raise CompensatorError(
+                f"FrictionPrior: nearest must be below 0 and farthest above it; got "
+                f"{self.nearest!r} and {self.farthest!r}"
+            )
+
+    def static_deviation(self, valve: ValveModel) -> float:
+        """Return the deviation of fS, in OP."""
+        stated = self.uncertainty.static_friction
+        return max(self.spread * valve.static_friction, stated, 1e-12)
+
+    def dynamic_deviation(self, valve: ValveModel) -> float:
+        """Return the deviation of fD, in OP."""
+        return max(self.dynamic_spread * valve.dynamic_friction, self.uncertainty.dynamic_friction)
+
+    def chance_of_rest(self, z: float, tested: float) -> float:
+        """Return the probability that the stem withstands a command.
+
+        Args:
+            z: the command, in deviations of the static friction around fS.
+            tested: the largest command that the stem withstood since it slipped last, likewise.
+        """
+        if z > self.farthest:
+            return 0.0
+        if z <= tested or z < self.nearest:
+            return 1.0
+        withstood = self._chance_beyond(tested)
+        return min(1.0, self._chance_beyond(z) / withstood) if withstood > 0.0 else 1.0
+
+    def price(self, claim: float) -> float:
+        """Return the log-probability of a static friction at least ``claim`` deviations above fS;
+        a claim below fS costs nothing.
+        """
+        return math.log(max(self._chance_beyond(claim), 1e-30)) if claim > 0.0 else 0.0
+
+    def _chance_beyond(self, z: float) -> float:
+        """Return the probability that the static friction is more than ``z`` deviations above."""
+        certain, doubtful = _normal_tail(z), _normal_tail(z / self.doubtful)
+        return (1.0 - self.doubt) * certain + self.doubt * doubtful
+
+
+def _normal_tail(z: float) -> float:
+    return 0.5 * math.erfc(z / math.sqrt(2.0))

@@ -1,0 +1,112 @@
+"""Models that made a loop worse, and when one may be tried again.
+
+A model is the same as one that was given up while its parameters lie inside the interval of what
+was given up: a model identified again from the same valve is its twin, not a new one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from compensator.action import RefusalKind, require_not_negative, require_positive
+from compensator.friction import FrictionPrior, Uncertainty
+from loop_model import LoopModel
+
+__all__ = ["GivenUp", "GivenUpModels", "RetrySettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class RetrySettings:
+    """When a model that was given up may be tried again.
+
+    Attributes:
+        after: scans; the valve may have been serviced, or the load be another one.
+        within: deviations of fS and of fD that count as the same valve: two hold nineteen of
+            twenty estimates.
+        gain: relative change of the process gain that counts as the same process.
+        kept: models that are remembered.
+    """
+
+    after: int = 30_000
+    within: float = 2.0
+    gain: float = 0.25
+    kept: int = 8
+
+    def __post_init__(self) -> None:
+        require_positive("RetrySettings", after=self.after, within=self.within, kept=self.kept)
+        require_not_negative("RetrySettings", gain=self.gain)
+
+
+@dataclass(frozen=True, slots=True)
+class GivenUp:
+    """A model that was given up.
+
+    Attributes:
+        model: valve and process.
+        prior: deviations of its friction.
+        left: scans until it may be tried again.
+        why: it was given up.
+    """
+
+    model: LoopModel
+    prior: FrictionPrior = field(default_factory=FrictionPrior)
+    left: int = 0
+    why: RefusalKind = RefusalKind.OTHER
+
+
+class GivenUpModels:
+    """Remembers what was given up; `pass_scan` once a scan."""
+
+    def __init__(self, settings: RetrySettings | None = None) -> None:
+        self.settings = settings or RetrySettings()
+        self._known: list[GivenUp] = []
+
+    @property
+    def known(self) -> tuple[GivenUp, ...]:
+        """What is refused now, oldest first."""
+        return tuple(self._known)
+
+    def restore(self, known: tuple[GivenUp, ...]) -> None:
+        """Go on with what was known before a restart."""
+        self._known = list(known)[-self.settings.kept :]
+
+    def add(self, model: LoopModel, uncertainty: Uncertainty, why: RefusalKind) -> None:
+        """Remember a model."""
+        prior = FrictionPrior(uncertainty=uncertainty)
+        self._known = [known for known in self._known if not self._alike(known, model)]
+        self._known.append(GivenUp(model, prior, self.settings.after, why))
+        self._known = self._known[-self.settings.kept :]
+
+    def pass_scan(self) -> None:
+        """Count a scan."""
+        if self._known:
+            self._known = [
+                GivenUp(known.model, known.prior, known.left - 1, known.why)
+                for known in self._known
+                if known.left > 1
+            ]
+
+    def find(self, model: LoopModel) -> GivenUp | None:
+        """Return what was given up and is the same as ``model``; None if it is new."""
+        return next((known for known in self._known if self._alike(known, model)), None)
+
+    def _alike(self, known: GivenUp, model: LoopModel) -> bool:
+        s, old = self.settings, known.model.valve
+        new = model.valve
+        static = abs(new.static_friction - old.static_friction)
+        dynamic = abs(new.dynamic_friction - old.dynamic_friction)
+        return (
+            static <= s.within * known.prior.static_deviation(old)
+            and dynamic <= s.within * max(known.prior.dynamic_deviation(old), 1e-12)
+            and _gains_alike(known.model, model, s.gain)
+        )
+
+
+def _gains_alike(one: LoopModel, other: LoopModel, within: float) -> bool:
+    """Whether two processes answer alike: kind, sign and size of the gain."""
+    a, b = one.process, other.process
+    if a.is_integrating != b.is_integrating:
+        return False
+    gains = [sum(p.b) if p.is_integrating else p.gain for p in (a, b)]
+    return math.isclose(gains[0], gains[1], rel_tol=within)

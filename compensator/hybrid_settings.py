@@ -1,0 +1,98 @@
+"""What can be set of the hybrid compensator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from compensator.action import (
+    CompensatorError,
+    OpLimits,
+    require_not_negative,
+    require_positive,
+    require_whole,
+)
+from compensator.friction import FrictionPrior, Uncertainty
+from compensator.prediction import NoiseModel
+
+__all__ = ["HybridSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class HybridSettings:
+    """Settings of `HybridMpc`.
+
+    Attributes:
+        limits: range and rate of OP.
+        horizon: samples; 0 chooses it from the settling time.
+        move_penalty: price of one move: the share of the noise's own variance by which it must
+            lower PV's mean square error over the horizon.
+        travel_penalty: price of moving by one slip jump, as a share of ``move_penalty``.
+        noise_band: PV deviation that is of no interest (units of PV), added to the noise seen.
+        slip_margin: moves are planned at least ``J + slip_margin * fS`` in size, so that they slip
+            even if the static friction is somewhat above its estimate.
+        overshoot: how far beyond its final position the stem may go for speed, as a share of the
+            way there. The farther, the more the plan relies on the fast part of the process model.
+        edge: share of the static friction up to which OP may approach a slip without causing it.
+        unknown: weight of what is not yet known of the lasting offset, beside noise, in the price
+            of a move: waiting will tell.
+        unseen: factor of the noise's variance in that price until the stem was seen to slip: its
+            position is not known then, and only a lasting error of three deviations is worth it.
+        tolerated: share of PV's deviation before compensation that is worth no move.
+        tolerated_level: the same for an integrating process, where each position drifts and a
+            correction for the last share would cost the travel of all others.
+        spread: relative uncertainty of fS; dynamic_spread: of fD (`FrictionPrior`).
+        gain_spread: relative uncertainty of the process gain.
+        offset_memory: settling times over which the load (what makes the controller free of offset)
+            is averaged in quiet times.
+        noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
+            the loop's own noise decide (`TrackerBank`).
+    """
+
+    limits: OpLimits = field(default_factory=OpLimits)
+    horizon: int = 0
+    move_penalty: float = 1.0
+    travel_penalty: float = 0.2
+    noise_band: float = 0.0
+    slip_margin: float = 0.2
+    overshoot: float = 0.5
+    edge: float = 0.85
+    unknown: float = 3.0
+    unseen: float = 9.0
+    tolerated: float = 0.2
+    tolerated_level: float = 0.4
+    spread: float = 0.1
+    dynamic_spread: float = 0.25
+    gain_spread: float = 0.1
+    offset_memory: float = 2.0
+    noise: NoiseModel | None = None
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            "HybridSettings",
+            move_penalty=self.move_penalty,
+            travel_penalty=self.travel_penalty,
+            noise_band=self.noise_band,
+            slip_margin=self.slip_margin,
+            overshoot=self.overshoot,
+            unknown=self.unknown,
+            unseen=self.unseen,
+            tolerated=self.tolerated,
+            tolerated_level=self.tolerated_level,
+            spread=self.spread,
+            dynamic_spread=self.dynamic_spread,
+            gain_spread=self.gain_spread,
+        )
+        require_whole("HybridSettings", 0, horizon=self.horizon)
+        require_positive("HybridSettings", offset_memory=self.offset_memory, edge=self.edge)
+        if self.edge >= 1.0:
+            raise CompensatorError(
+                f"HybridSettings: edge must be below 1, the slip itself; got {self.edge!r}"
+            )
+
+    def with_limits(self, limits: OpLimits) -> HybridSettings:
+        """Return the same settings with other limits of OP."""
+        return replace(self, limits=limits)
+
+    def friction_prior(self, uncertainty: Uncertainty) -> FrictionPrior:
+        """Return the prior of the friction, given what its identification states."""
+        return FrictionPrior(self.spread, self.dynamic_spread, uncertainty=uncertainty)

@@ -1,0 +1,140 @@
+"""``fieldlink status``, ``events`` and ``withdraw``: what a daemon does, and one thing to ask."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from datetime import datetime, timedelta
+from typing import Annotated, Any
+
+import typer
+
+from fieldlink.cli.site import SiteFile
+
+__all__ = ["events", "status", "withdraw"]
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+FOLLOW_EVERY = 0.5
+"""Seconds between two looks at the store while events are followed."""
+
+
+def status(site: SiteFile, as_json: Json = False) -> None:
+    """Show devices, loops, blocks and what waits: of the running daemon, or from the store."""
+    from fieldlink.daemon.installation import is_in_use
+    from fieldlink.daemon.reporting.control import ask_daemon
+    from fieldlink.daemon.reporting.documents import stored_status
+    from fieldlink.site import load_site
+
+    loaded = load_site(site)
+    if is_in_use(loaded.data_dir):
+        found = ask_daemon(loaded.data_dir, {"command": "status"})
+    else:
+        found = stored_status(loaded)
+    if as_json:
+        typer.echo(json.dumps(found))
+        return
+    for line in _lines(found):
+        typer.echo(line)
+
+
+def events(
+    site: SiteFile,
+    as_json: Json = False,
+    follow: Annotated[bool, typer.Option("--follow", help="Go on with what is new.")] = False,
+    last: Annotated[int, typer.Option(min=0, help="Show at most so many of the newest.")] = 100,
+) -> None:
+    """Show what happened to the daemon, its devices, loops and store, oldest first."""
+    from fieldlink.daemon.reporting.documents import event_document
+    from fieldlink.site import load_site
+    from fieldlink.store import read_events
+
+    loaded = load_site(site)
+    since: datetime | None = None
+    shown: set[tuple[Any, ...]] = set()
+    while True:
+        found = read_events(loaded.historian_url, since=since)
+        rows = [{str(k): value for k, value in row.items()} for row in found.to_dict("records")]
+        new = [row for row in rows if _key(row) not in shown]
+        for row in new if since is not None else new[-last:] if last else []:
+            document = event_document(row)
+            typer.echo(json.dumps(document) if as_json else _event_line(document))
+        if not follow:
+            return
+        if rows:
+            # Rows are stored a moment after they happen, and not always in their order.
+            since = rows[-1]["time"].to_pydatetime() - timedelta(seconds=10.0)
+            shown = {_key(row) for row in rows if row["time"] >= since}
+        time.sleep(FOLLOW_EVERY)
+
+
+def withdraw(
+    site: SiteFile,
+    loop: Annotated[str, typer.Argument(help="The loop.", metavar="LOOP")],
+    reason: Annotated[str, typer.Option("--reason", help="Why, for the record.")],
+) -> None:
+    """Withdraw a loop's parameter block: the PLC falls back to its own controller.
+
+    No block follows until an operator clears the PLC's enable bit and sets it again.
+    """
+    from fieldlink.daemon.installation import is_in_use
+    from fieldlink.daemon.reporting.control import ask_daemon
+    from fieldlink.daemon.withdrawal import withdraw_without_daemon
+    from fieldlink.site import load_site
+
+    loaded = load_site(site)
+    if loop not in loaded.loops:
+        raise typer.BadParameter(
+            f"the site file has no loop {loop!r}; it has {', '.join(loaded.loops)}",
+            param_hint="LOOP",
+        )
+    if not reason.strip():
+        raise typer.BadParameter("say why, for the record", param_hint="--reason")
+    if is_in_use(loaded.data_dir):
+        ask_daemon(loaded.data_dir, {"command": "withdraw", "loop": loop, "reason": reason})
+        typer.echo(f"{loop}: asked the running daemon; fieldlink status shows when it is done")
+        return
+    found = asyncio.run(withdraw_without_daemon(loaded, loop, reason))
+    typer.echo(f"{loop}: {found}")
+
+
+def _key(row: dict[str, Any]) -> tuple[Any, ...]:
+    return row["time"], row["kind"], row["source"], row["message"]
+
+
+def _event_line(document: dict[str, Any]) -> str:
+    words = (document[key] for key in ("time", "event", "source", "message"))
+    return "  ".join(_printable(str(word)) for word in words)
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    daemon = found["daemon"]
+    state = "running since" if daemon["alive"] else "not running; last seen"
+    lines = [f"daemon {state} {daemon['since']}"]
+    for device in found["devices"]:
+        reason = f"; {device['reason']}" if device["reason"] else ""
+        lines.append(
+            f"device {device['name']}: {device['state']}, {device['requests']} requests, "
+            f"{device['exceptions']} exceptions, {device['late']} late, "
+            f"{device['missed']} missed{reason}"
+        )
+    for loop in found["loops"]:
+        block = loop["block"]
+        lines.append(
+            f"loop {loop['name']}: {loop['read']} of {loop['expected']} samples, "
+            f"{loop['missed']} missed; {loop['verdict'] or 'no estimate yet'}"
+            + ("" if loop["stick_band"] is None else f", S = {loop['stick_band']:.4g}")
+        )
+        if block["seq"] is not None:
+            lines.append(f"  block {block['seq']}: {block['status']}; {block['reason']}")
+        elif block["reason"]:
+            lines.append(f"  no block; {block['reason']}")
+        if loop["waiting"] is not None:
+            lines.append(f"  waits: {loop['waiting']}")
+    return [_printable(line) for line in lines]
+
+
+def _printable(text: str) -> str:
+    """A name from a file must not command the terminal."""
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,0 +1,1 @@
+"""Windows into findings: in processes of their own, bounded in time and memory."""

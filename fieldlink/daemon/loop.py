@@ -1,0 +1,313 @@
+"""One loop and all of its state: window, estimates, write-back, and what became of each.
+
+A `LoopRunner` is built from one frozen specification, endpoint included, and has an epoch. What
+comes back late (an estimate) carries the epoch it was asked in and is dropped when it is another's.
+A changed site file makes a new runner, which takes over only what `carry_over` names.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections import Counter
+from functools import partial
+
+from fieldlink.daemon.estimation.estimating import Estimate, EstimateRequest
+from fieldlink.daemon.loop_spec import LoopSpec
+from fieldlink.daemon.reporting.journal import Journal
+from fieldlink.daemon.reporting.status import LoopStatus
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.windows.pipeline import LoopPipeline
+from fieldlink.daemon.writeback.exchange_io import Exchange
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.sequence import SequenceNumbers
+from fieldlink.daemon.writeback.writer import BlockWriter
+from fieldlink.errors import FieldlinkError
+from fieldlink.links import Link, LinkError, RegisterAccess, Scan
+from fieldlink.registers import HEARTBEAT_EVERY
+from fieldlink.store import SampleRecord, WritebackRecord
+
+__all__ = ["LoopRunner"]
+
+SILENT_AFTER = 20
+"""Periods without a new sample after which a loop is said to be silent."""
+
+AGE_IN_ESTIMATES = 4.0
+"""Estimate periods for which a finding may wait: two windows in which others would confirm it."""
+
+_epochs = itertools.count(1)
+
+
+class LoopRunner:
+    """Runs one loop.
+
+    Args:
+        spec: what the loop is.
+        link: its device's link.
+        journal: where everything is told.
+        numbers: the sequence numbers of the loop's blocks.
+        identity: of this installation; None where it has none.
+        read_only: never write to the device.
+        live: whether time goes on by itself while something is awaited.
+        watch: knows how the wall clock has stepped; None where none does.
+
+    Attributes:
+        epoch: no other runner has it.
+        dropped: estimates that came for another epoch.
+    """
+
+    def __init__(
+        self,
+        spec: LoopSpec,
+        link: Link,
+        journal: Journal,
+        *,
+        numbers: SequenceNumbers,
+        identity: int | None = None,
+        read_only: bool = False,
+        live: bool = True,
+        watch: ClockWatch | None = None,
+    ) -> None:
+        self.spec = spec
+        self.epoch = next(_epochs)
+        self.dropped = 0
+        counter = None if spec.loop.scan is None else spec.tags.get(spec.loop.scan)
+        self.pipeline = LoopPipeline(spec.name, spec.loop, counter, spec.speed, watch)
+        self._journal = journal
+        self._now = 0.0
+        self._sampled_at: float | None = None
+        self._silent = False
+        self._asked = 0
+        self._estimate: Estimate | None = None
+        self._estimates = 0
+        self._attempt: Attempt | None = None
+        self._accepted: Attempt | None = None
+        self._outcomes = Counter[str]()
+        self._unserved = False
+        self._compensates: bool | None = None
+        self.writer = (
+            self._writer(link, numbers, identity, read_only=read_only, live=live)
+            if spec.loop.writeback.enabled
+            else None
+        )
+
+    @property
+    def name(self) -> str:
+        """The loop's name."""
+        return self.spec.name
+
+    def take(
+        self, scan: Scan, now: float, due: float | None, *, answers: bool
+    ) -> SampleRecord | None:
+        """Take the loop's part of a scan; return the sample, None when there is none.
+
+        Args:
+            scan: all tags of the device.
+            now: plant seconds at which it was due.
+            due: the same in seconds of the link's clock; None where nothing can be late.
+            answers: whether the device answers, so that a loop without samples is silent itself.
+        """
+        self._now = now
+        record = self.pipeline.take(scan, now, due)
+        if record is not None:
+            self._journal.sample(record)
+        self._watch_samples(now, sampled=record is not None, answers=answers)
+        return record
+
+    def request(self) -> EstimateRequest:
+        """Return the window as a request of this epoch."""
+        self._asked += 1
+        compensated = self.writer is not None and self.writer.may_compensate
+        return self.pipeline.request(self.epoch, self._now, compensated=compensated)
+
+    def accept(self, estimate: Estimate, request: EstimateRequest) -> bool:
+        """Take over an estimate; False when it was asked in another epoch, and dropped."""
+        if request.epoch != self.epoch:
+            self.dropped += 1
+            self._journal.event(
+                "estimate.dropped",
+                self.name,
+                "the site file has changed since it was asked for; the next window decides",
+            )
+            return False
+        self._asked = max(0, self._asked - 1)
+        self._estimates += 1
+        self._estimate = estimate
+        self._journal.estimate(estimate)
+        if self.writer is not None and estimate.findings is not None:
+            self.writer.submit(
+                estimate.findings,
+                estimate.end_utc,
+                since=request.asked_at,
+                compensated=request.compensated,
+            )
+        return True
+
+    def resume(self, record: WritebackRecord) -> None:
+        """Go on after the last block that a process before this one has recorded."""
+        if self.writer is not None:
+            self.writer.resume(record)
+
+    def withdraw(self, reason: str, utc: float) -> None:
+        """Withdraw the loop's block; see `BlockWriter.withdraw`.
+
+        Raises:
+            FieldlinkError: the site file does not let this loop be written.
+        """
+        if self.writer is None:
+            raise FieldlinkError(
+                f"loops.{self.name}.writeback is not enabled, so nothing may be written; clear the "
+                "PLC's enable bit to end the use of a block"
+            )
+        self.writer.withdraw(reason, utc)
+        self._journal.event("writeback.withdrawal_asked", self.name, reason)
+
+    async def service(self, now: float) -> None:
+        """Let the write-back do what is due at plant second ``now``."""
+        if self.writer is None:
+            return
+        try:
+            looked = await self.writer.service(now)
+        except LinkError as error:
+            self._note_service(str(error))
+        except Exception as error:  # noqa: BLE001  (told; the other loops go on)
+            self._journal.defect(self.name, error, "the loop's write-back is tried again")
+        else:
+            if looked:
+                self._note_service("")
+        self._follow_compensation(self.writer.compensates)
+
+    def status(self, device: str) -> LoopStatus:
+        """Return a snapshot."""
+        writer = self.writer
+        return LoopStatus(
+            device=device,
+            counts=self.pipeline.counts,
+            filled=self.pipeline.filled,
+            samples_until_estimate=self.pipeline.samples_until_estimate,
+            latest=self.pipeline.latest,
+            estimates=self._estimates,
+            last_estimate=self._estimate,
+            attempts=self._outcomes.total(),
+            last_attempt=self._attempt,
+            last_accepted=self._accepted,
+            outcomes=dict(self._outcomes),
+            idle=0.0 if self._sampled_at is None else self._now - self._sampled_at,
+            dropped_estimates=self.dropped,
+            waiting=None if writer is None else writer.waiting,
+            refusal="" if writer is None else writer.refusal,
+            block=None if writer is None else writer.block,
+        )
+
+    def carry_over(self, old: LoopRunner) -> None:
+        """Take over from the loop's runner of before what still holds: nothing else is kept.
+
+        The window with its counts, where the samples mean the same; the write-back, where its
+        registers and the valve behind them are the same. An estimate that was asked for is asked
+        for again.
+        """
+        if not self.spec.has_samples_of(old.spec):
+            return
+        self._now = old._now
+        self.pipeline = old.pipeline
+        self.pipeline.resettle(self.spec.loop, again=old._asked > 0)
+        self._sampled_at, self._silent = old._sampled_at, old._silent
+        self._estimate, self._estimates = old._estimate, old._estimates
+        self._attempt, self._accepted = old._attempt, old._accepted
+        self._outcomes = old._outcomes
+        self.dropped = old.dropped
+        if self.writer is None or old.writer is None:
+            return
+        if self.spec.has_block_of(old.spec):
+            self._compensates = old._compensates
+            self.writer.carry_over(old.writer)
+
+    def _follow_compensation(self, compensates: bool | None) -> None:
+        """Begin a new window when a block comes into force or goes out of it.
+
+        A window is one experiment; one half of which was compensated fits neither model.
+        """
+        before, self._compensates = self._compensates, compensates
+        if before is compensates or (before is None and not compensates):
+            return
+        self.pipeline.restart_window()
+
+    def _watch_samples(self, now: float, *, sampled: bool, answers: bool) -> None:
+        """Tell when the loop has no new samples although its device answers, and when it has."""
+        since = now if self._sampled_at is None else self._sampled_at
+        self._sampled_at = now if sampled else since
+        if sampled and self._silent:
+            self._silent = False
+            self._journal.event("loop.sampled", self.name, f"new samples after {now - since:.0f} s")
+        elif (
+            not sampled
+            and now - since > SILENT_AFTER * self.spec.loop.period
+            and not self._silent
+            and answers
+        ):
+            self._silent = True
+            self._journal.event(
+                "loop.silent",
+                self.name,
+                f"no new sample for {now - since:.0f} s: OP or PV cannot be read, or the cycle "
+                "counter stands still; look at the tags and whether the controller runs",
+                bad=True,
+            )
+
+    def _note_service(self, error: str) -> None:
+        """Tell when the exchange area stops answering, and when it answers again."""
+        if error and not self._unserved:
+            self._unserved = True
+            self._journal.event("writeback.unreachable", self.name, error, bad=True)
+        elif not error and self._unserved:
+            self._unserved = False
+            self._journal.event("writeback.reachable", self.name, "the exchange area answers again")
+
+    def _note_attempt(self, attempt: Attempt) -> None:
+        self._attempt = attempt
+        self._outcomes[attempt.outcome.code] += 1
+        if attempt.outcome is WritebackOutcome.ACCEPTED:
+            self._accepted = attempt
+        self._journal.attempt(self.name, attempt)
+
+    def _tell(self, kind: str, message: str) -> None:
+        self._journal.event(kind, self.name, message, bad=True)
+
+    def _writer(
+        self,
+        link: Link,
+        numbers: SequenceNumbers,
+        identity: int | None,
+        *,
+        read_only: bool,
+        live: bool,
+    ) -> BlockWriter:
+        spec = self.spec
+        settings = spec.loop.writeback
+        layout = settings.exchange
+        if layout is None or not isinstance(link, RegisterAccess):
+            raise FieldlinkError(
+                f"loops.{self.name}.writeback: device {spec.loop.device!r} has no registers to "
+                'write to; set enabled = false, or use link = "modbus-tcp"'
+            )
+        # One scan of the PLC is at most a period of the loop, and no heartbeat may wait for it.
+        scan = min(spec.loop.period, HEARTBEAT_EVERY) / spec.speed
+        return BlockWriter(
+            settings,
+            Exchange(
+                link,
+                layout,
+                spec.device.word_order,
+                max_gap=spec.device.max_gap,
+                readable=spec.device.ranges,
+            ),
+            period=spec.loop.period,
+            read_only=read_only,
+            pause=partial(asyncio.sleep, scan if live else 0.0),
+            report=self._note_attempt,
+            keep=partial(self._journal.begin, self.name),
+            tell=self._tell,
+            numbers=numbers,
+            identity=identity,
+            max_age=AGE_IN_ESTIMATES * spec.loop.estimate_period,
+        )

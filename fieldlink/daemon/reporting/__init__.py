@@ -1,0 +1,1 @@
+"""What the daemon says: records, log lines, snapshots, messages to systemd."""

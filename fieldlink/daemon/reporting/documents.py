@@ -1,0 +1,163 @@
+"""What ``fieldlink status`` and ``fieldlink events`` show: plain JSON types, null for unknown.
+
+`live_status` tells of a running daemon, `stored_status` what the store knows without one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopStatus
+from fieldlink.daemon.writeback.outcomes import WritebackOutcome
+from fieldlink.site import Site
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["event_document", "live_status", "stored_status", "time_text"]
+
+Document = dict[str, Any]
+
+
+def time_text(utc: float) -> str:
+    """Return a time in seconds since 1970 as ISO 8601 in UTC."""
+    return datetime.fromtimestamp(utc, UTC).isoformat(timespec="milliseconds")
+
+
+def live_status(status: DaemonStatus, since: float) -> Document:
+    """Return a running daemon's status.
+
+    Args:
+        status: its snapshot.
+        since: when it began, seconds since 1970.
+    """
+    return {
+        "devices": [_device(name, device, status) for name, device in status.devices.items()],
+        "loops": [_loop(name, loop) for name, loop in status.loops.items()],
+        "daemon": {"alive": True, "since": time_text(since)},
+    }
+
+
+def _device(name: str, device: DeviceStatus, status: DaemonStatus) -> Document:
+    loops = [loop for loop in status.loops.values() if loop.device == name]
+    late = device.lateness
+    return {
+        "name": name,
+        "state": device.state.name.lower(),
+        "requests": device.requests,
+        "exceptions": device.failures,
+        "late": device.late,
+        "missed": sum(loop.counts.missed for loop in loops),
+        "reason": device.last_failure if device.state.name != "GOOD" else "",
+        "polls": device.polls,
+        "latest_by": late.largest,
+        "quarantined": list(device.quarantined),
+    }
+
+
+def _loop(name: str, loop: LoopStatus) -> Document:
+    estimate, attempt = loop.last_estimate, loop.last_attempt
+    found = None if estimate is None else estimate.findings
+    block = loop.block
+    last = "" if attempt is None else attempt.reason or attempt.outcome.advice
+    reason = loop.refusal or last
+    return {
+        "name": name,
+        "device": loop.device,
+        "expected": loop.counts.expected,
+        "read": loop.counts.read,
+        "missed": loop.counts.missed,
+        "verdict": None if found is None else found.verdict,
+        "stick_band": None if found is None else _number(found.stick_band.value),
+        "block": {
+            "status": None if block is None else block.status.name.lower(),
+            "seq": None if block is None else block.seq,
+            "acknowledged": block is not None,
+            "reason": reason,
+        },
+        "waiting": loop.waiting,
+        "filled": loop.filled,
+        "estimates": loop.estimates,
+        "dropped_estimates": loop.dropped_estimates,
+    }
+
+
+def stored_status(site: Site) -> Document:
+    """Return what the store knows of a site without a running daemon.
+
+    Raises:
+        StoreError: there is no historian to read.
+    """
+    from fieldlink.store import read_estimates, read_events, read_slots, read_writebacks
+
+    url = site.historian_url
+    events, slots = read_events(url), read_slots(url)
+    estimates, blocks = read_estimates(url), read_writebacks(url)
+    loops = [_stored_loop(site, name, slots, estimates, blocks) for name in site.loops]
+    devices = []
+    for name in dict.fromkeys(loop.device for loop in site.loops.values()):
+        mine = events[(events["source"] == name) & events["kind"].str.startswith("device.")]
+        last = None if mine.empty else mine.iloc[-1]
+        devices.append(
+            {
+                "name": name,
+                "state": "unknown" if last is None else str(last["kind"]).removeprefix("device."),
+                "requests": None,
+                "exceptions": None,
+                "late": _total(slots[slots["loop"].isin(site.loops_of(name))], "late"),
+                "missed": sum(loop["missed"] for loop in loops if loop["device"] == name),
+                "reason": "" if last is None else str(last["message"]),
+            }
+        )
+    since = None if events.empty else events["time"].iloc[-1].timestamp()
+    return {
+        "devices": devices,
+        "loops": loops,
+        "daemon": {"alive": False, "since": None if since is None else time_text(since)},
+    }
+
+
+def _stored_loop(
+    site: Site, name: str, slots: pd.DataFrame, estimates: pd.DataFrame, blocks: pd.DataFrame
+) -> Document:
+    mine = slots[slots["loop"] == name]
+    found = estimates[(estimates["loop"] == name) & estimates["verdict"].notna()]
+    wrote = blocks[blocks["loop"] == name]
+    accepted = wrote[wrote["outcome"] == WritebackOutcome.ACCEPTED.code]
+    return {
+        "name": name,
+        "device": site.loops[name].device,
+        "expected": _total(mine, "expected"),
+        "read": _total(mine, "read"),
+        "missed": _total(mine, "missed"),
+        "verdict": None if found.empty else found["verdict"].iloc[-1],
+        "stick_band": None if found.empty else _number(found["stick_band"].iloc[-1]),
+        "block": {
+            "status": None if accepted.empty else accepted["status"].iloc[-1],
+            "seq": None if accepted.empty else int(accepted["seq"].iloc[-1]),
+            "acknowledged": not accepted.empty,
+            "reason": "" if wrote.empty else wrote["reason"].iloc[-1],
+        },
+        "waiting": None,
+    }
+
+
+def event_document(row: Mapping[str, Any]) -> Document:
+    """Return a row of the events as ``fieldlink events --json`` prints it."""
+    return {
+        "time": time_text(row["time"].timestamp()),
+        "event": row["kind"],
+        "source": row["source"],
+        "message": row["message"],
+    }
+
+
+def _total(rows: pd.DataFrame, column: str) -> int:
+    return int(rows[column].sum())
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

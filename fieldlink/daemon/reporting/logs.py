@@ -1,0 +1,71 @@
+"""Logging of the command line: one line an event, on stderr, so that stdout stays for results.
+
+Whatever an event carries, it stays in its line, and what looks like a password in an address does
+not appear.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import sys
+from collections.abc import MutableMapping
+from typing import Any
+
+import structlog
+
+from fieldlink.printable import as_printable
+
+__all__ = ["configure_logging"]
+
+_PASSWORD = re.compile(r"(\w+://[^\s:/@]*):[^\s/@]+@")
+_TOKEN = re.compile(r"(?i)\b(bearer\s+|(?:password|passwd|token)\s*[=:]\s*)[^\s;,]{6,}")
+
+
+def configure_logging(level: int = logging.INFO) -> None:
+    """Send the project's events to stderr as ``key=value`` lines, coloured on a terminal.
+
+    What pymodbus and APScheduler log, the daemon counts and says itself.
+    """
+    renderer: structlog.typing.Processor = (
+        structlog.dev.ConsoleRenderer()
+        if sys.stderr.isatty()
+        else structlog.processors.LogfmtRenderer(
+            key_order=["timestamp", "level", "event"], drop_missing=True
+        )
+    )
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            _one_line,
+            renderer,
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(level),
+        # looked up at every event: who replaces stderr gets what follows
+        logger_factory=lambda *_: structlog.PrintLogger(sys.stderr),
+        cache_logger_on_first_use=False,
+    )
+    logging.basicConfig(
+        level=logging.WARNING, stream=sys.stderr, format="level=%(levelname)s event=%(message)r"
+    )
+    logging.getLogger().handlers[0].addFilter(_without_secrets)
+    logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+    logging.getLogger("apscheduler").setLevel(logging.CRITICAL)
+
+
+def _one_line(_: object, __: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    for key, value in event.items():
+        if isinstance(value, str):
+            event[key] = _hidden(as_printable(value))
+    return event
+
+
+def _without_secrets(record: logging.LogRecord) -> bool:
+    record.msg, record.args = _hidden(record.getMessage()), ()
+    return True
+
+
+def _hidden(text: str) -> str:
+    """Put stars in place of what looks like a password or a token."""
+    return _TOKEN.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))

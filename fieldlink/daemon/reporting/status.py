@@ -1,0 +1,123 @@
+"""A snapshot of the daemon for a live view, a report or a health check."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from fieldlink.daemon.estimation.estimating import Estimate
+from fieldlink.daemon.estimation.pool import PoolReport
+from fieldlink.daemon.sampling.lateness import LatenessReport
+from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.writeback.outcomes import Attempt
+from fieldlink.links import LinkState
+from fieldlink.registers import ParameterBlock
+from fieldlink.store import SampleRecord, StoreReport
+
+__all__ = ["DaemonStatus", "DeviceStatus", "LoopStatus"]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopStatus:
+    """One loop.
+
+    Attributes:
+        device: the device it is on.
+        counts: what became of its samples.
+        filled: how much of the window is there, 0 to 1.
+        samples_until_estimate: samples to come before the next estimate.
+        latest: the newest sample, None before the first.
+        estimates: estimates made.
+        last_estimate: the newest one.
+        attempts: write-back attempts and decisions; outcomes: how many came to what, by code.
+        last_attempt: the newest one; last_accepted: the newest block that the PLC acknowledged.
+        idle: plant seconds since the newest sample, or since the first poll.
+        dropped_estimates: estimates that came after the site file had changed.
+        waiting: what waits to be written, and why; None when nothing does.
+        refusal: why the PLC's controller does not use the accepted model; empty when it does.
+        block: the last block that the PLC acknowledges, as far as known.
+    """
+
+    device: str
+    counts: LoopCounts
+    filled: float
+    samples_until_estimate: int
+    latest: SampleRecord | None
+    estimates: int
+    last_estimate: Estimate | None
+    attempts: int
+    last_attempt: Attempt | None
+    last_accepted: Attempt | None
+    outcomes: Mapping[str, int] = field(default_factory=dict)
+    idle: float = 0.0
+    dropped_estimates: int = 0
+    waiting: str | None = None
+    refusal: str = ""
+    block: ParameterBlock | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceStatus:
+    """One device.
+
+    Attributes:
+        state: how it answers.
+        polls: scans made; late: poll slots skipped because the one before took too long.
+        requests: requests sent, those of the write-back included.
+        failures: errors met while scanning; last_failure: the newest, empty when there was none.
+        plant_time: plant seconds since the start.
+        lateness: of the replies that carried samples.
+        connects: times the connection was opened; late_replies: replies that came after their
+            time-out and were passed over.
+        quarantined: tags that are left out for now because the device refuses their registers.
+    """
+
+    state: LinkState
+    polls: int
+    late: int
+    requests: int
+    failures: int
+    last_failure: str
+    plant_time: float
+    lateness: LatenessReport = field(default_factory=LatenessReport)
+    connects: int = 0
+    late_replies: int = 0
+    quarantined: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DaemonStatus:
+    """Everything at one moment.
+
+    Attributes:
+        devices, loops: by name.
+        store: what became of the records.
+        pool: what the estimator's processes have done.
+        clock_steps: times the wall clock was seen to step.
+        reloads: site files taken over while running; refused: those that were wrong.
+        defects: errors met that the program does not foresee; the log tells where.
+    """
+
+    devices: Mapping[str, DeviceStatus]
+    loops: Mapping[str, LoopStatus]
+    store: StoreReport
+    pool: PoolReport = field(default_factory=PoolReport)
+    clock_steps: int = 0
+    reloads: int = 0
+    refused: int = 0
+    defects: int = 0
+
+    @property
+    def pool_rebuilt(self) -> int:
+        """Times the estimator's processes were replaced."""
+        return self.pool.rebuilt
+
+    @property
+    def requests(self) -> int:
+        """Requests sent to all devices."""
+        return sum(device.requests for device in self.devices.values())
+
+    @property
+    def late_slots(self) -> int:
+        """Poll slots skipped on all devices."""
+        return sum(device.late for device in self.devices.values())

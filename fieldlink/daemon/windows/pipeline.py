@@ -1,0 +1,284 @@
+"""One loop from scans to windows: every sample is placed, counted and handed on.
+
+Nothing here waits or knows the time of day, so the live daemon and the lockstep run share it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from fieldlink.daemon.estimation.estimating import EstimateRequest
+from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
+from fieldlink.daemon.windows.window import LoopSample, Window
+from fieldlink.links import Quality, Scan
+from fieldlink.registers import Tag
+from fieldlink.site import Loop, Site
+from fieldlink.store import SampleRecord
+
+__all__ = ["LoopCounts", "LoopPipeline"]
+
+LATE_SHARE = 0.1
+"""Share of a period by which a reply may come later than due and still be in time."""
+
+LATEST_START = 0.25
+"""Share of a period by which a poll may begin late where samples are placed by the clock: what is
+read then is three times nearer to its own slot than to the next. Later it is marked bad."""
+
+GRACE = 3.0
+"""Periods without a sample after which its open slots count as missed: a controller whose cycles
+are a little longer than the period of the site file misses none of its own."""
+
+_NOT_THERE = frozenset(
+    {Quality.NOT_READ, Quality.NOT_DUE, Quality.QUARANTINED, Quality.UNKNOWN_TAG}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopCounts:
+    """What became of a loop's samples; ``expected = read + bad + missed``.
+
+    Attributes:
+        expected: slots from the first poll on, by the controller's count where there is one, and
+            by the clock while no samples come.
+        read: slots filled with good OP and PV.
+        bad: slots filled with a value of bad quality.
+        missed: slots left empty.
+        late: slots read (good or bad) whose reply came more than a tenth of a period after it was
+            due.
+        duplicates: readings of a sample that was there already.
+        restarts: times the controller's cycle counter began anew.
+    """
+
+    expected: int = 0
+    read: int = 0
+    bad: int = 0
+    missed: int = 0
+    late: int = 0
+    duplicates: int = 0
+    restarts: int = 0
+
+
+class LoopPipeline:
+    """The samples of one loop.
+
+    Args:
+        name: the loop's name.
+        loop: its settings.
+        counter: the tag of its cycle counter, None when it has none.
+        speed: plant seconds per second of the wall clock.
+        watch: tells to which stretch of a stepping clock a stamp belongs; None where none steps.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        loop: Loop,
+        counter: Tag | None,
+        speed: float = 1.0,
+        watch: ClockWatch | None = None,
+    ) -> None:
+        self.name = name
+        self.loop = loop
+        self._watch = watch
+        self._late_after = LATE_SHARE * loop.period / speed
+        self._placer = _placer(loop, counter)
+        self._window = Window(
+            loop.window, has_sp=loop.sp is not None, has_auto=loop.mode is not None
+        )
+        self._every = max(1, round(loop.estimate_period / loop.period))
+        self._estimated_at: int | None = None
+        self._latest_start = LATEST_START * loop.period / speed
+        self._sampled_at: float | None = None
+        self._open = 0
+        self.counts = LoopCounts()
+        self.latest: SampleRecord | None = None
+
+    @classmethod
+    def of_site(
+        cls, site: Site, name: str, speed: float = 1.0, watch: ClockWatch | None = None
+    ) -> LoopPipeline:
+        """Build the pipeline of a loop of the site file."""
+        loop = site.loops[name]
+        counter = None if loop.scan is None else site.maps.get(loop.device, {}).get(loop.scan)
+        return cls(name, loop, counter, speed, watch)
+
+    def resettle(self, loop: Loop, *, again: bool = False) -> None:
+        """Go on with changed settings of estimation or write-back, and with the window.
+
+        Args:
+            loop: the new settings.
+            again: ask for the last estimate once more, because its result will be dropped.
+        """
+        self.loop = loop
+        if again:
+            self._estimated_at = None
+        self._every = max(1, round(loop.estimate_period / loop.period))
+
+    @property
+    def filled(self) -> float:
+        """How much of the window is there, 0 to 1."""
+        return self._window.span / self._window.size
+
+    @property
+    def samples_until_estimate(self) -> int:
+        """Samples to come before the next estimate is due; 0 when it is.
+
+        The first is due when the window is full, the next ``estimate_every`` later.
+        """
+        missing = self._window.size - self._window.span
+        if self._estimated_at is not None:
+            missing = max(missing, self._estimated_at + self._every - self._window.last_slot)
+        return max(0, missing)
+
+    def take(self, scan: Scan, now: float, due: float | None = None) -> SampleRecord | None:
+        """Put the loop's part of a scan into the window.
+
+        Args:
+            scan: all tags of the loop's device.
+            now: plant seconds at which the scan was due.
+            due: the same moment in seconds of the link's clock; None where nothing can be late.
+
+        Returns:
+            What to store; None when the scan has nothing new of this loop.
+        """
+        placed = self._place(scan, now)
+        if placed is None:
+            if due is not None:
+                self.pass_by(now)
+            return None
+        sample = self._sample(scan, self._worst(scan, placed.place, due))
+        # What the clock has counted as missed already is not counted again.
+        skipped = max(0, self._window.put(placed.slot, sample) - self._open)
+        self._sampled_at, self._open = now, 0
+        good = sample.quality == 0
+        pv = scan[self.loop.pv]
+        late = None if due is None else max(0.0, pv.monotonic - due)
+        # Written out: it runs for every sample of every loop.
+        counts = self.counts
+        self.counts = LoopCounts(
+            counts.expected + skipped + 1,
+            counts.read + good,
+            counts.bad + (not good),
+            counts.missed + skipped,
+            counts.late + (late is not None and late > self._late_after),
+            counts.duplicates,
+            counts.restarts + (placed.place is Place.RESTARTED),
+        )
+        steps = 0 if self._watch is None else self._watch.stretch_of(pv.utc - pv.monotonic)
+        self.latest = self._record(placed.slot, sample, late, steps)
+        return self.latest
+
+    def pass_by(self, now: float, grace: float = GRACE) -> None:
+        """Count slots that stay open as missed, although no sample has come that ends the gap.
+
+        Args:
+            now: plant seconds.
+            grace: periods that may pass without a sample; 0 when none will come any more.
+        """
+        if self._sampled_at is None:
+            self._sampled_at = now - self.loop.period
+        periods = (now - self._sampled_at) / self.loop.period
+        # A slot counts when it is overdue: by half a period at the end, before that by a whole one.
+        overdue = math.floor(periods - (1.0 if grace else 0.5) + 1e-3)
+        if periods > grace and overdue > self._open:
+            more, self._open = overdue - self._open, overdue
+            counts = self.counts
+            self.counts = replace(
+                counts, expected=counts.expected + more, missed=counts.missed + more
+            )
+
+    def restart_window(self) -> None:
+        """Begin a new window: the loop's controller is another one from here on.
+
+        A window is one experiment; one half of which was compensated fits neither model.
+        """
+        self._window.restart()
+
+    def request(
+        self, epoch: int = 0, now: float = 0.0, *, compensated: bool = False
+    ) -> EstimateRequest:
+        """Return the window as a request to the estimator; the next one is due later.
+
+        Args:
+            epoch: of the loop's runner.
+            now: the plant second.
+            compensated: whether a block may have been in force during the window.
+        """
+        self._estimated_at = self._window.last_slot
+        settings = self.loop.estimator
+        return EstimateRequest(
+            self.name,
+            self._window.data(),
+            self.loop.period,
+            settings.criterion,
+            settings.confidence,
+            epoch,
+            now,
+            compensated,
+        )
+
+    def _place(self, scan: Scan, now: float) -> Placed | None:
+        """Return the slot of what a scan has of the loop; None when it has nothing new."""
+        if self._sampled_at is None:
+            self._sampled_at = now - self.loop.period
+        op, pv = scan[self.loop.op], scan[self.loop.pv]
+        if op.quality in _NOT_THERE or pv.quality in _NOT_THERE:
+            return None
+        counter = 0.0
+        if self.loop.scan is not None:
+            reading = scan[self.loop.scan]
+            if not reading.good:
+                return None
+            counter = reading.value
+        placed = self._placer.place(now, counter)
+        if placed.place is Place.DUPLICATE:
+            self.counts = replace(self.counts, duplicates=self.counts.duplicates + 1)
+            return None
+        return placed
+
+    def _worst(self, scan: Scan, place: Place, due: float | None) -> Quality:
+        """Return what the sample is worth: a moment that is not its slot's is as bad as a value."""
+        if place is Place.NO_COUNT:
+            return Quality.NO_COUNT
+        if due is not None and self.loop.scan is None and scan.monotonic - due > self._latest_start:
+            return Quality.LATE
+        op, pv = scan[self.loop.op].quality, scan[self.loop.pv].quality
+        return op if op.code > pv.code else pv
+
+    def _sample(self, scan: Scan, worst: Quality) -> LoopSample:
+        sp = math.nan if self.loop.sp is None else scan[self.loop.sp].value
+        auto = math.nan
+        if self.loop.mode is not None:
+            mode = scan[self.loop.mode]
+            auto = float(mode.value in self.loop.auto_values) if mode.good else math.nan
+        op, pv = scan[self.loop.op], scan[self.loop.pv]
+        misplaced = worst in (Quality.NO_COUNT, Quality.LATE)
+        values = (math.nan, math.nan) if misplaced else (op.value, pv.value)
+        return LoopSample(*values, sp, auto, pv.utc, worst.code)
+
+    def _record(
+        self, slot: int, sample: LoopSample, late: float | None, clock_steps: int
+    ) -> SampleRecord:
+        return SampleRecord(
+            loop=self.name,
+            utc_ms=round(sample.utc * 1000.0),
+            slot=slot,
+            op=sample.op,
+            pv=sample.pv,
+            sp=None if self.loop.sp is None else sample.sp,
+            auto=None if math.isnan(sample.auto) else bool(sample.auto),
+            quality=sample.quality,
+            late_ms=None if late is None else round(1000.0 * late),
+            clock_steps=clock_steps,
+        )
+
+
+def _placer(loop: Loop, counter: Tag | None) -> Placer:
+    if loop.scan is None:
+        return BeatPlacer(loop.period)
+    modulus = math.inf
+    if counter is not None:
+        modulus = abs(counter.scale) * counter.data_type.modulus
+    return CounterPlacer(loop.period, modulus)

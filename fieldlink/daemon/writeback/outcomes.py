@@ -1,0 +1,151 @@
+"""What a write-back can come to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from fieldlink.daemon.writeback.candidate import Candidate
+from fieldlink.registers import Bank, ParameterBlock
+from fieldlink.store import WritebackRecord
+
+__all__ = ["Attempt", "WritebackOutcome"]
+
+
+class WritebackOutcome(Enum):
+    """The outcome of an attempt, or why there was none; the code is stored, with advice."""
+
+    BEGUN = ("begun", "what follows is written only after this row is stored")
+    COMMITTED = ("committed", "waiting for the PLC to acknowledge")
+    ACCEPTED = ("accepted", "the PLC has taken the block over")
+    REJECTED = ("rejected", "see the PLC's result code")
+    NOT_ACKNOWLEDGED = ("not_acknowledged", "check that the PLC's block reader runs")
+    READ_ONLY = ("read_only", "run without --read-only to write")
+    TOO_FEW_WINDOWS = ("too_few_windows", "more windows have to agree: min_windows")
+    OUT_OF_LIMITS = ("out_of_limits", "check the valve, or the limits in the site file")
+    NOT_EXPRESSIBLE = ("not_expressible", "the findings do not fit a block")
+    KEPT_VALID = (
+        "kept_valid",
+        "a loop under compensation cannot show a healthy valve; the block expires by itself",
+    )
+    UNCERTAIN = ("uncertain", "the estimator doubts its figures; a better window decides")
+    TOO_OLD = ("too_old", "newer windows have not confirmed it; see max_age")
+    CONTRADICTED = ("contradicted", "a newer window says otherwise; nothing is written of it")
+    REFUSED_BEFORE = (
+        "refused_before",
+        "the PLC's controller refused this model; it is offered again when it differs, after "
+        "valid_for, or when the operator clears and sets the enable bit",
+    )
+    HELD = (
+        "held",
+        "an operator has withdrawn the loop's block; clear the PLC's enable bit and set it again "
+        "to let blocks be written",
+    )
+    CONTRADICTS_BLOCK = (
+        "contradicts_block",
+        "a window under compensation never replaces the block in force; clear the enable bit for "
+        "a window's length, or withdraw the block, to have the valve identified anew",
+    )
+    CONTESTED = ("contested", "stop the other installation, then clear and set the enable bit")
+    DISAGREES = (
+        "disagrees",
+        "nothing is written until banks, commit and acknowledgement agree: look at the PLC's "
+        "block reader",
+    )
+    UNCHANGED = ("unchanged", "the PLC has a block that differs by less than the deadband")
+    TOO_SOON = ("too_soon", "it is written when min_interval has passed")
+    NOT_ENABLED = ("not_enabled", "it is written when the operator sets the PLC's enable bit")
+    UNREACHABLE = ("unreachable", "it is written when the device answers again")
+    WRITE_FAILED = ("write_failed", "nothing was committed; it is tried again later")
+    READBACK_DIFFERS = ("readback_differs", "nothing was committed; look for a second writer")
+    COMMIT_FAILED = ("commit_failed", "the PLC has the old or the new block; it is checked again")
+    INTERRUPTED = (
+        "interrupted",
+        "the daemon ended before the commit; the active block is as it was",
+    )
+    NOT_RECORDED = ("not_recorded", "it is written when the store can be written again")
+    SUPERSEDED = ("superseded", "a newer estimate took its place before it was written")
+
+    def __init__(self, code: str, advice: str) -> None:
+        self.code = code
+        self.advice = advice
+
+    @classmethod
+    def of(cls, code: str) -> WritebackOutcome:
+        """Return the outcome with a code, as it is stored."""
+        return cls[code.upper()]
+
+    @property
+    def leaves_open(self) -> bool:
+        """Whether a row with this outcome, if it is the last of a block, is not the whole story."""
+        return self in _LEAVES_OPEN
+
+    @property
+    def leaves_pending(self) -> bool:
+        """Whether the candidate waits for another attempt."""
+        return self in _LEAVES_PENDING
+
+
+_LEAVES_OPEN = frozenset(
+    {WritebackOutcome.BEGUN, WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED}
+)
+
+_LEAVES_PENDING = frozenset(
+    {
+        WritebackOutcome.NOT_RECORDED,
+        WritebackOutcome.TOO_SOON,
+        WritebackOutcome.NOT_ENABLED,
+        WritebackOutcome.UNREACHABLE,
+        WritebackOutcome.WRITE_FAILED,
+        WritebackOutcome.READBACK_DIFFERS,
+        WritebackOutcome.COMMIT_FAILED,
+        WritebackOutcome.CONTESTED,
+        WritebackOutcome.DISAGREES,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """An outcome with all that belongs to it.
+
+    Attributes:
+        outcome: what it came to.
+        reason: the figures behind it, in words.
+        candidate: what was to be written.
+        block, words, bank: what was written and where; None when it did not come to that.
+        bank_before, active_before: the banks' registers before.
+    """
+
+    outcome: WritebackOutcome
+    reason: str
+    candidate: Candidate
+    block: ParameterBlock | None = None
+    words: tuple[int, ...] | None = None
+    bank: Bank | None = None
+    bank_before: tuple[int, ...] | None = None
+    active_before: tuple[int, ...] | None = None
+
+    def became(self, outcome: WritebackOutcome, reason: str) -> Attempt:
+        """Return the same attempt with another outcome."""
+        return replace(self, outcome=outcome, reason=reason)
+
+    def record(self, loop: str, utc: float) -> WritebackRecord:
+        """Return what to store; ``utc`` in seconds since 1970."""
+        found, words = self.candidate.findings, [self.reason, self.outcome.advice]
+        if self.candidate.withdrawal:
+            words.insert(0, f"withdrawn by an operator: {self.candidate.withdrawal}")
+        return WritebackRecord(
+            loop=loop,
+            utc_ms=round(utc * 1000.0),
+            outcome=self.outcome.code,
+            reason="; ".join(word for word in words if word),
+            seq=None if self.block is None else self.block.seq,
+            bank=None if self.bank is None else self.bank.name,
+            status=self.candidate.status.name.lower(),
+            stick_band=found.stick_band.value,
+            slip_jump=found.slip_jump.value,
+            words=self.words,
+            bank_before=self.bank_before,
+            active_before=self.active_before,
+        )

@@ -1,0 +1,1 @@
+"""Closed loops of any controller with any plant, in plain simulation: figures to judge by."""

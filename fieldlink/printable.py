@@ -1,0 +1,35 @@
+"""Text from outside, made fit for a terminal and a log: nothing in it is obeyed."""
+
+from __future__ import annotations
+
+__all__ = ["as_printable", "quoted", "shortened"]
+
+LONGEST = 80
+"""Characters of a value in a message: more than any name, less than a line too many."""
+
+
+def as_printable(text: str, *, lines: bool = False) -> str:
+    """Return text in which what a terminal might obey is a question mark.
+
+    Args:
+        text: any text, such as a name from a file.
+        lines: whether it may have several lines; otherwise line ends become blanks.
+    """
+    if text.isprintable():
+        return text
+    if lines:
+        return "\n".join(as_printable(line) for line in text.split("\n"))
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
+def shortened(text: str) -> str:
+    """Return text with its middle left out when it is too long for a message."""
+    if len(text) <= LONGEST:
+        return text
+    half = (LONGEST - 5) // 2
+    return f"{text[:half]} ... {text[-half:]}"
+
+
+def quoted(value: object) -> str:
+    """Return a value as a message shows it: text in quotes, printable, and not too long."""
+    return shortened(repr(value))

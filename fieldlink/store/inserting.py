@@ -1,0 +1,38 @@
+"""Putting records into tables, and what a failure to do so means."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections import defaultdict
+from collections.abc import Sequence
+
+from sqlalchemy import Engine, insert
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
+
+from fieldlink.store.damage import is_corruption
+from fieldlink.store.records import Record
+
+__all__ = ["insert_batch", "may_pass"]
+
+
+def insert_batch(engine: Engine, batch: Sequence[Record]) -> int:
+    """Insert all of ``batch`` in one transaction and return how many records that were."""
+    by_table = defaultdict(list)
+    for record in batch:
+        by_table[record.table].append(record.row())
+    with engine.begin() as connection:
+        for table, rows in by_table.items():
+            connection.execute(insert(table), rows)
+    return len(batch)
+
+
+def may_pass(error: SQLAlchemyError) -> bool:
+    """Whether waiting may cure it: locked, full, unplugged, a server that is being restarted.
+
+    A table or column that is missing is an operational error of SQLite, too, and stays missing.
+    """
+    if getattr(getattr(error, "orig", None), "sqlite_errorcode", None) == sqlite3.SQLITE_ERROR:
+        return False
+    if isinstance(error, OperationalError | InterfaceError):
+        return True
+    return is_corruption(error) or (isinstance(error, DBAPIError) and error.connection_invalidated)

@@ -1,0 +1,37 @@
+"""The last block of every loop."""
+
+from __future__ import annotations
+
+from sqlalchemy import func, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.errors import StoreError
+from fieldlink.store.records import WritebackRecord
+from fieldlink.store.schema import WRITEBACKS
+
+__all__ = ["last_blocks"]
+
+
+def last_blocks(url: str) -> dict[str, WritebackRecord]:
+    """Return, by loop, the last row with a sequence number.
+
+    Raises:
+        StoreError: the historian cannot be read.
+    """
+    c = WRITEBACKS.c
+    last = select(func.max(c.id)).where(c.seq.is_not(None)).group_by(c.loop)
+    query = select(WRITEBACKS).where(c.id.in_(last))
+    engine = open_for_reading(url)
+    try:
+        with engine.connect() as connection:
+            rows = [dict(row) for row in connection.execute(query).mappings()]
+    except SQLAlchemyError as error:
+        raise StoreError(
+            f"the write-backs in {shown(url)} cannot be read: {cause_of(error)}"
+        ) from error
+    finally:
+        engine.dispose()
+    for row in rows:
+        del row["id"]
+    return {row["loop"]: WritebackRecord(**row) for row in rows}

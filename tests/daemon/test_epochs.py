@@ -1,0 +1,129 @@
+"""A loop's state belongs to what the loop is: what is asked or found for another is not used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fieldlink.daemon.assembly import Assembly
+from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings
+from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.links import Quality, Reading, Scan, SystemClock
+from fieldlink.site import Site, load_site
+
+WRITEBACK = """
+[loops.LOOP.writeback]
+enabled = true
+loop_id = 101
+base = 100
+min_windows = 1
+"""
+
+
+def scan_of(slot: int) -> Scan:
+    def reading(value: float) -> Reading:
+        return Reading(value, Quality.GOOD, float(slot), float(slot))
+
+    values = {"OP": 50.0 + slot % 7, "PV": 40.0 + slot % 5, "SCAN": float(slot)}
+    return Scan({tag: reading(value) for tag, value in values.items()}, slot, slot, 1, ())
+
+
+def runner_of(site: Site) -> DeviceRunner:
+    return Assembly(site, SystemClock(), lambda _: None).runners["plc"]
+
+
+def filled(runner: DeviceRunner, samples: int = 60) -> LoopRunner:
+    loop = runner.loops["PLC"]
+    for slot in range(samples):
+        loop.take(scan_of(slot), float(slot), None, answers=True)
+    return loop
+
+
+def answer(loop: LoopRunner, findings: Findings) -> tuple[Estimate, Any]:
+    request = loop.request()
+    window = request.window
+    outcome = EstimateOutcome.ESTIMATED
+    made = Estimate(
+        "PLC", window.first_slot, window.last_slot, window.end_utc, outcome, findings=findings
+    )
+    return made, request
+
+
+def reloaded(site: Site, old: str, new: str) -> Site:
+    for name in ("site.toml", "map.csv"):
+        file = site.path.with_name(name)
+        file.write_text(file.read_text().replace(old, new))
+    return load_site(site.path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('host = "127.0.0.1"', 'host = "127.0.0.2"'),
+        ("port = 502\n", "port = 503\n"),
+        ('host = "127.0.0.1"', 'host = "127.0.0.1"\nunit = 2'),
+        ("PV,holding,2,float32", "PV,holding,6,float32"),
+    ],
+    ids=["host", "port", "unit", "tag"],
+)
+def test_another_valve_begins_with_nothing(
+    tmp_path: Path, live: Any, findings: Callable[..., Findings], old: str, new: str
+) -> None:
+    site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
+    before = runner_of(site)
+    loop = filled(before)
+    estimate, request = answer(loop, findings(7.0))
+    late, late_request = answer(loop, findings(9.0))
+    assert loop.accept(estimate, request)
+    assert loop.writer is not None
+    assert loop.writer.waiting is not None
+
+    after = runner_of(reloaded(site, old, new))
+    after.carry_over(before)
+    begun = after.loops["PLC"]
+    assert begun.pipeline.counts.read == 0
+    assert begun.writer is not None
+    assert begun.writer.waiting is None
+    # What was in flight is dropped, and counted.
+    assert not begun.accept(late, late_request)
+    assert begun.status("plc").dropped_estimates == 1
+    assert begun.writer.waiting is None
+
+
+def test_an_estimate_of_before_a_reload_is_asked_for_again(
+    tmp_path: Path, live: Any, findings: Callable[..., Findings]
+) -> None:
+    site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
+    before = runner_of(site)
+    loop = filled(before)
+    late, request = answer(loop, findings(7.0))
+    assert loop.pipeline.samples_until_estimate > 0
+    after = runner_of(reloaded(site, "timeout = 2.0", "timeout = 3.0"))
+    after.carry_over(before)
+    kept = after.loops["PLC"]
+    assert kept.pipeline.counts.read == 60
+    assert kept.pipeline.samples_until_estimate == 0
+    assert not kept.accept(late, request)
+
+
+def test_numbers_of_blocks_go_on_when_a_loop_comes_back(tmp_path: Path, live: Any) -> None:
+    site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
+    assembly = Assembly(site, SystemClock(), lambda _: None)
+    first = assembly.runners["plc"].loops["PLC"]
+    again = assembly.runner(site, "plc").loops["PLC"]
+    assert first.writer is not None
+    assert again.writer is not None
+    first.writer._handover._numbers.learn(41)
+    assert again.writer._handover._numbers.last == 41
+
+
+def test_a_request_carries_its_loops_epoch(tmp_path: Path, live: Any) -> None:
+    site = live.site_for(tmp_path, {"plc": 502})
+    loop = filled(runner_of(site))
+    assert loop.request().epoch == loop.epoch
+    assert replace(loop.spec).has_samples_of(loop.spec)

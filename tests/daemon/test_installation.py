@@ -1,0 +1,107 @@
+"""One daemon a data directory; what it does is seen, and one thing asked, from outside."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from fieldlink.cli.app import app
+from fieldlink.daemon import Daemon
+from fieldlink.daemon.installation import InUseError, is_in_use, writer_identity
+from fieldlink.registers import Fallback
+from fieldlink.store import read_events, read_writebacks
+from tests.daemon.live import POOL, STORE, plant_on, running, site_for, until
+
+WRITEBACK = """
+[loops.LOOP.writeback]
+enabled = true
+loop_id = 101
+base = 100
+min_windows = 1
+"""
+
+
+async def command(*arguments: str) -> str:
+    """Run a command as a user would; the daemon goes on meanwhile."""
+    result = await asyncio.to_thread(CliRunner().invoke, app, list(arguments))
+    assert result.exit_code == 0, result.output + repr(result.exception)
+    return result.stdout
+
+
+async def test_a_second_daemon_on_a_data_directory_is_refused(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].counts.read >= 5, "samples")
+        with pytest.raises(InUseError, match="in use by process"):
+            await Daemon(site, store=STORE, pool=POOL).run(duration=1.0)
+        assert is_in_use(site.data_dir)
+    assert not is_in_use(site.data_dir)
+    events = read_events(site.historian_url)["kind"].tolist()
+    assert events.count("daemon.start") == 1
+
+
+def test_an_installation_keeps_its_identity(tmp_path: Path) -> None:
+    identity = writer_identity(tmp_path)
+    assert 1 <= identity <= 65535
+    assert writer_identity(tmp_path) == identity
+
+
+async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
+    device: Any, plc: Any, tmp_path: Path
+) -> None:
+    site = site_for(tmp_path, {"plc": device.port}, WRITEBACK, window=160, estimate_every=40.0)
+    file = str(site.path)
+    async with plant_on(device, plc):
+        async with running(site) as daemon:
+            await until(lambda: daemon.status().loops["PLC"].last_accepted is not None, "accepted")
+            found = json.loads(await command("status", file, "--json"))
+            await command("withdraw", file, "PLC", "--reason", "the valve is repaired")
+            await until(lambda: plc.state.fallback is Fallback.WITHDRAWN, "the withdrawal")
+            await until(
+                lambda: "accepted" in daemon.status().loops["PLC"].last_attempt.outcome.code,  # type: ignore[union-attr]
+                "its acknowledgement",
+            )
+        assert found["daemon"]["alive"] is True
+        (one,) = found["devices"]
+        assert {"name", "state", "requests", "exceptions", "late", "missed", "reason"} <= set(one)
+        (loop,) = found["loops"]
+        assert (loop["name"], loop["device"], loop["verdict"]) == ("PLC", "plc", "stiction")
+        assert loop["block"]["status"] == "valid"
+        assert loop["block"]["acknowledged"] is True
+
+        stored = json.loads(await command("status", file, "--json"))
+        assert stored["daemon"]["alive"] is False
+        assert stored["loops"][0]["block"]["status"] == "withdrawn"
+        assert stored["loops"][0]["read"] >= loop["read"]
+        lines = [
+            json.loads(line)
+            for line in (await command("events", file, "--json")).split("\n")
+            if line
+        ]
+        kinds = [line["event"] for line in lines]
+        assert kinds[0] == "daemon.start"
+        assert kinds[-1] == "daemon.stop"
+        assert "writeback.withdrawal_asked" in kinds
+        rows = read_writebacks(site.historian_url, "PLC")
+        assert "the valve is repaired" in rows[rows["status"] == "withdrawn"]["reason"].iloc[-1]
+
+        # Without a daemon the command writes the block itself, by the same rules.
+        said = await command("withdraw", file, "PLC", "--reason", "still repaired")
+        assert "acknowledged by the PLC" in said
+
+
+async def test_the_heartbeat_has_a_beat_of_its_own(device: Any, plc: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port}, WRITEBACK, period=20.0, estimate_every=2000.0)
+
+    def count(address: int) -> int:
+        return sum(a == address for _, a, _ in device.requests)
+
+    async with plant_on(device, plc), running(site):
+        await until(lambda: sum(a == 106 for _, a, _ in device.writes) >= 40, "heartbeats")
+    # Two scans a period of 20 s, a heartbeat every two seconds or a little more.
+    assert sum(a == 106 for _, a, _ in device.writes) > 1.5 * count(0)

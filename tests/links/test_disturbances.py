@@ -1,0 +1,148 @@
+"""What devices do for a moment: a closed connection, a burst of exceptions, a refused setting."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from fieldlink.links import LinkState, Quality, SystemClock, VirtualClock
+from fieldlink.links.backoff import BackoffSettings
+from fieldlink.links.clock import Clock
+from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.registers import DataType, Table, Tag, plan_reads
+from fieldlink.site import Device
+
+if TYPE_CHECKING:
+    from tests.links.fake_device import FakeDevice
+
+PATIENCE = 30.0
+"""Seconds: no test waits for a time-out, and a busy machine is no silent device."""
+
+FAR_APART = [Tag(f"T{i}", Table.HOLDING, 50 * i, DataType.UINT16) for i in range(7)]
+"""Seven tags, each in a request of its own."""
+
+
+def link_to(port: int, tags: list[Tag], clock: Clock | None = None) -> ModbusLink:
+    device = Device(
+        link="modbus-tcp", host="127.0.0.1", port=port, timeout=PATIENCE, register_map=Path("m.csv")
+    )
+    backoff = BackoffSettings(first=600.0, cap=600.0)
+    settings = ModbusSettings("plc", device, backoff=backoff, writable=((0, 9),))
+    return ModbusLink(settings, plan_reads(tags), clock or SystemClock())
+
+
+async def test_a_device_that_closes_after_each_answer_is_read_as_a_whole(
+    device: FakeDevice,
+) -> None:
+    device.closes = True
+    device.words[0:301:50] = range(100, 107)
+    link = link_to(device.port, FAR_APART)
+    for _ in range(3):
+        scan = await link.scan()
+        assert scan.failures == ()
+        assert [scan[f"T{i}"].value for i in range(7)] == list(range(100, 107))
+    assert link.state is LinkState.GOOD
+    # Each on its own connection; a request that met the closing was sent once more, not oftener.
+    assert device.connections == 21
+    assert len(device.requests) == 21
+    await link.close()
+
+
+async def test_a_device_that_closes_without_an_answer_is_asked_once(device: FakeDevice) -> None:
+    device.tamper = lambda _: b""
+    link = link_to(device.port, FAR_APART)
+    scan = await link.scan()
+    assert not scan.answered
+    assert len(device.requests) == 1
+    await link.close()
+
+
+async def test_a_write_that_meets_a_closed_connection_is_not_sent_again(
+    device: FakeDevice,
+) -> None:
+    link = link_to(device.port, FAR_APART)
+    await link.scan()
+    device.tamper = lambda _: b""
+    with pytest.raises(Exception, match="closed after the last answer"):
+        await link.write_registers(0, [1, 2])
+    assert [function for function, _, _ in device.writes] == [16]
+    await link.close()
+
+
+@pytest.mark.parametrize("code", [1, 2, 3, 4])
+async def test_a_burst_of_exceptions_costs_seconds_not_a_minute(
+    device: FakeDevice, code: int
+) -> None:
+    clock = VirtualClock()
+    link = link_to(device.port, FAR_APART, clock)
+    assert (await link.scan())["T0"].good
+    device.exception = code
+    assert {reading.quality for reading in (await link.scan()).readings.values()} == {
+        Quality.QUARANTINED
+    }
+    for second in range(1, 30):
+        clock.advance_to(float(second))
+        await link.scan()
+    device.exception = None
+    clock.advance_to(32.0)
+    scan = await link.scan()
+    assert all(reading.good for reading in scan.readings.values())
+    assert link.state is LinkState.GOOD
+    await link.close()
+
+
+async def test_a_register_that_does_not_exist_is_asked_for_ever_more_rarely(
+    device: FakeDevice,
+) -> None:
+    clock = VirtualClock()
+    device.illegal = {100}
+    link = link_to(device.port, FAR_APART, clock)
+    asked = []
+    for second in range(400):
+        clock.advance_to(float(second))
+        device.requests.clear()
+        scan = await link.scan()
+        assert scan["T1"].good
+        if any(address == 100 for _, address, _ in device.requests):
+            asked.append(second)
+    pauses = [later - earlier for earlier, later in pairwise(asked)]
+    assert pauses[:5] == [2, 4, 8, 16, 32]
+    assert set(pauses[5:]) == {60}
+    await link.close()
+
+
+async def test_of_a_refused_request_each_tag_has_its_turn(device: FakeDevice) -> None:
+    """A first tag that is really bad does not hide that the others are back."""
+    clock = VirtualClock()
+    block = [Tag(f"T{i}", Table.HOLDING, 10 + i, DataType.UINT16) for i in range(4)]
+    link = link_to(device.port, block, clock)
+    device.exception = 4
+    await link.scan()
+    device.exception, device.illegal = None, {10}
+    clock.advance_to(2.0)
+    await link.scan()
+    clock.advance_to(4.0)
+    scan = await link.scan()
+    assert [name for name, reading in scan.readings.items() if reading.good] == ["T1", "T2", "T3"]
+    await link.close()
+
+
+async def test_a_serial_setting_that_the_port_refuses_is_a_failure_of_that_device(
+    serial_line: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    termios = pytest.importorskip("termios")
+
+    def refuse(*_: object) -> None:
+        raise termios.error(22, "Invalid argument")
+
+    # Some kernels refuse a parity on a pseudo-terminal, others ignore it.
+    monkeypatch.setattr(termios, "tcsetattr", refuse)
+    device = Device(link="modbus-rtu", serial_port=serial_line[0], register_map=Path("m.csv"))
+    link = ModbusLink(ModbusSettings("plc", device), plan_reads(FAR_APART), SystemClock())
+    scan = await link.scan()
+    assert link.state is LinkState.DEMOTED
+    assert "the serial port refuses its settings (Invalid argument)" in str(scan.failures[0])
+    await link.close()
