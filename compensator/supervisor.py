@@ -314,7 +314,7 @@ class Supervisor:
                 "identify with the scan's",
                 RefusalKind.PERIOD,
             )
-        if s.gain_sign * sum(process.b) * (1.0 + sum(process.a) + process.is_integrating) < 0.0:
+        if s.gain_sign * sum(process.b) < 0.0:  # A(1) is above zero in every stable process
             raise CompensatorError(
                 "the model's gain has the other sign than the loop's own controller counts on; "
                 "check the signs of OP and PV",
