@@ -2,11 +2,12 @@
 
 ``python -m benchmarks.compensation_apart`` runs `HybridMpc` under its `Supervisor` on the loops of
 `benchmarks.apart`. Each row is a run: PV's root mean square error, IAE, the stem's travel and its
-reversals over those before the model was offered, and the scans after which the loop was given
-back. A row is good when PV and travel are at most 0.5 and 1 times those of before. A scan is harmed
-when over the last 60 scans PV is above 1.1 times **and** travel above 2 times those of before, or
-when the error is beyond three times its known range; the last column is the most of them in a row,
-and a row counts as harmed from more than 60 on. ``--quick`` takes few rows.
+reversals, and the scans after which the loop was given back. Figures are over those before the
+model was offered; those of a disturbed loop over the same loop's, with the same noise and
+disturbance, when its own controller goes on. A row is good when PV and travel are at most 0.5 and 1
+times those. A scan is harmed when over the last 60 scans PV is above 1.1 times **and** travel above
+2 times those, or when the error is beyond three times its known range; the last column is the most
+of them in a row, and a row counts as harmed from more than 60 on. ``--quick`` takes few rows.
 """
 
 from __future__ import annotations
@@ -62,43 +63,51 @@ class Row:
         return self.pv <= 0.5 and self.travel <= 1.0
 
 
-def judge(course: Course) -> dict[str, float | int]:
-    """Return the figures of a run."""
-    before, after = slice(_FIRST, WARM), slice(WARM + _SETTLE, None)
+def judge(course: Course, own: Course | None = None) -> dict[str, float | int]:
+    """Return the figures of a run over those of ``own`` after the offer, or its own before."""
+    after = slice(WARM + _SETTLE, None)
+    base, before = (course, slice(_FIRST, WARM)) if own is None else (own, after)
     e, way = course.error, np.abs(np.diff(course.stem, prepend=course.stem[0]))
-    steps = np.diff(course.stem)
 
-    def reversals(part: slice) -> float:
-        moved = steps[part][np.abs(steps[part]) > 1e-9]
-        return float(np.sum(moved[1:] * moved[:-1] < 0.0)) / max(1, steps[part].size)
+    def reversals(of: Course, part: slice) -> float:
+        steps = np.diff(of.stem[part])
+        moved = steps[np.abs(steps) > 1e-9]
+        return float(np.sum(moved[1:] * moved[:-1] < 0.0)) / max(1, steps.size)
 
     def ratio(new: float, old: float) -> float:
         return new / old if old > 0.0 else (0.0 if new == 0.0 else math.inf)
 
-    rms = float(np.sqrt(np.mean(e[before] ** 2)))
-    travel = float(np.mean(way[before]))
+    known = base.error[before]
+    rms = float(np.sqrt(np.mean(known**2)))
+    travel = float(np.mean(np.abs(np.diff(base.stem[before]))))
+    largest = max(float(np.abs(known).max()), float(np.abs(e[_FIRST:WARM]).max()))
     lost = np.flatnonzero(course.compensating[WARM:-1] & ~course.compensating[WARM + 1 :])
     return {
         "pv": ratio(float(np.sqrt(np.mean(e[after] ** 2))), rms),
-        "iae": ratio(float(np.mean(np.abs(e[after]))), float(np.mean(np.abs(e[before])))),
+        "iae": ratio(float(np.mean(np.abs(e[after]))), float(np.mean(np.abs(known)))),
         "travel": ratio(float(np.mean(way[after])), travel),
-        "reversals": ratio(reversals(after), reversals(before)),
+        "reversals": ratio(reversals(course, after), reversals(base, before)),
         "given_back": float(lost[-1]) + 1.0
         if lost.size and not course.compensating[-1]
         else math.nan,
-        "harmed": _harmed(e, way, course.compensating, rms, travel),
+        "harmed": _harmed(e, way, course.compensating, rms, travel, largest),
     }
 
 
 def _harmed(
-    e: np.ndarray, way: np.ndarray, compensating: np.ndarray, rms: float, travel: float
+    e: np.ndarray,
+    way: np.ndarray,
+    compensating: np.ndarray,
+    rms: float,
+    travel: float,
+    largest: float,
 ) -> int:
     """Return the most scans in a row in which a compensated loop was harmed."""
     window = _LONG
     ones = np.ones(window) / window
     squares = np.convolve(e**2, ones)[: e.size]
     ways = np.convolve(way, ones)[: e.size]
-    far = np.abs(e) > 3.0 * float(np.abs(e[_FIRST:WARM]).max())
+    far = np.abs(e) > 3.0 * largest
     bad = (squares > (1.1 * rms) ** 2) & (ways > 2.0 * travel)
     longest = run = 0
     for k in range(WARM + window, e.size):
@@ -135,7 +144,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for seed in range(1, options.seeds + 1):
             course = play(loop, parameters, disturbance, seed)
             name = f"{loop.process}, {loop.valve}, {loop.own}"
-            found = judge(course)
+            own = None if disturbance == "none" else play(loop, "none", disturbance, seed)
+            found = judge(course, own)
             rows.append(
                 Row(
                     name,

@@ -418,8 +418,10 @@ class Supervisor:
         assert self._watch is not None
         change, self._sp = sp - self._sp, sp
         # A set-point that moves by little each scan is to be followed inside the known range.
-        if abs(change) > _STEP * self._watch.before.largest or self._compensator.load_stepped:
+        if abs(change) > _STEP * self._watch.before.largest:
             self._watch.restart(self._compensator.horizon // 2)
+        elif self._compensator.load_stepped:
+            self._watch.excuse(self._compensator.horizon // 2)
         if not math.isfinite(pv):
             return WatchVerdict.FINE
         limits = self.settings.hybrid.limits

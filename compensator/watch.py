@@ -141,6 +141,7 @@ class RunAway:
         scans = dead_time + settings.trip_scans
         self._beyond: deque[float] = deque(maxlen=scans)
         self._at_limit: deque[float] = deque(maxlen=scans)
+        self._often = 0.0
 
     def push(self, seen: Watched, noise: float, expected: float) -> bool:
         """Take in a scan; return whether PV runs away.
@@ -154,6 +155,10 @@ class RunAway:
         size = abs(seen.error)
         far = size > self._settings.pv_trip * known + expected
         pushed = seen.at_limit and size > self._settings.limit_trip * known + expected
+        # An oscillation that runs away returns for a while each half period.
+        self._often = max(0.0, self._often + (1.0 if far else -0.5))
+        if self._often >= 2.0 * (self._beyond.maxlen or 1):
+            return True
         return _stays(self._beyond, size, far, 1.0) or _stays(self._at_limit, size, pushed, 1.02)
 
 
@@ -202,7 +207,7 @@ class LoopWatch:
         self._run_away = RunAway(before.largest, dead_time, self.settings)
         self._cycles = GrowingCycles(before.mean_square)
         self._quietest = math.inf
-        self._skip = self._patience = self._bad_for = 0
+        self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
 
     def restart(self, skip: int) -> None:
@@ -213,9 +218,20 @@ class LoopWatch:
         self._from = self._expected = 0.0
         self._cycles.restart()
 
+    def excuse(self, skip: int) -> None:
+        """Leave out the next ``skip`` samples (a load step), once in a long window.
+
+        What counts as running away stays what it is: a model that is wrong enough sees load steps
+        all the time.
+        """
+        if self._excused == 0:
+            self._excused = self._long
+            self._skip = max(self._skip, min(skip, self._short))
+
     def push(self, seen: Watched) -> WatchVerdict:
         """Take in one sample."""
         self._quietest = min(self._quietest, seen.noise_variance)
+        self._excused = max(0, self._excused - 1)
         if self._from == 0.0:
             self._from = seen.error
             self._expected = 1.1 * abs(seen.error)

@@ -167,7 +167,10 @@ def _identified(op: np.ndarray, pv: np.ndarray, sp: np.ndarray) -> LoopModel | N
 
 
 def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
-    """Run a loop under its own controller until `WARM`, then with a model on offer."""
+    """Run a loop under its own controller until `WARM`, then with a model on offer.
+
+    With ``wrong="none"`` there is no offer: the loop's own controller goes on.
+    """
     process = PROCESSES[loop.process]
     rng = np.random.default_rng(seed)
     plant = ApartPlant(process, VALVES[loop.valve](loop.band, loop.jump, 49.0))
@@ -175,7 +178,7 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
     white = rng.normal(0.0, 1.0, SAMPLES) * size
     supervisor = Supervisor(_own(loop))
     truth = LoopModel(ValveModel(loop.band, loop.jump), nominal(process))
-    model: LoopModel | None = None if wrong == "identified" else WRONG[wrong](truth)
+    model: LoopModel | None = WRONG[wrong](truth) if wrong in WRONG else None
     pv, sp, op, stem = (np.zeros(SAMPLES) for _ in range(4))
     held = np.zeros(SAMPLES, dtype=bool)
     applied, offered = 50.0, False
@@ -193,7 +196,7 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
                 memory = supervisor.memory
                 supervisor = Supervisor(_own(loop))
                 supervisor.restore(memory)
-            if model is None and k == WARM:
+            if wrong == "identified" and k == WARM:
                 model = _identified(op[100:k], pv[100:k], sp[100:k])
             offered = model is not None and supervisor.offer(model)
         manual = disturbance == "manual" and (780 <= k < 800 or 1200 <= k < 1260)
