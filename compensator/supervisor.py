@@ -68,8 +68,8 @@ class WithdrawReason(Enum):
     SOLVER = "the compensator's solver passed its bound several scans in a row; use another one"
     WORSE = "PV deviated more than before; the model was given up, identify again"
     GROWING = "the oscillation grew; the model was given up, identify again"
-    HUNTING = "OP travelled more than before for no gain; the model was given up, identify again"
-    TRAVEL = "OP travelled more than its budget; the model was given up, see travel_budget"
+    HUNTING = "the stem travelled more for no gain; the model was given up, identify again"
+    TRAVEL = "the stem travelled more than its budget; the model was given up, see travel_budget"
     LEFT_RANGE = "PV left its known range; the model was given up, check the gain's sign"
     REFUSED = "the offered model cannot be used; see `refusal`"
 
@@ -246,6 +246,7 @@ class Supervisor:
         self._known: LoopFigures | None = None
         self._record = LoopRecord(4 * self.settings.history)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
+        self._stem = math.nan
         self._sp = math.nan
         self._bad_scans = 0
         self._limited = False
@@ -350,8 +351,7 @@ class Supervisor:
         """
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
         pv = self._screened(pv)
-        last = self._record.last_op
-        moved = abs(op_applied - last) if math.isfinite(last) else 0.0
+        moved = self._move_stem(op_applied)
         by_base = automatic and not self.compensating
         self._record.push(Sample(pv, sp, op_applied, by_base))
         self._given_up.pass_scan()
@@ -377,6 +377,14 @@ class Supervisor:
             self._sp = sp
             return self.base.decide(sp)
         return self._compensate(pv, sp, op_applied, moved)
+
+    def _move_stem(self, op: float) -> float:
+        """Return how far OP moves the stem by the model in use: one rule for before and after."""
+        if self._compensator is None:
+            self._stem = op
+            return 0.0
+        before, self._stem = self._stem, self._compensator.model.valve.step(self._stem, op)
+        return abs(self._stem - before)
 
     def _screened(self, pv: float) -> float:
         """Return PV, NaN if it is frozen."""
@@ -428,7 +436,7 @@ class Supervisor:
         reach = 1e-6 * (limits.high - limits.low)
         seen = Watched(
             error=pv - sp,
-            op_change=moved,
+            travel=moved,
             noise_variance=self._compensator.held_variance,
             sp_travel=abs(change) / self._compensator.prediction.scale,
             limited=self._limited,
@@ -471,11 +479,12 @@ class Supervisor:
         operator or a restart does makes the watch blind.
         """
         window = min(max(candidate.horizon, 40), self.settings.history // 2)
-        lasting = self._record.figures(window, 2 * window)
+        valve = candidate.model.valve
+        lasting = self._record.figures(window, 2 * window, valve)
         if lasting is not None:
             self._known = lasting
         elif self._known is None:
-            self._known = self._record.figures(window, self.settings.least_known)
+            self._known = self._record.figures(window, self.settings.least_known, valve)
         return self._known
 
     def _ramp_frictions(self) -> None:
