@@ -49,6 +49,7 @@ bench: dev
 	$(BIN)/python -m benchmarks.compensation --out docs/benchmarks --images docs/images
 	$(BIN)/python -m benchmarks.compensation_apart --out docs/benchmarks
 	$(BIN)/python -m benchmarks.fmu --out docs/benchmarks
+	$(BIN)/python -m benchmarks.fmu_zoo --out docs/benchmarks
 	$(BIN)/python -m benchmarks.link --out docs/benchmarks
 	$(BIN)/python -m benchmarks.load --out docs/benchmarks
 	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks

@@ -5,6 +5,7 @@ from .errors import (
     PlantBuildError,
     PlantClosedError,
     PlantCrashError,
+    PlantEndedError,
     PlantError,
     PlantFileError,
     PlantInputError,
@@ -12,7 +13,7 @@ from .errors import (
     PlantStepError,
     PlantTimeoutError,
 )
-from .plant import Plant, PlantInfo
+from .plant import Piece, Plant, PlantInfo
 from .stepping import open_plant
 from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
 from .sweep import Sweep, SweepRun, run_sweep
@@ -22,10 +23,12 @@ __all__ = [
     "CatalogueModel",
     "FmuSummary",
     "LoopVariables",
+    "Piece",
     "Plant",
     "PlantBuildError",
     "PlantClosedError",
     "PlantCrashError",
+    "PlantEndedError",
     "PlantError",
     "PlantFileError",
     "PlantInfo",

@@ -9,6 +9,7 @@ __all__ = [
     "PlantBuildError",
     "PlantClosedError",
     "PlantCrashError",
+    "PlantEndedError",
     "PlantError",
     "PlantFileError",
     "PlantInputError",
@@ -42,6 +43,10 @@ class PlantInputError(PlantError, ValueError):
 
 class PlantStepError(PlantError):
     """The FMU refused to start or to step, or put out something that is no number."""
+
+
+class PlantEndedError(PlantStepError):
+    """The FMU ended its simulation in order: there is no step after this one."""
 
 
 class PlantCrashError(PlantError):

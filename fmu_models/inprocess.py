@@ -3,32 +3,50 @@
 from __future__ import annotations
 
 import functools
+import math
 import struct
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from numpy.typing import ArrayLike, NDArray
 
-from .archive import extract_fmu, read_description
+from .archive import MODEL_EXCHANGE, extract_fmu, read_description
 from .errors import (
     PlantClosedError,
+    PlantEndedError,
     PlantError,
     PlantInputError,
     PlantStepError,
 )
-from .instances import CoSimulation, Instance, StoppedError, forget_words, last_words, load
+from .instances import (
+    CoSimulation,
+    EndedError,
+    Instance,
+    StoppedError,
+    describe_refusal,
+    forget_words,
+    is_fatal,
+    last_words,
+    load,
+)
 from .model_exchange import ModelExchange
-from .plant import Plant, PlantInfo, split_columns
+from .plant import Piece, Plant, PlantInfo, count_finite_rows, split_columns
 from .variables import VariableAccess
 
 __all__ = ["InProcessPlant"]
 
-_SNAPSHOT_HEAD = struct.Struct("<4sqd")
-_SNAPSHOT_MARK = b"FLP1"
+_SNAPSHOT_HEAD = struct.Struct("<4sqdd")
+_SNAPSHOT_MARK = b"FLP2"
+_ROWS = 4096
+"""Steps whose outputs wait in memory before they are yielded."""
+_PIECE_SECONDS = 0.1
+"""Of the wall clock, after which steps are yielded and looked through for NaN: what Ctrl-C loses of
+a slow FMU, and a ten-thousandth of the time of a fast one."""
 
 
 class InProcessPlant(Plant):
@@ -58,10 +76,14 @@ class InProcessPlant(Plant):
     ) -> None:
         self._instance: Instance | None = None
         self._failure: str | None = None
+        self._fatal = False
+        self._ended = False
         self._count = 0
         description, kind = read_description(file, kind)
-        self._variables = VariableAccess(description, watch)
-        self._start = _start_time(description)
+        sizes = {v.name for v in description.modelVariables if v.causality == "structuralParameter"}
+        structural = {name: value for name, value in parameters.items() if name in sizes}
+        self._variables = VariableAccess(description, watch, structural)
+        self._base = _start_time(description)
         roles = self._variables.roles
         interface = (
             description.modelExchange if kind == "model exchange" else description.coSimulation
@@ -74,8 +96,10 @@ class InProcessPlant(Plant):
             inputs=roles.inputs,
             tunable=roles.tunable,
             outputs=(*roles.outputs, *self._variables.watched),
-            parameters=roles.parameters,
+            parameters=(*roles.parameters, *self._variables.structural),
             can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
+            can_vary_step=kind == MODEL_EXCHANGE
+            or bool(interface.canHandleVariableCommunicationStepSize),
         )
         self._period = self._info.period
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -91,22 +115,31 @@ class InProcessPlant(Plant):
             if kind == "model exchange":
                 self._instance = ModelExchange(fmu, version, description, self._info.period)
             else:
-                self._instance = CoSimulation(fmu, version)
-            self._begin(self._instance, parameters)
+                event_mode = version == 3 and bool(interface.hasEventMode)
+                self._instance = CoSimulation(fmu, version, event_mode=event_mode)
+            rest = {name: value for name, value in parameters.items() if name not in structural}
+            self._begin(self._instance, structural, rest)
         except BaseException:
             self.close()
             raise
 
-    def _begin(self, instance: Instance, parameters: Mapping[str, float]) -> None:
+    def _begin(
+        self, instance: Instance, structural: Mapping[str, float], parameters: Mapping[str, float]
+    ) -> None:
         try:
+            if structural:
+                instance.configure(
+                    lambda: self._variables.write_structural(instance.fmu, structural)
+                )
             instance.start(
                 lambda: self._variables.write(instance.fmu, parameters, before_start=True),
-                self._start,
+                self._base,
             )
-        except (FMICallException, StoppedError) as error:
-            self._failure = f"plant {self._info.name} refused to start: {error}{last_words()}"
+        except (FMICallException, StoppedError, EndedError) as error:
+            self._fatal = is_fatal(error)
+            self._failure = f"plant {self._info.name} refused to start: {describe_refusal(error)}"
             raise PlantStepError(self._failure) from error
-        self._outputs = self._variables.read_outputs(instance.fmu, self._start)
+        self._outputs = self._variables.read_outputs(instance.fmu, self._base)
 
     @property
     def info(self) -> PlantInfo:
@@ -116,7 +149,7 @@ class InProcessPlant(Plant):
     @property
     def time(self) -> float:
         """Simulated seconds."""
-        return self._start + self._count * self._info.period
+        return self._base + self._count * self._period
 
     def outputs(self) -> dict[str, float]:
         """Return the outputs at the present time."""
@@ -130,12 +163,14 @@ class InProcessPlant(Plant):
         if inputs:
             self._write(instance, inputs)
         try:
-            instance.advance(self._start + self._count * self._period, self._period)
+            instance.advance(self.time, self._period)
             self._count += 1
-            now = self._start + self._count * self._period
-            self._outputs = self._variables.read_outputs(instance.fmu, now)
+            self._outputs = self._variables.read_outputs(instance.fmu, self.time)
+        except EndedError as error:
+            self._go_to(error.reached)
+            raise self._finished(error) from error
         except (FMICallException, StoppedError) as error:
-            raise self._failed(f"{error}{last_words()}") from error
+            raise self._failed(error) from error
         except PlantStepError as error:
             self._failure = str(error)
             raise
@@ -144,57 +179,168 @@ class InProcessPlant(Plant):
     def _write(self, instance: Instance, inputs: Mapping[str, float]) -> None:
         try:
             instance.change(lambda: self._variables.write(instance.fmu, inputs, before_start=False))
+        except EndedError as error:
+            raise self._finished(error) from error
         except StoppedError as error:
-            raise self._failed(f"{error}{last_words()}") from error
+            raise self._failed(error) from error
         except FMICallException as error:
+            if is_fatal(error):
+                raise self._failed(error) from error
+            given = ", ".join(f"{name} = {float(value):g}" for name, value in inputs.items())
             raise PlantInputError(
-                f"plant {self._info.name} at {self.time:g} s does not take {dict(inputs)}"
-                f"{last_words()}"
+                f"plant {self._info.name} at {self.time:g} s does not take {given}{last_words()}"
             ) from error
 
-    def _failed(self, what: str) -> PlantStepError:
+    def _failed(self, error: FMICallException | StoppedError) -> PlantStepError:
         self._failure = (
-            f"plant {self._info.name}: the step from {self.time:g} s by {self._info.period:g} s "
-            f"failed: {what}"
+            f"plant {self._info.name}: the step from {self.time:g} s by {self._period:g} s "
+            f"failed: {describe_refusal(error)}"
         )
+        if is_fatal(error):
+            self._fatal = True
+            self._failure += "; after a fatal status FMI allows no further call of this instance"
         return PlantStepError(self._failure)
 
-    def run(self, count: int, inputs: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
-        """Step ``count`` times; see `Plant.run`."""
+    def _finished(self, error: EndedError) -> PlantEndedError:
+        self._ended = True
+        self._failure = (
+            f"plant {self._info.name}: {error} (has it reached its stop time?){last_words()}"
+        )
+        return PlantEndedError(self._failure)
+
+    def _go_to(self, moment: float) -> None:
+        """Take ``moment`` for the present time, from which periods are counted on."""
+        if moment > self.time:
+            self._base, self._count = moment, 0
+
+    def run_pieces(
+        self, count: int, inputs: Mapping[str, ArrayLike], *, last: float | None = None
+    ) -> Iterator[Piece]:
+        """Step ``count`` times; see `Plant.run_pieces`."""
+        held, columns = split_columns(count, inputs)
+        names = self._info.outputs
+        rows = min(count, _ROWS)
+        table, moments = np.empty((rows, len(names))), np.empty(rows)
+        progress = np.zeros(1, dtype=np.int64)
+        done = 0
+        while done < count:
+            rows = min(rows, count - done)
+            part: dict[str, Any] = {n: v[done : done + rows] for n, v in columns.items()}
+            failure: BaseException | None = None
+            try:
+                self.fill(
+                    part if done else held | part,
+                    table[:rows],
+                    moments[:rows],
+                    progress,
+                    last=last if done + rows == count else None,
+                    seconds=_PIECE_SECONDS,
+                )
+            except (PlantError, KeyboardInterrupt) as error:
+                failure = error
+            n = int(progress[0])
+            if n:
+                yield Piece(
+                    moments[:n].copy(), {name: table[:n, i].copy() for i, name in enumerate(names)}
+                )
+            if failure is not None:
+                raise failure
+            done += n
+
+    def fill(
+        self,
+        inputs: Mapping[str, ArrayLike],
+        table: NDArray[np.float64],
+        moments: NDArray[np.float64],
+        progress: NDArray[np.int64],
+        *,
+        last: float | None = None,
+        seconds: float = math.inf,
+    ) -> None:
+        """Step once for each row of ``table`` and put outputs and time there.
+
+        Args:
+            inputs: by name, a number or an array with a value for each row.
+            table: shape ``(rows, outputs)``.
+            moments: shape ``(rows,)``.
+            progress: ``progress[0]`` counts the rows that are done, failure or not.
+            last: seconds of the last row's step, where it is shorter than the period.
+            seconds: of the wall clock, after which no further step is begun.
+
+        Raises:
+            PlantError: as `step` does.
+        """
+        progress[0] = 0
         instance = self._alive()
+        count = len(table)
         held, columns = split_columns(count, inputs)
         forget_words()
         if held:
             self._write(instance, held)
-        variables, fmu, period, start = (
-            self._variables,
-            instance.fmu,
-            self._info.period,
-            self._start,
-        )
+        variables, fmu, period = self._variables, instance.fmu, self._period
         write = variables.column_writer(columns)
-        table = np.empty((count, len(self._info.outputs)))
-        done = 0
+        changes = _changed_rows(count, columns)
+        begun = looked = perf_counter()
         try:
             for k in range(count):
-                if columns:
-                    instance.change(functools.partial(write, fmu, k))
-                instance.advance(start + self._count * period, period)
-                self._count += 1
+                if changes[k]:
+                    self._change_row(instance, functools.partial(write, fmu, k))
+                if last is not None and k == count - 1:
+                    instance.advance(self.time, last)
+                    self._go_to(self.time + last)
+                else:
+                    instance.advance(self._base + self._count * period, period)
+                    self._count += 1
                 variables.read_row(fmu, table[k])
-                done = k + 1
+                moments[k] = self._base + self._count * period
+                progress[0] = k + 1
+                now = perf_counter()
+                if now - looked > _PIECE_SECONDS:
+                    looked = now
+                    if count_finite_rows(table[: k + 1]) <= k or now - begun > seconds:
+                        break
+        except EndedError as error:
+            if error.reached > self.time + 1e-9 * period:
+                self._go_to(error.reached)
+                variables.read_row(fmu, table[k])
+                moments[k] = self.time
+                progress[0] = k + 1
+            self._check_rows(table, moments, progress)
+            raise self._finished(error) from error
         except (FMICallException, StoppedError) as error:
-            raise self._failed(f"{error}{last_words()}") from error
-        names = self._info.outputs
-        wrong = np.argwhere(~np.isfinite(table[:done]))
-        if wrong.size:
-            row, column = wrong[0]
-            moment = start + (self._count - count + row + 1) * period
-            self._failure = variables.not_finite(names[column], table[row, column], moment)
-            raise PlantStepError(self._failure)
-        if count:
-            self._outputs = dict(zip(names, table[-1].tolist(), strict=True))
-        return {name: table[:, i].copy() for i, name in enumerate(names)}
+            self._check_rows(table, moments, progress)
+            raise self._failed(error) from error
+        self._check_rows(table, moments, progress)
+        if progress[0]:
+            row = table[int(progress[0]) - 1].tolist()
+            self._outputs = dict(zip(self._info.outputs, row, strict=True))
+
+    def _change_row(self, instance: Instance, write: functools.partial[None]) -> None:
+        try:
+            instance.change(write)
+        except FMICallException as error:
+            if is_fatal(error):
+                raise
+            raise PlantInputError(
+                f"plant {self._info.name} at {self.time:g} s does not take its inputs{last_words()}"
+            ) from error
+
+    def _check_rows(
+        self,
+        table: NDArray[np.float64],
+        moments: NDArray[np.float64],
+        progress: NDArray[np.int64],
+    ) -> None:
+        """Cut the rows before the first NaN or infinity, and fail where there is one."""
+        done = int(progress[0])
+        row = count_finite_rows(table[:done])
+        if row == done:
+            return
+        progress[0] = row
+        column = int(np.argmin(np.isfinite(table[row])))
+        name = self._info.outputs[column]
+        self._failure = self._variables.not_finite(name, table[row, column], float(moments[row]))
+        raise PlantStepError(self._failure)
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Return what `step` returns for each of ``inputs``."""
@@ -211,7 +357,10 @@ class InProcessPlant(Plant):
             raise PlantStepError(
                 f"plant {self._info.name} could not save its state: {error}{last_words()}"
             ) from error
-        return _SNAPSHOT_HEAD.pack(_SNAPSHOT_MARK, self._count, self._info.period) + content
+        return self._head() + content
+
+    def _head(self) -> bytes:
+        return _SNAPSHOT_HEAD.pack(_SNAPSHOT_MARK, self._count, self._base, self._period)
 
     def restore(self, snapshot: bytes) -> None:
         """Go back to a state that `snapshot` returned."""
@@ -220,7 +369,7 @@ class InProcessPlant(Plant):
         head = snapshot[: _SNAPSHOT_HEAD.size]
         if len(head) < _SNAPSHOT_HEAD.size or head[:4] != _SNAPSHOT_MARK:
             raise PlantInputError(f"plant {self._info.name}: these bytes are no snapshot")
-        _mark, count, period = _SNAPSHOT_HEAD.unpack(head)
+        _mark, count, base, period = _SNAPSHOT_HEAD.unpack(head)
         if period != self._info.period:
             raise PlantInputError(
                 f"plant {self._info.name}: the snapshot was taken at a period of {period:g} s, "
@@ -233,8 +382,10 @@ class InProcessPlant(Plant):
             raise PlantInputError(
                 f"plant {self._info.name} cannot restore this snapshot{last_words()}"
             ) from error
-        self._count = count
+        self._count, self._base = count, base
         self._failure = None
+        self._ended = False
+        self._variables.refresh(instance.fmu)
         self._outputs = self._variables.read_outputs(instance.fmu, self.time)
 
     def _check_can_restore(self) -> None:
@@ -245,10 +396,16 @@ class InProcessPlant(Plant):
 
     def _alive(self) -> Instance:
         if self._failure is not None:
-            raise PlantClosedError(f"the plant failed before: {self._failure}")
+            how = "has ended" if self._ended else "failed before"
+            raise PlantClosedError(f"the plant {how}: {self._failure}")
         return self._opened()
 
     def _opened(self) -> Instance:
+        if self._fatal:
+            raise PlantClosedError(
+                f"plant {self._info.name} must not be called any more: {self._failure}; open it "
+                "again, isolated in a process of its own"
+            )
         if self._instance is None:
             raise PlantClosedError(f"plant {self._info.name} is closed; open it again")
         return self._instance
@@ -256,10 +413,25 @@ class InProcessPlant(Plant):
     def close(self) -> None:
         """End the instance, unload the library and remove the temporary folder."""
         instance, self._instance = self._instance, None
-        if instance is not None:
-            instance.close(healthy=self._failure is None)
+        # After a fatal status not even freeing the instance is allowed: it is left as it is.
+        if instance is not None and not self._fatal:
+            instance.close(healthy=self._failure is None or self._ended)
         if self._folder is not None:
             self._folder.cleanup()
+
+
+def _changed_rows(count: int, columns: Mapping[str, NDArray[np.float64]]) -> list[bool]:
+    """Return for each row whether an input differs from the row before; the first always does.
+
+    An input that keeps its value is not written again: to a model with events that is an event.
+    """
+    changed = np.zeros(count, dtype=bool)
+    for values in columns.values():
+        changed[1:] |= values[1:] != values[:-1]
+    if columns and count:
+        changed[0] = True
+    result: list[bool] = changed.tolist()
+    return result
 
 
 def _start_time(description: Any) -> float:
@@ -274,5 +446,5 @@ def _period(description: Any, wanted: float | None, file: Path) -> float:
     if wanted is None:
         raise PlantError(f"{file}: the FMU names no step size; give the period in seconds")
     if not 0.0 < wanted < float("inf"):
-        raise PlantInputError(f"{file}: the period must be a positive number; got {wanted!r}")
+        raise PlantInputError(f"{file}: the period must be a positive number; got {wanted:g}")
     return wanted

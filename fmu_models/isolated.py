@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import itertools
 import json
 import os
 import select
@@ -14,20 +15,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from . import errors
 from .errors import PlantClosedError, PlantCrashError, PlantError, PlantTimeoutError
 from .nursery import STATUS
 from .nursery_client import nursery
-from .plant import Plant, PlantInfo, split_columns
+from .plant import Piece, Plant, PlantInfo, count_finite_rows, split_columns
+from .shared_rows import SharedRows, create_memory
 
 __all__ = ["IsolatedPlant"]
 
-_STEPS_A_MESSAGE = 1000
-_FIRST_ROWS_A_MESSAGE = 16
-_ROWS_A_MESSAGE = 4096
 _SECONDS_TO_END = 5.0
+_GLANCE = 0.1
+"""Seconds between two looks at the rows of a run: how often progress is seen and rows are yielded;
+a look costs microseconds."""
 
 
 class IsolatedPlant(Plant):
@@ -39,7 +41,8 @@ class IsolatedPlant(Plant):
         period: seconds a step; None takes the FMU's default experiment.
         kind: "co-simulation" or "model exchange"; None takes the first that it offers.
         watch: names of further variables that come back with the outputs.
-        timeout: seconds to wait for an answer before the process is ended.
+        timeout: seconds that one step may take, or the answer to another request, before the
+            process is ended.
 
     Raises:
         PlantError: what `open_plant` says.
@@ -63,10 +66,13 @@ class IsolatedPlant(Plant):
         self._timeout = timeout
         self._failure: str | None = None
         self._time = 0.0
-        self._tail = b""
-        self._rows = _FIRST_ROWS_A_MESSAGE
         self._home = nursery()
-        self._key, self._connection, self._status = self._home.bear()
+        memory = create_memory()
+        try:
+            self._key, self._connection, self._status = self._home.bear(memory)
+        except BaseException:
+            os.close(memory)
+            raise
         self._open = True
         self._step_begun: float | None = None
         request = {
@@ -78,11 +84,14 @@ class IsolatedPlant(Plant):
         }
         try:
             answer = self._ask("open", request)
+            lists = ("inputs", "tunable", "outputs", "parameters")
+            self._info = PlantInfo(**(answer | {name: tuple(answer[name]) for name in lists}))
+            self._shared = SharedRows(memory, len(self._info.outputs))
         except BaseException:
             self._release()
             raise
-        lists = ("inputs", "tunable", "outputs", "parameters")
-        self._info = PlantInfo(**(answer | {name: tuple(answer[name]) for name in lists}))
+        finally:
+            os.close(memory)
 
     @property
     def info(self) -> PlantInfo:
@@ -135,43 +144,82 @@ class IsolatedPlant(Plant):
         return answer
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
-        """Return what `step` returns for each of ``inputs``; many go in one message."""
+        """Return what `step` returns for each of ``inputs``; equal names go in one message."""
         results: list[dict[str, float]] = []
-        for first, count in self._messages(len(inputs), _STEPS_A_MESSAGE):
-            batch = [_plain(values) for values in inputs[first : first + count]]
-            answer = self._ask("steps", batch)
-            results += [dict(zip(answer["names"], row, strict=True)) for row in answer["rows"]]
+        for _, group in itertools.groupby(inputs, key=lambda row: tuple(sorted(row))):
+            rows = [_plain(row) for row in group]
+            columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+            for piece in self.run_pieces(len(rows), columns):
+                values = np.column_stack([piece.columns[name] for name in self._info.outputs])
+                results += [
+                    dict(zip(self._info.outputs, row, strict=True)) for row in values.tolist()
+                ]
         return results
 
-    def run(self, count: int, inputs: Mapping[str, ArrayLike]) -> dict[str, NDArray[np.float64]]:
-        """Step ``count`` times; see `Plant.run`. Up to some thousand steps go in one message."""
+    def run_pieces(
+        self, count: int, inputs: Mapping[str, ArrayLike], *, last: float | None = None
+    ) -> Iterator[Piece]:
+        """Step ``count`` times; see `Plant.run_pieces`. Thousands of steps go in one message."""
         held, columns = split_columns(count, inputs)
         names = tuple(columns)
         table = np.column_stack([columns[name] for name in names]) if names else None
-        parts = []
-        for first, rows in self._messages(count, _ROWS_A_MESSAGE):
-            request = {"count": rows, "held": held if first == 0 else {}, "names": names}
+        most = len(self._shared.table)
+        for first in range(0, count, most):
+            rows = min(most, count - first)
+            request = {
+                "count": rows,
+                "held": held if first == 0 else {},
+                "names": names,
+                "last": last if first + rows == count else None,
+            }
+            self._shared.progress[0] = 0
             piece = b"" if table is None else table[first : first + rows].tobytes()
-            self._ask("run", request, piece)
-            parts.append(np.frombuffer(self._tail).reshape(rows, len(self._info.outputs)))
-        result = np.concatenate(parts) if parts else np.empty((0, len(self._info.outputs)))
-        return {name: result[:, i].copy() for i, name in enumerate(self._info.outputs)}
+            self._send("run", request, piece)
+            yield from self._rows_of_a_message()
 
-    def _messages(self, count: int, most: int) -> Iterator[tuple[int, int]]:
-        """Share ``count`` steps out to messages: the first step and the number of each."""
-        first = 0
-        while first < count:
-            rows = min(self._rows, most, count - first)
-            begun = time.monotonic()
-            yield first, rows
-            first += rows
-            self._rows = self._suitable_rows(rows, time.monotonic() - begun)
+    def _rows_of_a_message(self) -> Iterator[Piece]:
+        """Yield rows as they are done, until the plant has answered."""
+        taken, moved = 0, time.monotonic()
+        answered = False
+        while not answered:
+            failure: BaseException | None = None
+            try:
+                answered = self._connection.poll(_GLANCE)
+                if answered:
+                    self._receive("run")
+            except OSError as error:
+                failure = self._crashed("run")
+                failure.__cause__ = error
+            except (PlantError, KeyboardInterrupt) as error:
+                failure = error
+            done = int(self._shared.progress[0])
+            finite = taken + count_finite_rows(self._shared.table[taken:done])
+            if done > taken:
+                moved = time.monotonic()
+            if finite > taken:
+                piece = self._piece(taken, finite)
+                taken = finite
+                try:
+                    yield piece
+                except BaseException:  # nobody takes the rest
+                    if not answered:
+                        self._abandon()
+                    raise
+                moved = time.monotonic()  # the caller's own time is not the plant's
+            if failure is None and not answered and time.monotonic() - moved > self._timeout:
+                failure = self._overdue("run")
+            if failure is not None:
+                if not isinstance(failure, PlantError):
+                    self._abandon()
+                raise failure
 
-    def _suitable_rows(self, rows: int, seconds: float) -> int:
-        """How many steps the next message takes, so that a slow FMU is not taken for a hung one."""
-        if seconds > self._timeout / 8.0:
-            return max(1, rows // 4)
-        return min(4 * rows, _ROWS_A_MESSAGE) if seconds < self._timeout / 64.0 else rows
+    def _piece(self, first: int, end: int) -> Piece:
+        moments = self._shared.moments[first:end].copy()
+        self._time = float(moments[-1])
+        table = self._shared.table[first:end]
+        return Piece(
+            moments, {name: table[:, i].copy() for i, name in enumerate(self._info.outputs)}
+        )
 
     def snapshot(self) -> bytes:
         """Return the plant's whole state."""
@@ -226,8 +274,6 @@ class IsolatedPlant(Plant):
         """Return the answer that is there; raise the error that it brings."""
         try:
             answer = json.loads(self._connection.recv_bytes())
-            if answer.get("numbers"):
-                self._tail = self._connection.recv_bytes()
         except (EOFError, OSError, ValueError) as error:
             raise self._crashed(action) from error
         except BaseException:

@@ -15,13 +15,18 @@ from typing import Any
 from fmpy.fmi1 import FMICallException
 
 from .errors import PlantFileError
-from .instances import Instance, StoppedError
+from .instances import EndedError, Instance, StoppedError
 
 __all__ = ["ModelExchange"]
 
 _CLOCK = struct.Struct("<dd")  # time and next time event, to the last bit
-_MAX_EVENTS = 10_000
-"""In one step; more is taken for chattering."""
+_TOLERANCE = 1e-6
+"""Relative, where the FMU recommends none: a hundredth of what a comparison with another importer
+allows, because errors of events add up."""
+_MANY_EVENTS = 10_000
+_LEAST_PROGRESS = 1e-3
+"""Part of a step that so many events must get on by; less is taken for chattering. A step of days
+may have more events than that in order."""
 _MAX_EVENT_ITERATIONS = 1000
 
 
@@ -45,9 +50,10 @@ class ModelExchange(Instance):
         super().__init__(fmu, version)
         experiment = description.defaultExperiment
         given = experiment.tolerance if experiment else None
-        self._tolerance = float(given) if given else 1e-5
+        self._tolerance = float(given) if given else _TOLERANCE
         self._states = int(description.numberOfContinuousStates)
         self._indicators = int(description.numberOfEventIndicators)
+        self._sized = any(v.causality == "structuralParameter" for v in description.modelVariables)
         exchange = description.modelExchange
         self._reports_steps = version == 1 or bool(exchange.needsCompletedIntegratorStep)
         self._max_step = max_step
@@ -59,6 +65,9 @@ class ModelExchange(Instance):
     def _initialise(self, start_time: float) -> None:
         fmu = self.fmu
         self._time = start_time
+        if self._sized:
+            self._states = fmu.getNumberOfContinuousStates()
+            self._indicators = fmu.getNumberOfEventIndicators()
         if self.version == 1:
             fmu.setTime(start_time)
             self._note(*fmu.initialize())
@@ -129,12 +138,18 @@ class ModelExchange(Instance):
         """See `Instance.advance`."""
         goal = time + size
         close = 1e-12 * max(abs(goal), size)
-        for _ in range(_MAX_EVENTS):
-            if self._time >= goal - close:
-                self._time = goal
-                return
+        mark, pieces = self._time, 0
+        while self._time < goal - close:
             self._piece(min(goal, max(self._next_event, self._time)), close)
-        raise StoppedError(f"more than {_MAX_EVENTS} events in one step: the model chatters")
+            pieces += 1
+            if pieces % _MANY_EVENTS == 0:
+                if self._time - mark < _LEAST_PROGRESS * size:
+                    raise StoppedError(
+                        f"{_MANY_EVENTS} events within {self._time - mark:g} s at {self._time:g} s:"
+                        " the model chatters"
+                    )
+                mark = self._time
+        self._time = goal
 
     def _piece(self, until: float, close: float) -> None:
         """Integrate up to ``until`` or an event."""
@@ -148,7 +163,7 @@ class ModelExchange(Instance):
             else:
                 wanted, terminate = self.fmu.completedIntegratorStep()
                 if terminate:
-                    raise StoppedError(f"the FMU ended the simulation at {self._time:g} s")
+                    raise EndedError(self._time)
                 event = event or wanted
         if not event:
             return
@@ -190,7 +205,7 @@ class ModelExchange(Instance):
             again, terminate, _n, _v, defined, moment = (update or self.fmu.updateDiscreteStates)()
             self._next_event = moment if defined else math.inf
             if terminate:
-                raise StoppedError(f"the FMU ended the simulation at {self._time:g} s")
+                raise EndedError(self._time)
             if not again:
                 return
         raise StoppedError(f"its events at {self._time:g} s do not come to an end")
@@ -201,7 +216,7 @@ class ModelExchange(Instance):
         """Take FMI 1's event information; return whether the iteration is done."""
         self._next_event = moment if timed else math.inf
         if end:
-            raise StoppedError(f"the FMU ended the simulation at {self._time:g} s")
+            raise EndedError(self._time)
         return done
 
     def save(self) -> bytes:

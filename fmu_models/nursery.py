@@ -6,8 +6,8 @@ worker has ended, however, removes its folder and tells the exit status. When th
 goes away, however that happens, it kills the workers that are left and ends: no orphan, no litter.
 Should it be killed itself, the workers go on until they are closed.
 
-Requests on the control socket are ``_REQUEST``; a birth carries two descriptors, the worker's end
-of its connection and the pipe for its exit status.
+Requests on the control socket are ``_REQUEST``; a birth carries three descriptors, the worker's end
+of its connection, the pipe for its exit status and the memory for rows of outputs.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class _Nursery:
 
     def _obey(self) -> bool:
         try:
-            message, descriptors, _, _ = socket.recv_fds(self._control, REQUEST.size, 2)
+            message, descriptors, _, _ = socket.recv_fds(self._control, REQUEST.size, 3)
         except ConnectionError:
             return False
         if len(message) < REQUEST.size:
@@ -80,15 +80,16 @@ class _Nursery:
             os.kill(self._children[key].pid, signal.SIGKILL)
         return True
 
-    def _bear(self, key: int, connection: int, status: int) -> None:
+    def _bear(self, key: int, connection: int, status: int, memory: int) -> None:
         folder = tempfile.mkdtemp(prefix="fieldlink-fmu-")
         pid = os.fork()
         if pid == 0:
-            self._live(Connection(connection), Path(folder), status)
+            self._live(Connection(connection), Path(folder), status, memory)
         os.close(connection)
+        os.close(memory)
         self._children[key] = _Child(pid, folder, status)
 
-    def _live(self, connection: Connection, folder: Path, status: int) -> None:
+    def _live(self, connection: Connection, folder: Path, status: int, memory: int) -> None:
         """Be the worker; never returns."""
         code = 1
         try:
@@ -99,7 +100,7 @@ class _Nursery:
             os.close(status)
             for end in (self._control, self._wake, self._wake_end):
                 end.close()
-            serve(connection, folder)
+            serve(connection, folder, memory)
             code = 0
         except BaseException:
             traceback.print_exc()  # before the exit below, which the client sees the status of

@@ -43,14 +43,20 @@ class NurseryClient:
         """Whether it has not ended or been killed."""
         return self._process.poll() is None
 
-    def bear(self) -> tuple[int, Connection, int]:
-        """Return the key of a new worker, the connection to it and the pipe of its exit status."""
+    def bear(self, memory: int) -> tuple[int, Connection, int]:
+        """Return the key of a new worker, the connection to it and the pipe of its exit status.
+
+        Args:
+            memory: descriptor of the file that the worker maps; it stays the caller's to close.
+        """
         key = next(self._keys)
         ours, theirs = socket.socketpair()
         status, status_end = os.pipe()
         try:
             socket.send_fds(
-                self._control, [REQUEST.pack(BIRTH, key)], [theirs.fileno(), status_end]
+                self._control,
+                [REQUEST.pack(BIRTH, key)],
+                [theirs.fileno(), status_end, memory],
             )
         except BaseException:
             os.close(status)

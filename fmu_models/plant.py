@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import PlantInputError
 
-__all__ = ["Plant", "PlantInfo", "split_columns"]
+__all__ = ["Piece", "Plant", "PlantInfo", "count_finite_rows", "split_columns"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,7 @@ class PlantInfo:
         outputs: names that come back; those that are watched stand last.
         parameters: names that can be given when the plant is opened (start values of inputs too).
         can_restore: whether the FMU offers snapshots.
+        can_vary_step: whether one step may be shorter than the others.
     """
 
     name: str
@@ -41,6 +42,20 @@ class PlantInfo:
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
     can_restore: bool
+    can_vary_step: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Steps of a run that are done.
+
+    Attributes:
+        time: simulated seconds at the end of each step, shape ``(n,)``.
+        columns: every output by name, each ``(n,)``.
+    """
+
+    time: NDArray[np.float64]
+    columns: dict[str, NDArray[np.float64]]
 
 
 class Plant(ABC):
@@ -90,17 +105,36 @@ class Plant(ABC):
             inputs: by name, a number that holds from the first step on or an array ``(count,)``.
 
         Raises:
-            PlantError: as `step` does; values of the steps before are lost.
+            PlantError: as `step` does; `run_pieces` keeps the steps before.
         """
-        held, columns = split_columns(count, inputs)
-        rows = self.steps(
-            [
-                (held if k == 0 else {}) | {name: float(v[k]) for name, v in columns.items()}
-                for k in range(count)
-            ]
-        )
+        pieces = list(self.run_pieces(count, inputs))
         names = self.info.outputs
-        return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in names}
+        if len(pieces) == 1:
+            return pieces[0].columns
+        empty = [np.empty(0)]
+        return {
+            name: np.concatenate([piece.columns[name] for piece in pieces] or empty)
+            for name in names
+        }
+
+    @abstractmethod
+    def run_pieces(
+        self, count: int, inputs: Mapping[str, ArrayLike], *, last: float | None = None
+    ) -> Iterator[Piece]:
+        """Step ``count`` times and yield the steps as they are done, some at a time.
+
+        What is done before a failure, or before Ctrl-C, is yielded before the error is raised. An
+        FMU that ends its simulation between two steps yields a last row at that moment.
+
+        Args:
+            count: of steps.
+            inputs: by name, a number that holds from the first step on or an array ``(count,)``.
+            last: seconds of the last step, where it is shorter than the period.
+
+        Raises:
+            PlantEndedError: the FMU ended its simulation.
+            PlantError: as `step` does.
+        """
 
     @abstractmethod
     def snapshot(self) -> bytes:
@@ -154,3 +188,11 @@ def split_columns(
                 "value a step"
             )
     return held, columns
+
+
+def count_finite_rows(table: NDArray[np.float64]) -> int:
+    """Return how many rows stand before the first that has NaN or infinity."""
+    finite = np.isfinite(table)
+    if finite.all():
+        return len(table)
+    return int(np.argmin(finite.all(axis=1)))

@@ -11,6 +11,7 @@ from .errors import PlantNameError, nearest
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .plant import Plant
+from .system_plant import SystemPlant
 
 __all__ = ["open_plant"]
 
@@ -30,8 +31,8 @@ def open_plant(
     """Open a plant; it stands at its start, at rest.
 
     Args:
-        model: a name of the catalogue, or the path of an FMU (FMI 1, 2 or 3). A string that ends
-            in ``.fmu`` is a path.
+        model: a name of the catalogue, or the path of an FMU (FMI 1, 2 or 3) or of a system of
+            FMUs (SSP 1.0). A string that ends in ``.fmu`` or ``.ssp`` is a path.
         parameters: start values of parameters and inputs, by variable name.
         period: seconds that one step advances; None takes what the FMU recommends.
         kind: "co-simulation" or "model exchange"; None takes co-simulation where it is offered.
@@ -50,6 +51,16 @@ def open_plant(
         PlantCrashError: it crashed while starting, or did not answer.
     """
     file = _file(model)
+    if file.suffix == ".ssp":
+        return SystemPlant(
+            file,
+            parameters=parameters,
+            period=period,
+            kind=kind,
+            watch=watch,
+            isolated=isolated,
+            timeout=timeout,
+        )
     if isolated:
         return IsolatedPlant(
             file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout
@@ -58,7 +69,7 @@ def open_plant(
 
 
 def _file(model: str | Path) -> Path:
-    if isinstance(model, Path) or model.endswith(".fmu"):
+    if isinstance(model, Path) or model.endswith((".fmu", ".ssp")):
         return Path(model)
     if model not in catalogue:
         raise PlantNameError(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import fmpy
@@ -20,11 +22,13 @@ from .archive import (
     parse_description,
     platforms,
 )
-from .variables import is_settable
+from .arrays import element_names, resolve_shape
+from .variables import LEFT_OUT, is_settable
 
 __all__ = ["FmuSummary", "UnitDefinition", "VariableSummary", "summarise"]
 
 _MOST_PROBLEMS = 20
+_MOST_NAMES = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +55,8 @@ class VariableSummary:
     """A variable; ``unit``, ``start``, ``low`` and ``high`` are empty where the FMU says nothing.
 
     ``items`` are the names of an enumeration's values, ``settable`` says whether it can be given
-    before the start.
+    before the start. ``shape`` are the sizes of an array, ``()`` for a scalar; ``sized_by`` names
+    the structural parameter that decides each of them, empty for a fixed size.
     """
 
     name: str
@@ -66,6 +71,8 @@ class VariableSummary:
     settable: bool
     scalar: bool
     items: tuple[tuple[int, str], ...]
+    shape: tuple[int, ...]
+    sized_by: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +121,39 @@ class FmuSummary:
     warnings: tuple[str, ...]
 
     def variable(self, name: str) -> VariableSummary | None:
-        """Return a variable by name."""
-        return next((v for v in self.variables if v.name == name), None)
+        """Return a variable by name; an element such as ``y[2]`` is its array."""
+        found = next((v for v in self.variables if v.name == name), None)
+        if found is None and name.endswith("]"):
+            array = name[: name.rindex("[")] if "[" in name else name
+            found = next((v for v in self.variables if v.name == array and not v.scalar), None)
+        return found
+
+    def elements(
+        self, variable: VariableSummary, sizes: Mapping[str, float] = MappingProxyType({})
+    ) -> tuple[str, ...]:
+        """Return the names of a variable's numbers: its own, or those of an array's elements.
+
+        Args:
+            variable: one of `variables`.
+            sizes: values of structural parameters that are not their start values.
+        """
+        if variable.scalar:
+            return (variable.name,)
+        pairs = zip(variable.sized_by, variable.shape, strict=True)
+        shape = tuple(int(sizes.get(name, size)) for name, size in pairs)
+        return element_names(variable.name, shape)
 
 
 def summarise(file: Path) -> FmuSummary:
-    """Describe an FMU without running anything of it.
+    """Describe an FMU, or a system of FMUs (``.ssp``), without running anything of it.
 
     Raises:
         PlantFileError: no such file, not a zip, too large, no model description that can be read.
     """
+    if file.suffix == ".ssp":
+        from .system_summary import summarise_system  # it describes its FMUs with this function
+
+        return summarise_system(file)
     description = parse_description(file)
     with zipfile.ZipFile(file) as archive:
         entries = archive.infolist()
@@ -182,9 +212,11 @@ def _variable(variable: Any) -> VariableSummary:
         low=variable.min or (declared.min if declared else None) or "",
         high=variable.max or (declared.max if declared else None) or "",
         description=variable.description or "",
-        settable=is_settable(variable),
+        settable=is_settable(variable) or variable.causality == "structuralParameter",
         scalar=not variable.dimensions,
         items=items,
+        shape=resolve_shape(variable, {}),
+        sized_by=tuple(d.variable.name if d.variable else "" for d in variable.dimensions or ()),
     )
 
 
@@ -219,20 +251,21 @@ def _with_warnings(summary: FmuSummary, description: Any, interface: Any) -> Fmu
         warnings.append("it names no stop time: give one")
     if not summary.can_restore:
         warnings.append("it offers no serialised state: no snapshots")
-    others = [v.name for v in summary.variables if v.type in ("String", "Binary", "Clock")]
-    if others:
-        warnings.append(
-            f"{len(others)} strings, binaries and clocks are left out, such as {others[0]}"
-        )
-    arrays = [v.name for v in summary.variables if not v.scalar]
-    if arrays:
-        warnings.append(f"{len(arrays)} arrays are left out, such as {arrays[0]}")
+    for kind, why in LEFT_OUT.items():
+        names = [v.name for v in summary.variables if v.type == kind]
+        if names:
+            warnings.append(f"left out, {why}: {_enumerate_some(names)}")
     if not any(v.causality == "output" for v in summary.variables):
         warnings.append("it has no outputs: name what to watch")
     for v in summary.variables:
         if v.causality == "input" and not v.start:
             warnings.append(f"input {v.name} has no start value: it needs one")
     return replace(summary, warnings=(*warnings, *_problems(summary, description)))
+
+
+def _enumerate_some(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
 
 
 def _problems(summary: FmuSummary, description: Any) -> list[str]:

@@ -1,22 +1,33 @@
 """The variables of an FMU by name: which may be set when, and reading and writing them in one call.
 
-FMPy ignores names it does not know and passes NaN on, so both are checked here.
+FMPy ignores names it does not know and passes NaN on, so both are checked here. An element of an
+array is a name of its own, ``y[1]`` or ``y[2,3]``, counted from 1 with the last index fastest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from ctypes import sizeof
 from dataclasses import dataclass
 from math import isfinite
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from fmpy import fmi1, fmi2, fmi3
 from numpy.typing import NDArray
 
+from .arrays import element_names, resolve_shape
 from .errors import PlantInputError, PlantNameError, PlantStepError, nearest
 
-__all__ = ["Roles", "VariableAccess", "is_settable"]
+__all__ = ["LEFT_OUT", "Roles", "VariableAccess", "is_settable"]
+
+LEFT_OUT = {
+    "String": "because a table of numbers has no place for strings",
+    "Binary": "because a table of numbers has no place for binary data",
+    "Clock": "because a clock has ticks, no value; what its ticks change is recorded",
+}
+"""Types of variables that are no columns, and why."""
 
 # Version of FMI -> type in the model description -> (get and set function, type in C).
 _TYPES: dict[int, dict[str, tuple[str, Any]]] = {
@@ -66,7 +77,7 @@ def is_settable(variable: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """The names of an FMU's numeric scalar variables, by what may be done with them."""
+    """The names of an FMU's numbers, by what may be done with them; arrays by their elements."""
 
     inputs: tuple[str, ...]
     tunable: tuple[str, ...]
@@ -76,9 +87,11 @@ class Roles:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Variables of one type, read or written by one call."""
+    """Variables of one type, read or written by one call; arrays with all their elements."""
 
     names: tuple[str, ...]
+    given: tuple[str, ...]
+    """Of the names, those that the caller reads or writes."""
     function: str
     real: bool
     boolean: bool
@@ -87,7 +100,11 @@ class _Group:
     view: NDArray[Any]
     """The memory of ``values`` as an array."""
     columns: Any
-    """Where the values go in a row of all outputs."""
+    """Where the values given go in a row of all outputs."""
+    order: tuple[int, ...]
+    """Where the values given stand in ``view``."""
+    places: Any
+    """The same as a slice, where they stand side by side."""
 
 
 class VariableAccess:
@@ -96,19 +113,29 @@ class VariableAccess:
     Args:
         description: FMPy's model description.
         watch: names that are read with the outputs.
+        structural: values of structural parameters, which decide the sizes of arrays.
 
     Raises:
-        PlantNameError: a watched variable does not exist, or is no scalar number.
+        PlantNameError: a watched variable does not exist, or is no number.
+        PlantInputError: a size that no array can have.
     """
 
-    def __init__(self, description: Any, watch: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        description: Any,
+        watch: Sequence[str] = (),
+        structural: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
         self._version = int(description.fmiVersion[0])
         self._types = _TYPES[self._version]
-        self._variables: dict[str, Any] = {
-            v.name: v
-            for v in description.modelVariables
-            if v.type in self._types and not v.dimensions
-        }
+        self._variables: dict[str, Any] = {}
+        self._elements: dict[str, tuple[str, ...]] = {}
+        for v in description.modelVariables:
+            if v.type in self._types:
+                shape = resolve_shape(v, structural)
+                names = element_names(v.name, shape) if v.dimensions else (v.name,)
+                self._elements[v.name] = names
+                self._variables |= dict.fromkeys(names, v)
         self._model = description.modelName
         self.roles = Roles(
             inputs=self._where(lambda v: v.causality == "input"),
@@ -118,11 +145,25 @@ class VariableAccess:
             outputs=self._where(lambda v: v.causality == "output"),
             parameters=self._where(is_settable),
         )
+        self._last = {
+            name: start
+            for v in description.modelVariables
+            if v.dimensions and v.type in self._types
+            for name, start in zip(self._elements[v.name], _starts(v), strict=False)
+        }
+        self.structural = tuple(self._where(lambda v: v.causality == "structuralParameter"))
         self._may_set: dict[bool, frozenset[str]] = {
             True: frozenset(self.roles.parameters),
             False: frozenset(self.roles.inputs + self.roles.tunable),
         }
+        whole = [self._elements.get(name, (name,)) for name in watch]
+        watch = [name for names in whole for name in names]
+        others = {v.name: v for v in description.modelVariables if v.type in LEFT_OUT}
         for name in watch:
+            if name in others:
+                raise PlantNameError(
+                    f"plant {self._model}: {name} cannot be recorded, {LEFT_OUT[others[name].type]}"
+                )
             if name not in self._variables:
                 raise PlantNameError(
                     f"plant {self._model} has no number {name!r}; {nearest(name, self._variables)}"
@@ -136,25 +177,31 @@ class VariableAccess:
         return tuple(name for name, v in self._variables.items() if condition(v))
 
     def _groups(self, names: Sequence[str], action: str) -> tuple[_Group, ...]:
-        by_type: dict[str, list[str]] = {}
+        position = {name: i for i, name in enumerate(names)}
+        by_type: dict[str, dict[str, Any]] = {}
         for name in names:
-            by_type.setdefault(self._variables[name].type, []).append(name)
+            v = self._variables[name]
+            by_type.setdefault(v.type, {})[v.name] = v
         groups = []
-        for kind, members in by_type.items():
+        for kind, variables in by_type.items():
             function, c_type = self._types[kind]
-            references = [self._variables[name].valueReference for name in members]
+            members = [name for variable in variables for name in self._elements[variable]]
+            given = [i for i, name in enumerate(members) if name in position]
+            references = [v.valueReference for v in variables.values()]
             values = (c_type * len(members))()
-            columns = [names.index(name) for name in members]
             groups.append(
                 _Group(
                     names=tuple(members),
+                    given=tuple(members[i] for i in given),
                     function=f"fmi{self._version}{action}{function}",
                     real=kind in _REAL,
                     boolean=kind == "Boolean",
-                    references=(_REFERENCES[self._version] * len(members))(*references),
+                    references=(_REFERENCES[self._version] * len(references))(*references),
                     values=values,
                     view=_view(values),
-                    columns=_as_slice(columns),
+                    columns=_as_slice([position[members[i]] for i in given]),
+                    order=tuple(given),
+                    places=_as_slice(given),
                 )
             )
         return tuple(groups)
@@ -176,13 +223,46 @@ class VariableAccess:
             if before_start:
                 del self._writers[key]  # other names are allowed later
         for group in groups:
-            for i, name in enumerate(group.names):
+            if len(group.given) < len(group.names):
+                self._fill_rest(group)
+            for i, name in zip(group.order, group.given, strict=True):
                 value = values[name]
                 if not (group.real and type(value) is float and isfinite(value)):
                     value = self._checked(group, name, value)
                 group.view[i] = value
         for group in groups:
             self._call(fmu, group)
+            self._remember(group)
+
+    def is_whole(self, name: str) -> bool:
+        """Whether a variable takes whole numbers only."""
+        return self._variables[name].type not in _REAL
+
+    def write_structural(self, fmu: Any, values: Mapping[str, float]) -> None:
+        """Set structural parameters; the FMU stands in configuration mode."""
+        for group in self._groups(tuple(values), "Set"):
+            for i, name in zip(group.order, group.given, strict=True):
+                group.view[i] = self._checked(group, name, values[name])
+            self._call(fmu, group)
+
+    def _fill_rest(self, group: _Group) -> None:
+        """Put the elements that are not given, which keep their values."""
+        for i, name in enumerate(group.names):
+            if name in self._last:
+                group.view[i] = self._last[name]
+
+    def _remember(self, group: _Group) -> None:
+        if self._last and len(group.references) < len(group.names):
+            for i, name in enumerate(group.names):
+                if name in self._last:
+                    self._last[name] = float(group.view[i])
+
+    def refresh(self, fmu: Any) -> None:
+        """Read the elements of arrays that can be set, after a state was restored."""
+        if self._last:
+            for group in self._groups([n for n in self._last if n in self._may_set[False]], "Get"):
+                self._call(fmu, group)
+                self._last |= zip(group.names, map(float, group.view), strict=True)
 
     def _check_names(self, names: Iterable[str], before_start: bool) -> None:
         for name in names:
@@ -212,7 +292,7 @@ class VariableAccess:
         """Read all outputs into ``row``; whoever calls looks for NaN, many rows at once."""
         for group in self._outputs:
             self._call(fmu, group)
-            row[group.columns] = group.view
+            row[group.columns] = group.view[group.places]
 
     def column_writer(
         self, columns: Mapping[str, NDArray[np.float64]]
@@ -224,9 +304,10 @@ class VariableAccess:
         """
         self._check_names(columns, before_start=False)
         groups = self._groups(tuple(columns), "Set")
-        tables = [np.column_stack([columns[name] for name in group.names]) for group in groups]
+        tables = [np.column_stack([columns[name] for name in group.given]) for group in groups]
         for group, table in zip(groups, tables, strict=True):
-            for i, name in enumerate(group.names):
+            self._fill_rest(group)
+            for i, name in enumerate(group.given):
                 distinct = table[:, i] if group.real else np.unique(table[:, i])
                 doubtful = distinct[~np.isfinite(distinct)] if group.real else distinct
                 for value in doubtful:
@@ -235,8 +316,9 @@ class VariableAccess:
 
         def write(fmu: Any, k: int) -> None:
             for group, table in pairs:
-                group.view[:] = table[k]
+                group.view[group.places] = table[k]
                 self._call(fmu, group)
+                self._remember(group)
 
         return write
 
@@ -248,10 +330,10 @@ class VariableAccess:
         )
 
     def _call(self, fmu: Any, group: _Group) -> None:
-        count = len(group.names)
+        count = len(group.references)
         function = getattr(fmu, group.function)
         if self._version == 3:
-            function(fmu.component, group.references, count, group.values, count)
+            function(fmu.component, group.references, count, group.values, len(group.names))
         else:
             function(fmu.component, group.references, count, group.values)
 
@@ -270,7 +352,7 @@ class VariableAccess:
         if whole != number or not fits:
             raise PlantInputError(
                 f"plant {self._model}: {name} = {number:g} cannot be set; it must be "
-                + ("0 or 1" if group.boolean else f"a whole number that fits {c_type.__name__}")
+                + ("0 or 1" if group.boolean else f"a whole number from {_range_of(c_type)}")
             )
         return whole
 
@@ -289,6 +371,22 @@ class VariableAccess:
             f"plant {self._model}: {name!r} is {variable.causality} ({variable.variability}) and "
             f"cannot be set; {nearest(name, allowed)}"
         )
+
+
+def _starts(variable: Any) -> list[float]:
+    """Return the start values of an array's elements; those that are not given are zero."""
+    words = {"true": 1.0, "false": 0.0}
+    given = [words[t] if t in words else float(t) for t in (variable.start or "").split()]
+    size = int(np.prod(variable.shape)) if variable.shape else 0
+    return given + [0.0] * max(0, size - len(given))
+
+
+def _range_of(c_type: Any) -> str:
+    """Return the range of an integer type of C, in words."""
+    bits = 8 * sizeof(c_type)
+    signed = c_type(-1).value < 0
+    low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
+    return f"{low} to {high}"
 
 
 def _view(values: Any) -> NDArray[Any]:

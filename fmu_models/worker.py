@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 from dataclasses import asdict
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,28 +18,30 @@ import numpy as np
 
 from .errors import PlantError
 from .inprocess import InProcessPlant
+from .shared_rows import SharedRows
 
 __all__ = ["serve"]
 
 
-def serve(connection: Connection, folder: Path) -> None:
+def serve(connection: Connection, folder: Path, memory: int) -> None:
     """Answer requests until the client closes the plant or goes away.
 
     Args:
         connection: to the client.
         folder: where the FMU may be extracted; whoever made it removes it.
+        memory: descriptor of the file for the rows of a run.
     """
     _limit_core_dumps()
     plant: InProcessPlant | None = None
+    rows: SharedRows | None = None
     while True:
-        numbers: bytes | None = None
         try:
             action, argument = json.loads(connection.recv_bytes())
             content = connection.recv_bytes() if action == "run" else b""
         except (EOFError, ConnectionError):
             return
         try:
-            if plant is None:
+            if plant is None or rows is None:
                 plant = InProcessPlant(
                     Path(argument["file"]),
                     parameters=argument["parameters"],
@@ -47,10 +50,12 @@ def serve(connection: Connection, folder: Path) -> None:
                     watch=argument["watch"],
                     folder=folder,
                 )
+                rows = SharedRows(memory, len(plant.info.outputs))
+                os.close(memory)
                 answer: dict[str, Any] = {"ok": asdict(plant.info)}
             elif action == "run":
-                numbers = _run(plant, argument, content)
-                answer = {"ok": None, "numbers": True}
+                _run(plant, rows, argument, content)
+                answer = {"ok": None}
             else:
                 answer = {"ok": _answer(plant, action, argument)}
         except PlantError as error:
@@ -58,27 +63,27 @@ def serve(connection: Connection, folder: Path) -> None:
         if plant is not None:
             answer["time"] = plant.time
         connection.send_bytes(json.dumps(answer).encode())
-        if numbers is not None:
-            connection.send_bytes(numbers)
         if plant is None or action == "close":
             return
 
 
-def _run(plant: InProcessPlant, argument: Any, content: bytes) -> bytes:
-    names = argument["names"]
+def _run(plant: InProcessPlant, rows: SharedRows, argument: Any, content: bytes) -> None:
+    names, count = argument["names"], argument["count"]
     table = np.frombuffer(content).reshape(-1, len(names)) if names else np.empty((0, 0))
     columns = {name: table[:, i] for i, name in enumerate(names)}
-    outputs = plant.run(argument["count"], {**argument["held"], **columns})
-    return np.column_stack([outputs[name] for name in plant.info.outputs]).tobytes()
+    plant.fill(
+        {**argument["held"], **columns},
+        rows.table[:count],
+        rows.moments[:count],
+        rows.progress,
+        last=argument["last"],
+    )
 
 
 def _answer(plant: InProcessPlant, action: str, argument: Any) -> Any:
     match action:
         case "step":
             return plant.step(argument)
-        case "steps":
-            rows = plant.steps(argument)
-            return {"names": list(plant.outputs()), "rows": [list(row.values()) for row in rows]}
         case "outputs":
             return plant.outputs()
         case "snapshot":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ __all__ = ["app"]
 app = typer.Typer(no_args_is_help=True, help="Look at FMUs and run them; sweep the plants.")
 
 _MOST_ROWS = 40
+_CATALOGUE_STEPS = 2000
 FmuFile = Annotated[Path, typer.Argument(metavar="FMU", help="An .fmu file, or a plant's name.")]
 
 
@@ -157,7 +159,8 @@ def run(
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
     """Run an FMU: its own default experiment, or as map, inputs and options say."""
-    from fieldlink.lab.fmu import FmuMap, RunSettings, load_map, run_fmu, write_table
+    from fieldlink.lab.fmu import FmuMap, RunSettings, TableFile, load_map, run_fmu
+    from fieldlink.lab.fmu.experiment import choose_stop
     from fieldlink.lab.fmu.inputs import read_inputs
     from fmu_models import summarise
 
@@ -165,26 +168,32 @@ def run(
         raise typer.BadParameter("needs --save-state FILE", param_hint="--snapshot-at")
     summary = summarise(_file(fmu))
     mapping = FmuMap() if map_file is None else load_map(map_file, summary)
-    series = None if inputs is None else read_inputs(inputs, _drivable(summary, mapping))
+    chosen = _start_values(start_values or [], summary)
+    series = None
+    if inputs is not None:
+        words = _drivable(summary, mapping, chosen)
+        series = read_inputs(inputs, words, words)
+    table = None if out is None else TableFile(out)
     settings = RunSettings(
         stop=stop,
         step=step,
-        start_values=_start_values(start_values or [], summary),
+        start_values=chosen,
         inputs=series,
         watch=tuple(watch or ()),
         kind=kind,
         speed=speed,
         isolated=not in_process,
         timeout=timeout,
+        table=table,
         load=load_state,
         save=save_state,
         save_at=snapshot_at,
     )
-    with _Progress(summary.name) as progress:
+    with _Progress(summary.name, choose_stop(summary, stop)) as progress:
         result = run_fmu(summary, mapping, settings, progress)
     _print_result(result)
-    if out is not None:
-        write_table(result, out)
+    if table is not None:
+        table.finish(result)
         typer.echo(f"table: {out}")
     if plot is not None:
         from fieldlink.lab.fmu.pictures import run_figure
@@ -198,19 +207,31 @@ def run(
         raise FmuError(f"it ended early, at {result.time[-1]:g} s: {result.failure}")
 
 
-def _drivable(summary: FmuSummary, mapping: FmuMap) -> set[str]:
-    """Names that a column of the inputs may have: mapped tags, and inputs that are not mapped."""
-    mapped = {entry.variable for entry in mapping.inputs.values()}
-    own = {v.name for v in summary.variables if v.causality == "input"}
-    return set(mapping.inputs) | (own - mapped)
+def _drivable(
+    summary: FmuSummary, mapping: FmuMap, sizes: dict[str, float]
+) -> dict[str, dict[str, float]]:
+    """Names that a column of the inputs may have, with the words that stand for their values.
+
+    They are the mapped tags, and the inputs that are not mapped.
+    """
+    from fieldlink.lab.fmu.signals import Signals, words_of
+
+    signals = Signals(summary, mapping, {**mapping.parameters, **sizes}, ())
+    return {
+        tag: words_of(summary.variable(entry.variable)) for tag, entry in signals.inputs.items()
+    }
 
 
 class _Progress:
-    """The second that was reached, on a terminal only."""
+    """The second that was reached: a live line on a terminal, else a line every half minute."""
 
-    def __init__(self, name: str) -> None:
+    _SECONDS = 30.0
+
+    def __init__(self, name: str, stop: float | None = None) -> None:
         self._name = name
+        self._of = "" if stop is None else f" of {stop:g} s"
         self._status: Any = None
+        self._shown = time.monotonic()
 
     def __enter__(self) -> _Progress:
         if sys.stderr.isatty():
@@ -221,13 +242,18 @@ class _Progress:
         return self
 
     def __call__(self, moment: float) -> None:
-        if self._status is not None:
-            self._status.update(f"{self._name}: {moment:g} s")
+        self._show(f"{self._name}: {moment:g} s{self._of}")
 
     def count(self, done: int, of: int) -> None:
         """Show how many runs are done."""
+        self._show(f"{self._name}: {done} of {of} runs")
+
+    def _show(self, text: str) -> None:
         if self._status is not None:
-            self._status.update(f"{self._name}: {done} of {of} runs")
+            self._status.update(text)
+        elif time.monotonic() > self._shown + self._SECONDS:
+            self._shown = time.monotonic()
+            typer.echo(text, err=True)
 
     def __exit__(self, *_: object) -> None:
         if self._status is not None:
@@ -256,11 +282,13 @@ def _print_result(result: RunResult) -> None:
     console.print(
         f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
     )
+    if result.ended is not None:
+        console.print(f"ended in order at {result.time[-1]:g} s: {escape(result.ended)}")
 
 
 @app.command("sweep")
 def sweep(
-    model: Annotated[str, typer.Argument(help="A plant of the catalogue.")],
+    fmu: FmuFile,
     out: Annotated[Path, typer.Option(help="The table, one row a run: .csv or .parquet.")],
     grid: Annotated[
         list[str] | None,
@@ -270,35 +298,58 @@ def sweep(
         list[str] | None,
         typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
     ] = None,
+    latin: Annotated[
+        bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")
+    ] = False,
     runs: Annotated[int, typer.Option(min=1, help="For each combination.")] = 1,
-    steps: Annotated[int, typer.Option(min=1, help="Samples of a run.")] = 2000,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Samples of a run; else 2000, or the experiment's.")
+    ] = None,
+    step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
+    kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
     seed: Annotated[int, typer.Option(help="Of the whole sweep.")] = 1,
     loop: Annotated[int, typer.Option(min=1, help="Of a plant with several loops.")] = 1,
     workers: Annotated[
-        int | None, typer.Option(min=0, help="Processes; 0 for none, else the cores.")
+        int | None, typer.Option(min=0, help="Runs side by side; 0 for none, else the cores.")
     ] = None,
     signals: Annotated[
-        bool, typer.Option("--signals", help="Keep op, pv, sp and stem (Parquet).")
+        bool, typer.Option("--signals", help="Keep the signals too (Parquet).")
     ] = False,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
-    """Run a plant with its controller inside many times; goes on where it was interrupted."""
-    from fieldlink.lab.fmu.sweeping import sweep_to_file
-    from fmu_models import Sweep
+    """Run a plant, or any FMU, many times; goes on where it was interrupted."""
+    from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
+    from fmu_models import Sweep, catalogue, summarise
 
+    ours = str(fmu) in catalogue and not fmu.exists()
     values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}
+    if ours:
+        count, period = steps or _CATALOGUE_STEPS, step
+    else:
+        count, period = plan_steps(summarise(fmu), steps, step)
     plan = Sweep(
-        model,
-        steps=steps,
+        str(fmu),
+        steps=count,
         grid={name: many for name, many in values.items() if len(many) > 1},
         fixed={name: many[0] for name, many in values.items() if len(many) == 1},
         random={name: _range_of(text) for name, text in _pairs(random or [], "--random")},
         runs=runs,
         seed=seed,
         loop=loop - 1,
+        design="latin" if latin else "random",
+        period=period,
+        kind=kind,
+        timeout=timeout,
     )
-    with _Progress(model) as progress:
+    with _Progress(fmu.stem) as progress:
         failed = sweep_to_file(plan, out, signals=signals, workers=workers, progress=progress.count)
-    typer.echo(f"{plan.count} runs, {failed} failed: {out}")
+    typer.echo(f"{plan.count} runs, {len(failed)} failed: {out}")
+    for number, error in failed[:_MOST_ROWS]:
+        typer.echo(f"  run {number}: {error}", err=True)
+    if len(failed) > _MOST_ROWS:
+        typer.echo(f"  and {len(failed) - _MOST_ROWS} more in the column error", err=True)
+    if failed:
+        raise typer.Exit(1)
 
 
 def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
@@ -335,3 +386,44 @@ def new(
     typer.echo(f"{file}: fill in what is marked with (1) to (6), then")
     typer.echo(f"  python -m fmu_models.build {file} --output {output}")
     typer.echo(f"  fieldlink fmu run {output / f'{name}.fmi3.fmu'} --plot {name}.png")
+
+
+@app.command("loop")
+def loop(
+    fmu: FmuFile,
+    op: Annotated[
+        str, typer.Option(help="Input that the controller's output (0 to 100 %) drives.")
+    ],
+    pv: Annotated[str, typer.Option(help="Output that is controlled.")],
+    output: Annotated[
+        Path | None, typer.Option(help="The scenario; else NAME.toml in this folder.")
+    ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(help="Seconds of a scan; else the FMU's step, or a tenth of its lag."),
+    ] = None,
+    op_start: Annotated[
+        float | None, typer.Option(help="Percent at the start; else the input's start value.")
+    ] = None,
+    stick_band: Annotated[float, typer.Option(min=0.0, help="S of the valve, % of OP.")] = 5.0,
+    slip_jump: Annotated[float, typer.Option(min=0.0, help="J of the valve, % of OP.")] = 1.5,
+) -> None:
+    """Put a process of your own into a loop with a sticky valve: a scenario to rehearse."""
+    from fieldlink.lab.fmu.loop_scenario import LoopWish, respond, write_scenario
+    from fmu_models import summarise
+
+    summary = summarise(_file(fmu))
+    wish = LoopWish(op, pv, period, op_start, stick_band, slip_jump)
+    response = respond(summary, wish)
+    gain, integral_time = response.tune()
+    file = output or Path(f"{fmu.stem}.toml")
+    write_scenario(summary, wish, response, file)
+    kind = "rises by" if response.integrates else "changes by"
+    unit = " a second" if response.integrates else ""
+    typer.echo(
+        f"{pv} {kind} {response.gain:.3g}{unit} for each percent of {op}, "
+        f"lag {response.lag:.3g} s, dead time {response.dead_time:.3g} s; "
+        f"scan every {response.period:g} s"
+    )
+    typer.echo(f"PI by SIMC: gain {gain:.3g}, integral time {integral_time:.3g} s")
+    typer.echo(f"{file}: fieldlink rehearse {file} --report report")

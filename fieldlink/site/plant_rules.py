@@ -36,7 +36,7 @@ def plant_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterato
         return
     yield from _shared_fits(site, source, name, loop, plant)
     yield from _external_fits(site, source, name, loop, plant)
-    if plant.fmu is not None and plant.fmu.endswith(".fmu"):
+    if plant.fmu is not None and plant.fmu.endswith((".fmu", ".ssp")):
         path = site.resolve(plant.fmu)
         if not path.is_file():
             yield source.problem(

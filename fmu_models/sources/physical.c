@@ -10,7 +10,10 @@
  * force. With a step of pressure the stem of this overdamped actuator comes to rest where He's
  * model puts it; with a lag of pressure it may slip early, stick again, and rest up to J short.
  *
- * Integrated at its own step of 0.1 ms, implicit in velocity. */
+ * Integrated on a grid of 0.1 ms, implicit in velocity. Where nothing happens the grid is left: a
+ * stem that sticks waits for the pressure, whose exponential is known, and a stem that moves
+ * steadily, away from Stribeck's velocity, takes longer steps. Against every step of the grid the
+ * stem differs by less than 1 % of the stick band; a test keeps that. */
 #define MODEL_IDENTIFIER physical
 #define BASE_STEP 0.0001
 #define DEFAULT_STEP 1.0
@@ -84,21 +87,25 @@ static double sliding(const plant *p, const forces *f, double v) {
     return f->coulomb + (f->static_force - f->coulomb) * exp(-r * r);
 }
 
+/* Steps of the grid that a steady motion takes at once: 1 ms, a twelfth of the actuator's own lag
+ * viscous/spring, so that backward Euler's delay of half a step stays below 0.1 % of travel. */
+#define LONG_STEP 10
+/* A motion is steady where the velocity changes by less than this part of it in a long step. */
+#define STEADY 0.05
+
 /* Karnopp: Computer simulation of stick-slip friction in mechanical dynamic systems. J. Dynamic
  * Systems, Measurement, and Control 107 (1985) 100-103. Within a small velocity the stem sticks,
- * and friction balances the driving force up to the static one. */
-static void advance_karnopp(plant *p, const forces *f, double drive) {
+ * and friction balances the driving force up to the static one. Returns the velocity after h. */
+static double karnopp(const plant *p, const forces *f, double drive, double h) {
     const double slow = 0.1 * p->v.stribeck;
     double v = p->memory.v, direction;
-    if (fabs(v) < slow && fabs(drive) <= f->static_force) {
-        p->memory.v = 0.0;
-        return;
-    }
+    if (fabs(v) < slow && fabs(drive) <= f->static_force)
+        return 0.0;
     direction = fabs(v) < slow ? (drive > 0.0 ? 1.0 : -1.0) : (v > 0.0 ? 1.0 : -1.0);
-    v = (p->v.mass * v + BASE_STEP * (drive - direction * sliding(p, f, v))) /
-        (p->v.mass + BASE_STEP * p->v.viscous);
+    v = (p->v.mass * v + h * (drive - direction * sliding(p, f, v))) /
+        (p->v.mass + h * (p->v.viscous + h * p->v.spring));
     /* Friction never drives: what would turn round comes to rest first. */
-    p->memory.v = f->static_force > 0.0 && v * direction < 0.0 ? 0.0 : v;
+    return f->static_force > 0.0 && v * direction < 0.0 ? 0.0 : v;
 }
 
 /* Canudas de Wit, Olsson, Astrom, Lischinsky: A new model for control of systems with friction.
@@ -114,6 +121,27 @@ static void advance_lugre(plant *p, const forces *f, double drive) {
                      (p->v.mass + h * (damping + p->v.viscous + h * stiffness));
     p->memory.z = (p->memory.z + h * v) / (1.0 + h * stiffness * fabs(v) / limit);
     p->memory.v = v;
+}
+
+/* Steps of the grid, at most ``most``, in which Karnopp's stem stays where it is. */
+static int64_t resting_steps(const plant *p, const forces *f, double op, int64_t most) {
+    const double scale = 0.01 * f->span, held = p->v.spring * p->memory.x;
+    const double rest = p->memory.pressure - op, decay = -BASE_STEP / p->v.actuator_lag;
+    const double first = scale * (op + rest * exp(decay)) - held;
+    const double last = scale * (op + rest * exp(decay * (double)most)) - held;
+    double border, steps;
+    if (fabs(p->memory.v) >= 0.1 * p->v.stribeck)
+        return 0;
+    if (p->memory.v == 0.0 && ((p->memory.x <= 0.0 && first < 0.0 && last < 0.0) ||
+                               (p->memory.x >= p->v.travel && first > 0.0 && last > 0.0)))
+        return most; /* pressed against an end stop */
+    if (fabs(first) > f->static_force)
+        return 0;
+    if (fabs(last) <= f->static_force)
+        return most;
+    border = ((last > 0.0 ? f->static_force : -f->static_force) + held) / scale;
+    steps = log((border - op) / rest) / decay;
+    return steps > 1.0 ? (int64_t)steps : 1;
 }
 
 static void measure(plant *p) {
@@ -132,29 +160,90 @@ static const char *plant_initialise(plant *p) {
     return check(p);
 }
 
+/* What the lags of pressure and process let through in one and in LONG_STEP steps of the grid. */
+typedef struct {
+    double fill, follow;
+} lags;
+
+static lags present_lags(const plant *p, double h) {
+    lags l;
+    l.fill = 1.0 - exp(-h / p->v.actuator_lag);
+    l.follow = 1.0 - exp(-h / p->v.time_constant);
+    return l;
+}
+
+static double driving_force(const plant *p, const forces *f) {
+    return 0.01 * f->span * p->memory.pressure - p->v.spring * p->memory.x;
+}
+
+static void stop_at_ends(plant *p) {
+    if (p->memory.x >= 0.0 && p->memory.x <= p->v.travel)
+        return;
+    p->memory.x = plant_clamp(p->memory.x, 0.0, p->v.travel);
+    p->memory.v = 0.0;
+}
+
+static void follow_stem(plant *p, double share, double x) {
+    p->memory.y += share * (100.0 * x / p->v.travel + p->v.load - p->memory.y);
+}
+
+static void move_one_step(plant *p, const forces *f, const lags *l, double op) {
+    p->memory.pressure += l->fill * (op - p->memory.pressure);
+    if ((int)p->v.valve == VALVE_LUGRE)
+        advance_lugre(p, f, driving_force(p, f));
+    else
+        p->memory.v = karnopp(p, f, driving_force(p, f), BASE_STEP);
+    p->memory.x += BASE_STEP * p->memory.v;
+    stop_at_ends(p);
+    follow_stem(p, l->follow, p->memory.x);
+}
+
+/* Move LONG_STEP steps of the grid at once and return 1 where the motion is steady. */
+static int move_steadily(plant *p, const forces *f, const lags *l, double op) {
+    const double h = BASE_STEP * LONG_STEP, x = p->memory.x, pressure = p->memory.pressure;
+    const double before = fabs(p->memory.v);
+    const double fast = (int)p->v.valve == VALVE_FRICTIONLESS ? 0.0 : 4.0 * p->v.stribeck;
+    double v;
+    if (before <= fast)
+        return 0;
+    p->memory.pressure += l->fill * (op - pressure);
+    v = karnopp(p, f, driving_force(p, f), h);
+    if (fabs(v - p->memory.v) > STEADY * before || fabs(v) <= fast) {
+        p->memory.pressure = pressure;
+        return 0;
+    }
+    p->memory.v = v;
+    p->memory.x += h * v;
+    stop_at_ends(p);
+    follow_stem(p, l->follow, 0.5 * (x + p->memory.x));
+    return 1;
+}
+
+static void rest(plant *p, double op, int64_t n) {
+    const lags l = present_lags(p, BASE_STEP * (double)n);
+    p->memory.v = 0.0;
+    p->memory.pressure += l.fill * (op - p->memory.pressure);
+    follow_stem(p, l.follow, p->memory.x);
+}
+
 static const char *plant_advance(plant *p, int64_t count) {
     const char *complaint = check(p);
     const forces f = present_forces(p);
-    const double fill = 1.0 - exp(-BASE_STEP / p->v.actuator_lag);
-    const double follow = 1.0 - exp(-BASE_STEP / p->v.time_constant);
+    const lags one = present_lags(p, BASE_STEP), many = present_lags(p, BASE_STEP * LONG_STEP);
+    const int skips = (int)p->v.valve != VALVE_LUGRE; /* LuGre's bristles never rest */
     double op;
     if (complaint)
         return complaint;
     op = p->v.op_out = plant_clamp(controlled_op(p, count), 0.0, 100.0);
-    for (int64_t i = 0; i < count; ++i) {
-        double drive;
-        p->memory.pressure += fill * (op - p->memory.pressure);
-        drive = 0.01 * f.span * p->memory.pressure - p->v.spring * p->memory.x;
-        if ((int)p->v.valve == VALVE_LUGRE)
-            advance_lugre(p, &f, drive);
+    for (int64_t left = count; left > 0;) {
+        int64_t n = skips ? resting_steps(p, &f, op, left) : 0;
+        if (n > 0)
+            rest(p, op, n);
+        else if (skips && left >= LONG_STEP && move_steadily(p, &f, &many, op))
+            n = LONG_STEP;
         else
-            advance_karnopp(p, &f, drive);
-        p->memory.x += BASE_STEP * p->memory.v;
-        if (p->memory.x < 0.0 || p->memory.x > p->v.travel) { /* the end stops */
-            p->memory.x = plant_clamp(p->memory.x, 0.0, p->v.travel);
-            p->memory.v = 0.0;
-        }
-        p->memory.y += follow * (100.0 * p->memory.x / p->v.travel + p->v.load - p->memory.y);
+            move_one_step(p, &f, &one, op), n = 1;
+        left -= n;
     }
     measure(p);
     return 0;

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from fmu_models.packing import build_source
+from tests.fmu_models import odd_fmus
 from tests.fmu_models.mini_fmus import make
 
 SOURCES = Path(__file__).with_name("sources")
@@ -55,3 +56,9 @@ def program_environment(tmp_path: Path) -> dict[str, str]:
 def mini_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """FMUs without our wrapper: ``fmi1-cs``, ``fmi1-me``, ``fmi2`` (co-simulation and exchange)."""
     return make(tmp_path_factory.mktemp("mini"))
+
+
+@pytest.fixture(scope="session")
+def odd(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """FMI 3 with arrays, events and early return: ``plain``, ``events``, ``long``."""
+    return odd_fmus.make(tmp_path_factory.mktemp("odd"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 import zipfile
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import pytest
 
 from fmu_models import (
     PlantClosedError,
+    PlantCrashError,
+    PlantEndedError,
     PlantError,
     PlantFileError,
     PlantInputError,
@@ -20,12 +23,12 @@ from fmu_models import (
     open_plant,
 )
 from fmu_models.compilers import compile_library, host_platform
-from fmu_models.isolated import IsolatedPlant
 from fmu_models.packing import _header_folder
 
 Minis = dict[str, Path]
 ALL = [("fmi1-cs", None), ("fmi1-me", None), ("fmi2", "co-simulation"), ("fmi2", "model exchange")]
 EXCHANGE = [ALL[1], ALL[3]]
+SEGFAULT, ENDLESS, SLOW = 2, 3, 6  # of faulty.c
 
 
 @pytest.mark.parametrize("isolated", [True, False])
@@ -265,17 +268,75 @@ def test_casadi_exports_run(tmp_path: Path) -> None:
         np.testing.assert_allclose(values, [*falling, *rising], atol=1e-3)
 
 
-def test_messages_shrink_for_a_slow_fmu_and_grow_for_a_fast_one(mini_fmus: Minis) -> None:
-    with open_plant(mini_fmus["fmi2"], period=1.0, timeout=32.0) as plant:
-        assert isinstance(plant, IsolatedPlant)
-        assert plant._suitable_rows(64, 0.1) == 256
-        assert plant._suitable_rows(4096, 0.1) == 4096
-        assert plant._suitable_rows(64, 2.0) == 64
-        assert plant._suitable_rows(64, 5.0) == 16
-        assert plant._suitable_rows(2, 31.0) == 1
-        inflow = 1.0 + np.sin(np.arange(600) / 50.0)
-        table = plant.run(600, {"tank.inflow[1]": inflow})
+@pytest.mark.parametrize("isolated", [True, False])
+@pytest.mark.parametrize(
+    ("fault", "error", "words"),
+    [
+        (2, PlantStepError, "the FMU discarded the step of 1 s, it got to 2 s; try another"),
+        (3, PlantStepError, "asked for status 3"),
+        (4, PlantStepError, "asked for status 4; after a fatal status FMI allows no further call"),
+        (5, PlantEndedError, r"the FMU ended the simulation at 2 s \(has it reached its stop time"),
+        (6, PlantStepError, "output tank.h is nan at 3 s"),
+    ],
+)
+def test_steps_before_a_failure_are_kept(
+    mini_fmus: Minis, fault: int, error: type[PlantError], words: str, isolated: bool
+) -> None:
+    faults = np.array([0.0, 0.0, fault, 0.0, 0.0])
+    with open_plant(mini_fmus["fmi2"], period=1.0, isolated=isolated) as plant:
+        whole = plant.run(2, {"tank.inflow[1]": 2.0})
+    kept = []
+    with open_plant(mini_fmus["fmi2"], period=1.0, isolated=isolated) as plant:
+        pieces = plant.run_pieces(5, {"tank.inflow[1]": 2.0, "fault": faults})
+        with pytest.raises(error, match=words):
+            kept.extend(pieces)
+        with pytest.raises(PlantClosedError, match="has ended" if fault == 5 else "failed before"):
+            plant.step({})
+    assert np.concatenate([piece.time for piece in kept]).tolist() == [1.0, 2.0]
+    level = np.concatenate([piece.columns["tank.h"] for piece in kept])
+    np.testing.assert_array_equal(level, whole["tank.h"])
+
+
+@pytest.mark.parametrize(("fault", "words"), [(SEGFAULT, "SIGSEGV"), (ENDLESS, "did not answer")])
+def test_steps_before_a_crash_are_kept(faulty: Path, fault: int, words: str) -> None:
+    """One message carries all five steps; the process dies, or hangs, in the third."""
+    kept = []
+    with open_plant(faulty, timeout=0.5) as plant:
+        pieces = plant.run_pieces(5, {"fault": np.array([0.0, 0.0, fault, 0.0, 0.0])})
+        with pytest.raises(PlantCrashError, match=words):
+            kept.extend(pieces)
+    assert np.concatenate([piece.time for piece in kept]).tolist() == [1.0, 2.0]
+
+
+def test_timeout_is_of_a_step_not_of_a_run(faulty: Path) -> None:
+    """Eight steps of 0.3 s and more in one message; none takes two seconds."""
+    with open_plant(faulty, timeout=2.0, parameters={"fault": SLOW}) as plant:
+        begun = time.monotonic()
+        assert plant.run(8, {})["steps"].tolist() == list(range(1, 9))
+        assert time.monotonic() - begun > 2.0
+
+
+def test_a_last_step_may_be_shorter(mini_fmus: Minis) -> None:
+    for isolated in (True, False):
+        with open_plant(mini_fmus["fmi2"], period=1.0, isolated=isolated) as plant:
+            pieces = list(plant.run_pieces(3, {"tank.inflow[1]": 2.0}, last=0.25))
+            assert plant.time == 2.25
+            snapshot = plant.snapshot()
+            after = plant.step({})
+            plant.restore(snapshot)
+            assert plant.time == 2.25
+            assert plant.step({}) == after
+        assert np.concatenate([piece.time for piece in pieces]).tolist() == [1.0, 2.0, 2.25]
+        level = np.concatenate([piece.columns["tank.h"] for piece in pieces])
+        np.testing.assert_allclose(level, 2.0 * (1.0 - np.exp([-1.0, -2.0, -2.25])), atol=2e-3)
+
+
+def test_after_a_fatal_status_nothing_of_the_fmu_is_called(mini_fmus: Minis) -> None:
     with open_plant(mini_fmus["fmi2"], period=1.0, isolated=False) as plant:
-        expected = plant.run(600, {"tank.inflow[1]": inflow})
-    for name, values in expected.items():
-        np.testing.assert_array_equal(table[name], values)
+        snapshot = plant.snapshot()
+        with pytest.raises(PlantStepError, match="status 4"):
+            plant.step({"fault": 4})
+        with pytest.raises(
+            PlantClosedError, match=r"must not be called any more.*open it again, is"
+        ):
+            plant.restore(snapshot)

@@ -126,8 +126,88 @@ def test_journal_of_another_sweep(tmp_path: Path) -> None:
     with pytest.raises(PlantInputError, match="journal of another sweep"):
         list(run_sweep(Sweep("flow", steps=6), workers=0, journal=journal))
     journal.write_text("hello\n")
-    with pytest.raises(PlantInputError, match="no journal"):
+    with pytest.raises(PlantInputError, match="is not the journal of a sweep"):
         list(run_sweep(Sweep("flow", steps=6), workers=0, journal=journal))
+
+
+def test_any_fmu_with_parameters_by_name(odd: dict[str, Path]) -> None:
+    """Structural sizes, grid and drawn values; x goes from 1 to gain u[1], by closed form."""
+    plan = Sweep(
+        str(odd["plain"]),
+        steps=3,
+        period=0.1,
+        grid={"u[1]": (2.0, 3.0)},
+        random={"gain": (1.0, 4.0)},
+        fixed={"n": 2.0},
+        runs=4,
+        design="latin",
+    )
+    runs = list(run_sweep(plan, workers=0))
+    assert [run.parameters["u[1]"] for run in runs] == [2.0] * 4 + [3.0] * 4
+    for point in (runs[:4], runs[4:]):  # a Latin hypercube: one draw in each quarter of the range
+        quarters = sorted(int((run.parameters["gain"] - 1.0) / 0.75) for run in point)
+        assert quarters == [0, 1, 2, 3]
+    for run in runs:
+        goal = run.parameters["gain"] * run.parameters["u[1]"]
+        x = goal + (1.0 - goal) * np.exp(-0.1 * np.arange(4))
+        np.testing.assert_allclose(run.signals["x"], x, rtol=1e-9)
+        assert run.figures["x_last"] == run.signals["x"][-1]
+        assert run.figures["y[2]_max"] == 0.0
+    pooled = list(run_sweep(plan, workers=3))
+    assert all(map(same, runs, pooled))
+
+
+def test_whole_numbers_are_drawn_whole(odd: dict[str, Path]) -> None:
+    plan = Sweep(str(odd["plain"]), steps=1, random={"mode": (1.0, 2.0)}, runs=12)
+    assert {run.parameters["mode"] for run in run_sweep(plan, workers=2)} == {1.0, 2.0}
+
+
+def test_runs_that_crash_or_end_are_results(
+    faulty: Path, odd: dict[str, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out.csv"
+    arguments = ["sweep", str(faulty), "--set", "fault=0,2,4", "--steps", "5", "--out", str(out)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 1
+    assert "3 runs, 2 failed" in done.output
+    assert "run 1: plant faulty.fmi3.fmu at 0 s: its process died of SIGSEGV" in done.output
+    assert "run 2: plant faulty: the step from 0 s by 1 s failed" in done.output
+    table = pd.read_csv(out)
+    assert table["steps_last"].tolist()[0] == 5.0
+    assert table["error"].isna().tolist() == [True, False, False]
+    ended = Sweep(str(odd["plain"]), steps=20, fixed={"stop_at": 0.6})
+    (run,) = run_sweep(ended, workers=0)
+    assert run.error is None
+    assert run.ended is not None
+    assert "ended the simulation at 0.6 s" in run.ended
+    assert run.signals["x"].size == 4
+
+
+def test_an_interrupted_sweep_of_any_fmu_goes_on(odd: dict[str, Path], tmp_path: Path) -> None:
+    plan = Sweep(str(odd["plain"]), steps=2, grid={"gain": (1.0, 2.0, 3.0)})
+    journal = tmp_path / "journal"
+    begun = run_sweep(plan, workers=0, journal=journal)
+    first = next(begun)
+    begun.close()
+    seen: list[int] = []
+    rest = list(
+        run_sweep(plan, workers=0, journal=journal, progress=lambda done, _: seen.append(done))
+    )
+    assert seen[0] == 1
+    assert same(first, rest[0])
+    with journal.open() as lines:
+        assert sum(1 for _ in lines) == 4
+
+
+def test_without_options_a_run_is_the_default_experiment(
+    odd: dict[str, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out.parquet"
+    done = CliRunner().invoke(
+        app, ["sweep", str(odd["plain"]), "--set", "gain=1,2", "--signals", "--out", str(out)]
+    )
+    assert done.exit_code == 0, done.output
+    assert [len(x) for x in pd.read_parquet(out)["x"]] == [21, 21]
 
 
 def test_command(tmp_path: Path) -> None:

@@ -189,3 +189,30 @@ def test_a_plant_that_fails_ends_the_rehearsal_with_its_cause(
     file.path.write_text(file.path.read_text().replace('"example1"', f'"{built.name}"'))
     with pytest.raises(ScenarioError, match=r"cannot go on at 0 s: .*died of SIGSEGV"):
         rehearse(load_scenario(file.path))
+
+
+def test_a_valve_in_front_of_the_fmu_is_the_valve_inside(make_scenario: MakeScenario) -> None:
+    valve = "[valve]\nstick_band = [[0, 6]]\nslip_jump = [[0, 2]]\n"
+    first = "setpoint = [[0, 50], [10, 50], [10, 60], [60, 45]]"
+    inside = rehearse(make_scenario(first=first, more=valve)).course.trend
+    healthy = "parameters = { valve = 0 }"
+    front = make_scenario(first=first, plant=healthy, more=valve + "in_front = true\n")
+    outside = rehearse(front).course.trend
+    np.testing.assert_allclose(outside.stem, inside.stem, rtol=1e-12)
+    np.testing.assert_allclose(outside.pv, inside.pv, rtol=1e-9)
+    assert np.ptp(inside.stem) > 3.0
+
+
+@pytest.mark.parametrize("kind", ["write_flipped", "write_torn"])
+def test_a_damaged_block_is_not_committed(make_scenario: MakeScenario, kind: str) -> None:
+    run = rehearse(
+        make_scenario(
+            controller='kind = "mpc"\ncompensate = true',
+            daemon="write_back = true",
+            plant="parameters = { stick_band = 11, slip_jump = 3, op_start = 40 }",
+            more=f'[[network]]\nkind = "{kind}"\nbegin = 0\nend = 120',
+        )
+    )
+    outcomes = {record.outcome for record in run.course.writebacks}
+    assert "readback_differs" in outcomes
+    assert not outcomes & {"committed", "accepted"}

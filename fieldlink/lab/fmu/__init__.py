@@ -2,7 +2,7 @@
 
 from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.mapping import FmuMap, load_map
-from fieldlink.lab.fmu.recorder import RunResult, write_table
+from fieldlink.lab.fmu.recorder import RunResult, TableFile
 from fieldlink.lab.fmu.runner import RunSettings, run_fmu
 from fieldlink.lab.fmu.units import Conversion, conversion
 
@@ -12,8 +12,8 @@ __all__ = [
     "FmuMap",
     "RunResult",
     "RunSettings",
+    "TableFile",
     "conversion",
     "load_map",
     "run_fmu",
-    "write_table",
 ]

@@ -6,33 +6,31 @@ one. Time is ``start + k * step`` and deadlines are counted from the beginning, 
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.control import LoopController
-from fieldlink.lab.fmu.errors import FmuError, nearest
+from fieldlink.lab.fmu.errors import FmuError
+from fieldlink.lab.fmu.experiment import Steps, choose_step, choose_stop, divide
 from fieldlink.lab.fmu.inputs import InputSeries
-from fieldlink.lab.fmu.mapping import FmuMap, InputMap, OutputMap
-from fieldlink.lab.fmu.recorder import RunResult, RunTable
+from fieldlink.lab.fmu.mapping import FmuMap
+from fieldlink.lab.fmu.recorder import TIME_VARIABLE, RunResult, RunTable, TableFile
+from fieldlink.lab.fmu.signals import SETPOINT, Signals
 from fieldlink.lab.fmu.state_file import load_state, save_state
-from fieldlink.lab.fmu.units import Conversion, conversion
-from fmu_models import FmuSummary, Plant, PlantError, open_plant
+from fmu_models import FmuSummary, Plant, PlantEndedError, PlantError, open_plant
 
 __all__ = ["RunSettings", "run_fmu"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
-_ROWS = 500
-_MOST_ROWS = 20_000_000
-_DEFAULT_STEPS = 500
-_SETPOINT = "SP"
+_WRITE_SECONDS = 0.5
+"""Of the wall clock, after which rows go to the disk: what a run that is killed loses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +39,15 @@ class RunSettings:
 
     Attributes:
         stop: second at which the run ends; None takes the default experiment's.
-        step: seconds a step; None takes the map's, the default experiment's, or a 500th.
+        step: seconds a step; None takes the map's, the default experiment's, or a round one.
         start_values: by variable, in the FMU's units; they win over the map's parameters.
         inputs: recorded inputs, by tag or variable.
         watch: further variables to record.
         kind: "co-simulation" or "model exchange"; None takes the first that is offered.
         speed: plant seconds a second; None runs as fast as it can.
         isolated: run the FMU in a process of its own.
-        timeout: seconds that the FMU may take to answer.
+        timeout: seconds that one step may take.
+        table: the rows go there as they are computed.
         load: a state file to begin from.
         save: a state file to write.
         save_at: the second at which it is written; None means the end.
@@ -63,6 +62,7 @@ class RunSettings:
     speed: float | None = None
     isolated: bool = True
     timeout: float = 60.0
+    table: TableFile | None = None
     load: Path | None = None
     save: Path | None = None
     save_at: float | None = None
@@ -76,8 +76,8 @@ def run_fmu(
 ) -> RunResult:
     """Run an FMU and return what it did.
 
-    A failure of the FMU and an interruption (Ctrl-C) end it early and are in the result, with what
-    was recorded until then.
+    An FMU that ends the simulation, a failure of it and an interruption (Ctrl-C) are in the result,
+    with what was recorded until then.
 
     Args:
         fmu: what `fmu_models.summarise` says of it.
@@ -97,38 +97,18 @@ class _Run:
         self, fmu: FmuSummary, mapping: FmuMap, settings: RunSettings, progress: Progress
     ) -> None:
         self.fmu, self.mapping, self.settings, self.progress = fmu, mapping, settings, progress
-        numbers = {v.name: v for v in fmu.variables}
-        own_inputs = [v.name for v in fmu.variables if _is_input(v.causality, v.type, v.scalar)]
-        mapped = {entry.variable for entry in mapping.inputs.values()}
-        self.inputs = dict(mapping.inputs) | {
-            name: InputMap(variable=name) for name in own_inputs if name not in mapped
-        }
-        if mapping.outputs:
-            self.outputs = dict(mapping.outputs)
-        else:
-            names = (v.name for v in fmu.variables if v.causality == "output" and v.scalar)
-            self.outputs = {
-                name: OutputMap(variable=name)
-                for name in names
-                if numbers[name].type not in ("String", "Binary", "Clock")
-            }
-        for name in settings.watch:
-            self.outputs.setdefault(name, OutputMap(variable=name))
-        self.conversions: dict[str, Conversion] = {}
-        for tag, written in self.inputs.items():
-            self.conversions[tag] = conversion(fmu, written.variable, written.unit)
-        for tag, read in self.outputs.items():
-            self.conversions[tag] = conversion(fmu, read.variable, read.unit)
-        self.stop = _stop(fmu, settings.stop)
+        parameters = {**mapping.parameters, **settings.start_values}
+        self.signals = Signals(fmu, mapping, parameters, settings.watch)
+        self.stop = choose_stop(fmu, settings.stop)
         wanted = mapping.period if settings.step is None else settings.step
-        self.step = _default_step(fmu, self.stop) if wanted is None else wanted
-        self.notes: list[str] = []
+        self.step, note = choose_step(fmu, self.stop, wanted)
+        self.notes = [] if note is None else [note]
+        if "time" in self.signals.outputs or "time" in self.signals.inputs:
+            self.notes.append(f"the variable called time is the column {TIME_VARIABLE}")
         self.late = 0
-        if not self.outputs:
-            raise FmuError(
-                f"{fmu.file.name}: it has no outputs; name variables to record, "
-                f"{nearest('', numbers)}"
-            )
+        self.ended: str | None = None
+        self.failure: str | None = None
+        self.written, self.written_at = 0, time.monotonic()
 
     def result(self) -> RunResult:
         begun = time.perf_counter()
@@ -138,7 +118,7 @@ class _Run:
             parameters=self._start_values(),
             period=self.step,
             kind=settings.kind,
-            watch=[out.variable for out in self.outputs.values()],
+            watch=[out.variable for out in self.signals.outputs.values()],
             isolated=settings.isolated,
             timeout=settings.timeout,
         ) as plant:
@@ -146,62 +126,58 @@ class _Run:
                 plant.restore(load_state(settings.load, self.fmu.file))
             if settings.save is not None and not plant.info.can_restore:
                 raise FmuError(f"{self.fmu.file.name}: it offers no state that could be saved")
-            return self._recorded(plant, begun)
+            result = self._recorded(plant)
+        return replace(result, seconds=time.perf_counter() - begun)
 
     def _start_values(self) -> dict[str, float]:
+        """Values before the start; an input that is recorded begins with its first row."""
+        signals, series = self.signals, self.settings.inputs
         values = dict(self.mapping.parameters)
-        for tag, entry in self.inputs.items():
+        for tag, entry in signals.inputs.items():
             if entry.value is not None:
-                values[entry.variable] = self.conversions[tag].to_variable(entry.value)
+                values[entry.variable] = signals.conversions[tag].to_variable(entry.value)
+        if series is not None:
+            first = series.at(np.array([self.fmu.start_time]))
+            values |= {n: float(v[0]) for n, v in signals.to_variables(first).items()}
         values |= self.settings.start_values
-        series = self.settings.inputs
-        columns = set(series.columns) if series is not None else set()
-        controlled = self.mapping.controller.op if self.mapping.controller else None
-        undriven: list[str] = []
-        for tag, entry in self.inputs.items():
-            variable = self.fmu.variable(entry.variable)
-            driven = tag in columns or tag == controlled or entry.variable in values
-            if driven or variable is None or variable.causality != "input":
-                continue
-            if not variable.start:
-                raise FmuError(
-                    f"{self.fmu.file.name}: input {entry.variable} has no start value and nothing "
-                    "drives it; give it one in the map, as a column of the inputs, or with --set "
-                    f"{entry.variable}=VALUE"
-                )
-            undriven.append(tag)
+        driven = set(series.columns) if series is not None else set()
+        if self.mapping.controller is not None:
+            driven.add(self.mapping.controller.op)
+        undriven = signals.undriven(driven, values)
         if undriven:
             self.notes.append(
                 f"inputs that nothing drives keep their start values: {', '.join(undriven)}"
             )
         return values
 
-    def _recorded(self, plant: Plant, begun: float) -> RunResult:
+    def _recorded(self, plant: Plant) -> RunResult:
         start = plant.time
-        count = math.ceil((self.stop - start) / self.step - 1e-9)
-        if count < 1 or count > _MOST_ROWS:
-            raise FmuError(
-                f"from {start:g} s to {self.stop:g} s in steps of {self.step:g} s are {count} "
-                f"steps; give a stop time and a step with 1 to {_MOST_ROWS} steps"
+        variable = plant.info.can_vary_step
+        steps = divide(start, self.stop, self.step, variable=variable)
+        moments = start + np.arange(steps.count, dtype=np.float64) * self.step
+        if not variable and self.stop - moments[-1] - self.step > 1e-9 * self.step:
+            self.notes.append(
+                f"it takes steps of {self.step:g} s only, so the run ends at "
+                f"{moments[-1] + self.step:g} s"
             )
-        moments = start + np.arange(count, dtype=np.float64) * self.step
         driven = self._driven(moments)
-        table = RunTable(plant.outputs(), count)
-        save_row = self._save_row(start, count)
-        failure: str | None = None
+        table = RunTable(start, plant.outputs(), steps.count)
+        save_row = self._save_row(start, steps.count)
         one_by_one = self.mapping.controller is not None or self.settings.speed is not None
         try:
             if save_row == 0:
                 self._save(plant)
             if one_by_one:
-                self._stepwise(plant, moments, driven, table, save_row)
+                self._stepwise(plant, moments, driven, table, steps, save_row)
             else:
-                self._columnwise(plant, count, driven, table, save_row)
+                self._columnwise(plant, driven, table, steps, save_row)
+        except PlantEndedError as error:
+            self.ended = str(error)
         except PlantError as error:
-            failure = str(error)
+            self.failure = str(error)
         except KeyboardInterrupt:
-            failure = "it was interrupted"
-        return self._pack(plant, moments, driven, table, failure, time.perf_counter() - begun)
+            self.failure = "it was interrupted"
+        return self._pack(plant.info.name, driven, table)
 
     def _driven(self, moments: Array) -> dict[str, Array]:
         """Return the recorded inputs at every step, by tag and in the tag's unit."""
@@ -211,7 +187,7 @@ class _Run:
         if controller is not None:
             if controller.op in values:
                 raise FmuError(f"{controller.op} is written by the controller and by the inputs")
-            values[_SETPOINT] = np.array([controller.at(float(t)) for t in moments])
+            values[SETPOINT] = np.array([controller.at(float(t)) for t in moments])
         return values
 
     def _save_row(self, start: float, count: int) -> int | None:
@@ -235,27 +211,24 @@ class _Run:
     def _columnwise(
         self,
         plant: Plant,
-        count: int,
         driven: Mapping[str, Array],
         table: RunTable,
+        steps: Steps,
         save_row: int | None,
     ) -> None:
-        inputs = {
-            self.inputs[tag].variable: self.conversions[tag].scale * values
-            + self.conversions[tag].offset
-            for tag, values in driven.items()
-        }
+        inputs = self.signals.to_variables(driven)
+        ends = sorted({steps.count, min(save_row or steps.count, steps.count)})
         done = 0
-        while done < count:
-            rows = min(_ROWS, count - done)
-            if save_row is not None and done < save_row:
-                rows = min(rows, save_row - done)
-            part = {name: values[done : done + rows] for name, values in inputs.items()}
-            table.extend(plant.run(rows, part), rows)
-            done += rows
+        for end in ends:
+            part = {name: values[done:end] for name, values in inputs.items()}
+            last = steps.last if end == steps.count else None
+            for piece in plant.run_pieces(end - done, part, last=last):
+                table.extend(piece)
+                self._write_rows(driven, table, table.rows - 1)
+                self.progress(float(piece.time[-1]))
+            done = end
             if done == save_row:
                 self._save(plant)
-            self.progress(plant.time)
 
     def _stepwise(
         self,
@@ -263,25 +236,30 @@ class _Run:
         moments: Array,
         driven: dict[str, Array],
         table: RunTable,
+        steps: Steps,
         save_row: int | None,
     ) -> None:
+        signals = self.signals
         pi = self._controller(driven)
         begun = time.monotonic()
         for k in range(moments.size):
             inputs = {
-                self.inputs[tag].variable: self.conversions[tag].to_variable(float(values[k]))
+                signals.inputs[tag].variable: signals.conversions[tag].to_variable(float(values[k]))
                 for tag, values in driven.items()
-                if tag in self.inputs and (pi is None or tag != pi.op_tag)
+                if tag in signals.inputs and (pi is None or tag != pi.op_tag)
             }
             if pi is not None:
-                pv = self.conversions[pi.pv_tag].to_tag(
-                    table.last[self.outputs[pi.pv_tag].variable]
+                read = table.last[signals.outputs[pi.pv_tag].variable]
+                op = pi.decide(
+                    signals.conversions[pi.pv_tag].to_tag(read), float(driven[SETPOINT][k])
                 )
-                op = pi.decide(pv, float(driven[_SETPOINT][k]))
                 driven[pi.op_tag][k:] = op
-                change = self.conversions[pi.op_tag]
-                inputs[self.inputs[pi.op_tag].variable] = change.to_variable(op)
-            table.add(plant.step(inputs))
+                change = signals.conversions[pi.op_tag]
+                inputs[signals.inputs[pi.op_tag].variable] = change.to_variable(op)
+            last = steps.last if k == steps.count - 1 else None
+            for piece in plant.run_pieces(1, inputs, last=last):
+                table.extend(piece)
+            self._write_rows(driven, table, table.rows - 1)
             if k + 1 == save_row:
                 self._save(plant)
             if self.settings.speed is not None:
@@ -297,83 +275,56 @@ class _Run:
         settings = self.mapping.controller
         if settings is None:
             return None
-        variable = self.inputs[settings.op].variable
+        change = self.signals.conversions[settings.op]
+        variable = self.signals.inputs[settings.op].variable
         start = self.settings.start_values.get(variable)
-        op = self.inputs[settings.op].value
+        op = self.signals.inputs[settings.op].value
         if start is None and op is None:
             described = self.fmu.variable(variable)
             start = float(described.start) if described and described.start else None
         if start is not None:
-            op = self.conversions[settings.op].to_tag(start)
+            op = change.to_tag(start)
         controller = LoopController(settings, self.step, settings.low if op is None else op)
-        driven[settings.op] = np.full(driven[_SETPOINT].size, controller.op)
+        driven[settings.op] = np.full(driven[SETPOINT].size, controller.op)
         return controller
 
-    def _pack(
-        self,
-        plant: Plant,
-        moments: Array,
-        driven: Mapping[str, Array],
-        table: RunTable,
-        failure: str | None,
-        seconds: float,
-    ) -> RunResult:
-        rows = table.rows
-        columns: dict[str, Array] = {}
-        for tag, values in driven.items():
-            columns[tag] = np.append(values, values[-1])[:rows]
-        for tag, out in self.outputs.items():
-            columns[tag] = self._to_tag(tag, table.column(out.variable))
-        units = {tag: self._unit(tag) for tag in columns}
-        first = float(moments[0])
+    def _columns(
+        self, driven: Mapping[str, Array], table: RunTable, first: int, end: int
+    ) -> dict[str, Array]:
+        """Return what is recorded in some rows, by tag.
+
+        The input of the last row is the last that was given.
+        """
+        rows = np.arange(first, end)
+        columns = {tag: v[np.minimum(rows, v.size - 1)] for tag, v in driven.items()}
+        for tag, out in self.signals.outputs.items():
+            columns[tag] = self.signals.to_tag(tag, table.column(out.variable)[first:end])
+        return columns
+
+    def _write_rows(self, driven: Mapping[str, Array], table: RunTable, end: int) -> None:
+        """Put the rows before ``end`` on the disk, now and then."""
+        if time.monotonic() > self.written_at + _WRITE_SECONDS:
+            self._write_until(driven, table, end)
+            self.written_at = time.monotonic()
+
+    def _write_until(self, driven: Mapping[str, Array], table: RunTable, end: int) -> None:
+        if self.settings.table is not None and end > self.written:
+            columns = self._columns(driven, table, self.written, end)
+            self.settings.table.add(table.time[self.written : end], columns)
+            self.written = end
+
+    def _pack(self, model: str, driven: Mapping[str, Array], table: RunTable) -> RunResult:
+        self._write_until(driven, table, table.rows)
+        columns = self._columns(driven, table, 0, table.rows)
         return RunResult(
-            model=plant.info.name,
-            time=first + np.arange(rows, dtype=np.float64) * self.step,
+            model=model,
+            time=table.time[: table.rows],
             columns=columns,
-            units=units,
+            units={tag: self.signals.unit(tag) for tag in columns},
             inputs=tuple(driven),
             notes=tuple(self.notes),
-            failure=failure,
+            ended=self.ended,
+            failure=self.failure,
             late=self.late,
-            seconds=seconds,
+            seconds=0.0,
         )
-
-    def _to_tag(self, tag: str, values: Array) -> Array:
-        change = self.conversions[tag]
-        return (values - change.offset) / change.scale
-
-    def _unit(self, tag: str) -> str:
-        if tag == _SETPOINT and self.mapping.controller is not None:
-            tag = self.mapping.controller.pv
-        entry = self.inputs.get(tag) or self.outputs.get(tag)
-        if entry is None:
-            return ""
-        variable = self.fmu.variable(entry.variable)
-        return entry.unit or (variable.unit if variable is not None else "")
-
-
-def _is_input(causality: str, kind: str, scalar: bool) -> bool:
-    return causality == "input" and scalar and kind not in ("String", "Binary", "Clock")
-
-
-def _stop(fmu: FmuSummary, wanted: float | None) -> float:
-    stop = fmu.stop_time if wanted is None else wanted
-    if stop is None:
-        raise FmuError(f"{fmu.file.name}: it names no stop time; give one with --stop SECONDS")
-    if not math.isfinite(stop):
-        raise FmuError(f"{fmu.file.name}: the stop time must be a finite second; got {stop}")
-    return stop
-
-
-def _default_step(fmu: FmuSummary, stop: float) -> float:
-    """What the FMU recommends, or a round part of the experiment: some 500 steps."""
-    if fmu.step_size:
-        return fmu.step_size
-    span = stop - fmu.start_time
-    if not span > 0.0:
-        raise FmuError(
-            f"{fmu.file.name}: the stop time must lie after the start at {fmu.start_time:g} s"
-        )
-    raw = span / _DEFAULT_STEPS
-    power = 10.0 ** math.floor(math.log10(raw))
-    return min((factor * power for factor in (1.0, 2.0, 5.0, 10.0)), key=lambda h: abs(h - raw))

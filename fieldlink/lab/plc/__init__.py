@@ -3,6 +3,7 @@
 Importing this package makes ``link = "fmu"`` known to `fieldlink.links.open_link`.
 """
 
+from fieldlink.lab.plc.batched import BatchedPlc
 from fieldlink.lab.plc.build import LoopSetup, PlcError
 from fieldlink.lab.plc.control import ControlledLoop
 from fieldlink.lab.plc.listening import Listening, PortError
@@ -15,6 +16,7 @@ from fieldlink.lab.plc.virtual import VirtualPlc
 from fieldlink.links import register_link
 
 __all__ = [
+    "BatchedPlc",
     "Commands",
     "ControlledLoop",
     "CycleRecord",

@@ -112,7 +112,7 @@ class LoopSetup:
         assert owning.fmu is not None
         known = catalogue.get(owning.fmu)
         model: str | Path = owning.fmu  # a name that the catalogue lacks is its to complain about
-        if owning.fmu.endswith(".fmu"):
+        if owning.fmu.endswith((".fmu", ".ssp")):
             model = site.resolve(owning.fmu)
         signals = _signals(settings, known, _sharing(site, owner).index(name))
         limits = OpLimits(*known.op_range) if known is not None else OpLimits()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,9 @@ class CycleRecord:
 
     def with_stem(self, stem: float) -> CycleRecord:
         """Return the record with the stem that the step led to."""
-        return replace(self, stem=stem)
+        return CycleRecord(
+            self.op, self.pv, self.sp, stem, self.automatic, self.compensated, self.status
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,6 +99,7 @@ class VirtualPlc:
                 "with an fmu or a recording"
             )
         self._period = scan_period(site, device)
+        self._due = [(loop, int(loop.period / self._period)) for loop in self._loops.values()]
 
     @property
     def loops(self) -> tuple[str, ...]:
@@ -127,13 +128,14 @@ class VirtualPlc:
 
     def scan(self) -> None:
         """Run one control cycle of every loop whose period has passed."""
-        moment = self.scans * self._period
-        due = [loop for loop in self._loops.values() if moment % loop.period == 0]
+        scans = self.scans
+        due = [loop for loop, every in self._due if scans % every == 0]
+        moment = scans * self._period.numerator / self._period.denominator
         plants = [loop.program.plant for loop in due if loop.program.plant is not None]
         for plant in plants:
             plant.finish(0.0)  # what came late since the scan before
         for loop in due:
-            loop.begin(float(moment))
+            loop.begin(moment)
         step_all(plants, self._patience)
         for loop in due:
             loop.end()

@@ -154,6 +154,8 @@ class ValveWear(_Model):
     """S in units of OP."""
     slip_jump: Points = ((0.0, 0.0),)
     """J in units of OP; cut off at S."""
+    in_front: bool = False
+    """Whether the FMU has no valve of its own: He's valve stands between OP and its input then."""
 
 
 class Sinusoid(_Spell):
@@ -202,9 +204,10 @@ class SensorFault(_Spell):
 class NetworkFault(_Spell):
     """``[[network]]``: what is wrong between daemon and PLC, or with the PLC."""
 
-    kind: Literal["drop", "late", "write_lost", "restart"]
-    """Polls unanswered; polls that get the cycle before; writes unanswered and without effect; the
-    PLC off, to start with empty registers."""
+    kind: Literal["drop", "late", "write_lost", "write_flipped", "write_torn", "restart"]
+    """Polls unanswered; polls that get the cycle before; writes unanswered and without effect;
+    writes of several registers of which a bit has changed on the way, or of which the first half
+    arrives; the PLC off, to start with empty registers."""
     share: Share = 1.0
     """Of the polls or writes that are hit."""
 
@@ -248,8 +251,14 @@ class Misestimate(_Spell):
     """On S and its interval."""
     slip_jump_factor: Moment = 1.0
     """On J and its interval; cut off at S."""
-    gain_factor: Seconds = 1.0
-    """On the process gain."""
+    gain_factor: float = 1.0
+    """On the process gain; negative for a gain of the wrong sign."""
+
+    @model_validator(mode="after")
+    def _acts(self) -> Self:
+        if self.gain_factor == 0.0:
+            raise ValueError("gain_factor = 0 leaves no process; give another number")
+        return self
 
 
 class DaemonSettings(_Model):

@@ -117,7 +117,17 @@ class RehearsalLink(LockstepLink):
             raise LinkTimeoutError(
                 self._device, "no reply to a write (rehearsed)", "see [[network]] of the scenario"
             )
-        super()._write(address, words)
+        super()._write(address, self._damaged(words))
+
+    def _damaged(self, words: Sequence[int]) -> Sequence[int]:
+        """Return what arrives of a write of several registers: of a block, as a rule."""
+        now = self._stage.time
+        if len(words) > 1 and self._hit("write_flipped", now):
+            place = int(self._random.integers(len(words)))
+            words = [*words[:place], words[place] ^ 0x0100, *words[place + 1 :]]
+        if len(words) > 1 and self._hit("write_torn", now):
+            words = words[: len(words) // 2]
+        return words
 
     def _require_power(self, what: str) -> None:
         if self._off:

@@ -11,6 +11,12 @@ import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
+from fieldlink.lab.rehearse.briefing import (
+    describe_scene,
+    find_unit,
+    list_findings,
+    list_site_work,
+)
 from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.outcome import RunCourse, Window
 from fieldlink.pictures import MARK, MODEL, OP, PV, STEM, save, svg
@@ -36,7 +42,9 @@ def write_report(rehearsal: Rehearsal, folder: Path) -> Path:
     Raises:
         ScenarioError, PictureError: a file cannot be written.
     """
-    figure = rehearsal_figure(rehearsal.course, title=rehearsal.file.scenario.scenario.title)
+    unit = find_unit(rehearsal.file)
+    title = rehearsal.file.scenario.scenario.title
+    figure = rehearsal_figure(rehearsal.course, title=title, unit=unit)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fieldlink.lab.rehearse"),
         autoescape=True,
@@ -53,6 +61,9 @@ def write_report(rehearsal: Rehearsal, folder: Path) -> Path:
         outcome=f"{good} of {len(rehearsal.findings)} expectations are met, in "
         f"{summary.duration:g} plant seconds",
         defect=None if rehearsal.defect is None else rehearsal.defect.text,
+        scene=describe_scene(rehearsal.file),
+        results=list_findings(rehearsal, unit),
+        site_work=list_site_work(rehearsal),
         findings=rehearsal.findings,
         figure=svg(figure),
         windows=[_row(window) for window in rehearsal.course.windows],
@@ -78,22 +89,28 @@ def write_report(rehearsal: Rehearsal, folder: Path) -> Path:
     return report
 
 
-def rehearsal_figure(course: RunCourse, *, title: str) -> Figure:
-    """Draw OP and stem, PV and SP, and the stick band with what every window made of it."""
+def rehearsal_figure(course: RunCourse, *, title: str, unit: str = "") -> Figure:
+    """Draw OP and stem, PV and SP, and the stick band with what every window made of it.
+
+    Args:
+        course: the run.
+        title: over the picture.
+        unit: of PV, empty where it has none.
+    """
     trend = course.trend
     figure = Figure(figsize=(12.0, 8.5), layout="constrained")
     upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.0, 1.1))
     upper.plot(trend.time, trend.op, color=OP, lw=0.8, label="OP")
     upper.plot(trend.time, trend.stem, color=STEM, lw=0.9, label="stem (true)")
-    upper.set_ylabel("OP")
+    upper.set_ylabel("OP, stem / %")
     if not np.array_equal(trend.pv, trend.measured):
         middle.plot(trend.time, trend.pv, color=MODEL, lw=0.8, label="PV (true)")
     middle.plot(trend.time, trend.measured, color=PV, lw=0.8, label="PV (measured)")
     middle.plot(trend.time, trend.sp, color=MARK, lw=0.9, ls="--", label="SP")
-    middle.set_ylabel("PV")
+    middle.set_ylabel(f"PV, SP / {unit}" if unit else "PV, SP")
     lower.plot(trend.time, trend.stick_band, color=OP, lw=1.4, label="stick band S (true)")
     _draw_windows(lower, course.windows)
-    lower.set(xlabel="plant time / s", ylabel="S")
+    lower.set(xlabel="plant time / s", ylabel="stick band S / % of OP")
     for axes in (upper, middle, lower):
         _shade(axes, course)
         axes.margins(x=0.0)

@@ -45,7 +45,7 @@ def _site(scenario: Scenario, file: Path) -> str:
     }
     if daemon.estimate_every is not None:
         loop["estimate_every"] = daemon.estimate_every
-    own = plant.fmu.endswith(".fmu")
+    own = plant.fmu.endswith((".fmu", ".ssp"))
     hosted: dict[str, object] = {
         "fmu": str((file.parent / plant.fmu).resolve()) if own else plant.fmu,
         "controller": controller.kind,

@@ -97,8 +97,8 @@ class Stage:
         self._scenario = scenario
         self._defect = defect
         self._setup = LoopSetup.of(site, loop)
-        self._plant = WornPlant(self._setup.open(), scenario)
         self._op = self._setup.op
+        self._plant = WornPlant(self._setup.open(), scenario, self._op)
         self._start_pv = self._plant.true_pv
         self._pvs = self._plant.true_pv, self._plant.measured_pv
         self.moments: list[Moment] = []

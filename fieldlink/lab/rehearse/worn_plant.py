@@ -20,6 +20,7 @@ class WornPlant:
     Args:
         plant: the FMU, started.
         scenario: what happens to it.
+        op: OP at which it rests.
 
     Attributes:
         true_pv, measured_pv: PV now, and what the transmitter makes of it.
@@ -28,11 +29,13 @@ class WornPlant:
         ScenarioError: the plant lacks a variable that the scenario needs.
     """
 
-    def __init__(self, plant: Plant, scenario: Scenario) -> None:
+    def __init__(self, plant: Plant, scenario: Scenario, op: float) -> None:
         self._plant = plant
         self._scenario = scenario
         self._names = scenario.plant.variables
         self._transmitter = Transmitter(scenario.sensor, scenario.scenario.seed)
+        self._in_front = scenario.valve is not None and scenario.valve.in_front
+        self._stem = op
         try:
             self._require()
             self._outputs = self._measured(plant.outputs())
@@ -43,7 +46,7 @@ class WornPlant:
     def _require(self) -> None:
         info, names, wanted = self._plant.info, self._names, []
         repaired = any(isinstance(event, Repair) for event in self._scenario.maintenance)
-        if repaired or self._scenario.valve is not None:
+        if (repaired or self._scenario.valve is not None) and not self._in_front:
             wanted = [names.stick_band, names.slip_jump]
         if self._loaded:
             wanted.append(names.load)
@@ -53,7 +56,8 @@ class WornPlant:
                 raise ScenarioError(
                     f"plant {info.name} has nothing that can be changed while it runs by the name "
                     f"{name!r}; it has {', '.join(changeable) or 'nothing'}: name it in "
-                    "[plant.variables] or remove [valve] or [load]"
+                    "[plant.variables], remove [valve] or [load], or set valve.in_front = true for "
+                    "an FMU without a valve"
                 )
 
     @property
@@ -96,12 +100,22 @@ class WornPlant:
         time = self.time
         given = dict(inputs)
         S, J = self.valve(time)
-        if math.isfinite(S):
+        if self._in_front:
+            if self._names.op in given:
+                given[self._names.op] = self._slip(given[self._names.op], S, J)
+        elif math.isfinite(S):
             given |= {self._names.stick_band: S, self._names.slip_jump: J}
         if self._loaded:
             given[self._names.load] = self._load(time)
         self._outputs = self._measured(self._plant.step(given))
         return self._outputs
+
+    def _slip(self, op: float, S: float, J: float) -> float:
+        """Return the stem that He's valve gives for ``op``: where it was, or fD short of it."""
+        distance = op - self._stem
+        if abs(distance) > 0.5 * (S + J):
+            self._stem = op - math.copysign(0.5 * (S - J), distance)
+        return self._stem
 
     def close(self) -> None:
         """A PLC that goes away leaves the plant where it is; see `end`."""
@@ -113,7 +127,8 @@ class WornPlant:
     def _measured(self, outputs: Mapping[str, float]) -> dict[str, float]:
         self.true_pv = outputs[self._names.pv]
         self.measured_pv = self._transmitter.measure(self.time, self.true_pv)
-        return {**outputs, self._names.pv: self.measured_pv}
+        seen = {**outputs, self._names.pv: self.measured_pv}
+        return seen | {self._names.stem: self._stem} if self._in_front else seen
 
     def _load(self, time: float) -> float:
         load = self._scenario.load

@@ -1,17 +1,19 @@
 /* A plant that goes wrong on purpose, for the tests of isolation: at the start or in a step it
  * aborts, reads through a null pointer, never returns, or refuses. */
+#define _POSIX_C_SOURCE 199309L
 #define MODEL_IDENTIFIER faulty
 #define BASE_STEP 1.0
 #define DEFAULT_STEP 1.0
 
 #include <stdint.h>
 #include <stdlib.h>
+#include <time.h>
 
 #define VARIABLES(X)                                                                               \
     X(op, input, Real, 50.0, -ANY, ANY, "%", "controller output")                                  \
     X(pv, output, Real, 0.0, -ANY, ANY, "1", "follows op")                                         \
     X(steps, output, Integer, 0, -ANY, ANY, "", "steps done")                                      \
-    X(fault, tunable, Integer, 0, 0, 5, "", "1 abort, 2 segfault, 3 endless, 4 refuse, 5 NaN")     \
+    X(fault, tunable, Integer, 0, 0, 6, "", "1 abort, 2 segfault, 3 endless, 4 no, 5 NaN, 6 slow") \
     X(at_start, fixed, Integer, 0, 0, 1, "", "1: the fault happens at the start, not in a step")   \
     X(op_start, fixed, Real, 50.0, -ANY, ANY, "%", "OP at the start")
 
@@ -38,6 +40,9 @@ static const char *misbehave(plant *p) {
         return "this plant refuses";
     case 5:
         p->v.pv = NAN;
+        break;
+    case 6: /* 0.3 s a step */
+        nanosleep(&(struct timespec){0, 300000000}, 0);
         break;
     }
     return 0;

@@ -1,0 +1,216 @@
+"""The first page of a report, in words: what was rehearsed, what was found, what to do on site."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from fieldlink.lab.rehearse.load import ScenarioFile
+from fieldlink.lab.rehearse.models import Disable, Manual, Points, Repair, Scenario
+from fieldlink.lab.rehearse.outcome import RunCourse
+from fieldlink.lab.rehearse.run import Rehearsal
+from fmu_models import FmuSummary, catalogue, fmu_path, summarise
+
+__all__ = ["describe_scene", "find_unit", "list_findings", "list_site_work"]
+
+_NETWORK = {
+    "drop": "polls without an answer",
+    "late": "polls that get the cycle before",
+    "write_lost": "writes that get lost",
+    "write_flipped": "blocks of which a bit changes on the way",
+    "write_torn": "blocks of which half arrives",
+    "restart": "a PLC that is off, and starts with empty registers",
+}
+_SENSOR = {
+    "freeze": "stands still",
+    "drift": "drifts",
+    "spikes": "has spikes",
+    "bad": "gives no number",
+}
+
+
+def _fmu(file: ScenarioFile) -> FmuSummary:
+    name = file.scenario.plant.fmu
+    return summarise(fmu_path(name) if name in catalogue else file.path.parent / Path(name))
+
+
+def find_unit(file: ScenarioFile) -> str:
+    """Return the unit of PV, empty where the FMU names none."""
+    variable = _fmu(file).variable(file.scenario.plant.variables.pv)
+    unit = variable.unit if variable is not None else ""
+    return "" if unit == "1" else unit
+
+
+def describe_scene(file: ScenarioFile) -> list[str]:
+    """Return what was rehearsed, one sentence a line."""
+    scenario = file.scenario
+    plant, controller, daemon = scenario.plant, scenario.controller, scenario.daemon
+    about = textwrap.shorten(_fmu(file).description.rstrip("."), 120, placeholder=" ...")
+    lines = [
+        f"Plant: {plant.fmu}{f' ({about})' if about else ''}, scanned every {plant.period:g} s."
+    ]
+    if controller.kind == "pi":
+        tuned = f"PI, gain {controller.gain:g}, integral time {controller.integral_time:g} s"
+    else:
+        tuned = "MPC that knows the process and not the valve"
+    spare = "; the compensator may take over" if controller.compensate else ""
+    lines.append(f"Controller: {tuned}{spare}.")
+    if scenario.valve is not None:
+        place = ", in front of the FMU" if scenario.valve.in_front else ""
+        lines.append(
+            f"Valve: stick band S {_course(scenario.valve.stick_band)}, slip jump J "
+            f"{_course(scenario.valve.slip_jump)}, percent of OP{place}."
+        )
+    lines += _incidents(scenario)
+    written = "model written to the PLC" if daemon.write_back else "nothing written"
+    lines.append(
+        f"Fieldlink: windows of {daemon.window} samples ({_hours(daemon.window * plant.period)}), "
+        f"{written}."
+    )
+    return lines
+
+
+def _incidents(scenario: Scenario) -> list[str]:
+    lines = []
+    load = scenario.load
+    if any(value for _, value in load.points) or load.sinusoids:
+        swings = "".join(
+            f", a swing of {s.amplitude:g} every {s.period:g} s" for s in load.sinusoids
+        )
+        lines.append(f"Load: {_course(load.points)}{swings}.")
+    for fault in scenario.sensor:
+        lines.append(f"Transmitter {_SENSOR[fault.kind]} from {fault.begin:g} to {fault.end:g} s.")
+    for trouble in scenario.network:
+        share = f", {trouble.share:.0%} of them" if trouble.share < 1.0 else ""
+        lines.append(
+            f"Network: {_NETWORK[trouble.kind]} from {trouble.begin:g} to {trouble.end:g} s{share}."
+        )
+    for event in scenario.maintenance:
+        if isinstance(event, Repair):
+            lines.append(
+                f"The valve is repaired at {event.at:g} s (S {event.stick_band:g} % then)."
+            )
+        elif isinstance(event, Manual):
+            lines.append(f"An operator has the loop from {event.begin:g} to {event.end:g} s.")
+        elif isinstance(event, Disable):
+            lines.append(f"Writing is disabled from {event.begin:g} to {event.end:g} s.")
+    for wrong in scenario.misestimate:
+        sign = ", gain of the wrong sign" if wrong.gain_factor < 0.0 else ""
+        lines.append(f"A wrong model is identified from {wrong.begin:g} to {wrong.end:g} s{sign}.")
+    return lines
+
+
+def list_findings(rehearsal: Rehearsal, unit: str) -> list[tuple[str, str]]:
+    """Return what was found: a name and a value with its unit."""
+    course = rehearsal.course
+    counts = Counter(window.verdict or "refused" for window in course.windows)
+    words = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.most_common())
+    rows = [("Windows judged", words or "none")]
+    sticky = [w for w in course.windows if w.verdict == "stiction"]
+    known = [w for w in sticky if math.isfinite(w.stick_band.value)]
+    if known:
+        last = known[-1]
+        true = _true(course, last.end)
+        rows.append(
+            (
+                "Stick band S, last found",
+                f"{last.stick_band.value:.3g} % of OP, 95 % interval {last.stick_band.low:.3g} to "
+                f"{last.stick_band.high:.3g} %{true}",
+            )
+        )
+    accepted = [r.utc_ms / 1000.0 for r in course.writebacks if r.outcome == "accepted"]
+    refused = len(course.writebacks) - sum(
+        r.outcome in ("accepted", "committed") for r in course.writebacks
+    )
+    if course.writebacks:
+        times = f", at {', '.join(f'{t:g}' for t in accepted[:4])} s" if accepted else ""
+        rows.append(("Blocks accepted by the PLC", f"{len(accepted)}{times}; {refused} held back"))
+    rows += _compensation(course, unit)
+    return rows
+
+
+def _compensation(course: RunCourse, unit: str) -> list[tuple[str, str]]:
+    trend, mark = course.trend, f" {unit}" if unit else ""
+    error = trend.pv - trend.sp
+    with_it = trend.compensated & np.isfinite(error)
+    without = ~trend.compensated & trend.automatic & np.isfinite(error)
+    rows = []
+    if without.any():
+        spread = f"{np.std(error[without]):.3g}{mark}"
+        rows.append(("PV around SP under the controller (standard deviation)", spread))
+    if with_it.any():
+        share = with_it.sum() / trend.time.size
+        first = trend.time[np.argmax(trend.compensated)]
+        spread = f"{np.std(error[with_it]):.3g}{mark}"
+        rows.append(("PV around SP under the compensator (standard deviation)", spread))
+        rows.append(("Compensator had the loop", f"from {first:g} s, {share:.0%} of the time"))
+    return rows
+
+
+def _true(course: RunCourse, end: float) -> str:
+    trend = course.trend
+    k = int(np.searchsorted(trend.time, end)) - 1
+    value = float(trend.stick_band[max(k, 0)])
+    return f" (true: {value:.3g} %)" if math.isfinite(value) else ""
+
+
+def list_site_work(rehearsal: Rehearsal) -> list[str]:
+    """Return what a control engineer does with this on site, in order."""
+    scenario, course = rehearsal.file.scenario, rehearsal.course
+    period, window = scenario.plant.period, scenario.daemon.window
+    failed = [finding for finding in rehearsal.findings if not finding.passed]
+    lines = []
+    if failed:
+        lines.append(
+            f"Do not go yet: {len(failed)} of {len(rehearsal.findings)} expectations are not met. "
+            "Change the settings or the scenario until they are."
+        )
+    lines.append(
+        "Enter the addresses of OP, PV, SP, mode and scan counter of the real loop in the register "
+        f"map, and the loop's period of {period:g} s; check with: fieldlink check site.toml."
+    )
+    lines.append(
+        f"Let fieldlink only read at first (writeback.enabled = false). A first verdict takes "
+        f"{_hours(window * period)} in automatic, with the oscillation in the window."
+    )
+    if any(w.verdict == "stiction" for w in course.windows):
+        lines.append(
+            "A verdict of stiction: look at the valve (packing, positioner, air) before anything "
+            "is compensated, and compare S with a stroke test in manual."
+        )
+    if any(w.verdict == "not_assessable" for w in course.windows):
+        lines.append(
+            "A window that is not assessable says why; it is no sign of a good valve. Wait for one "
+            "with OP moving, or move the set-point."
+        )
+    if scenario.daemon.write_back:
+        S, J = scenario.daemon.stick_band, scenario.daemon.slip_jump
+        lines.append(
+            f"Before writing: the operator's enable register works, the limits of S ({S[0]:g} to "
+            f"{S[1]:g} %) and J ({J[0]:g} to {J[1]:g} %) suit the valve, and somebody watches the "
+            "first block."
+        )
+    given_up = np.flatnonzero(course.trend.compensated[:-1] & ~course.trend.compensated[1:])
+    if given_up.size:
+        reasons = sorted({course.trend.reason[k + 1] or "PLC off" for k in given_up})
+        lines.append(
+            f"The compensator gave the loop back, {given_up.size} times ({', '.join(reasons)}): "
+            "show the operators how that looks, and that the controller has the loop then."
+        )
+    return lines
+
+
+def _course(points: Points) -> str:
+    if len({value for _, value in points}) == 1:
+        return f"{points[0][1]:g}"
+    return " to ".join(f"{value:g} at {time:g} s" for time, value in points)
+
+
+def _hours(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:g} s"
+    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"

@@ -1,0 +1,302 @@
+"""A system of FMUs as one plant: the master that steps its components and carries values between.
+
+Gauss-Seidel: a component gets what those before it in `SystemStructure.order` have just computed,
+and what those after it computed in the step before. All take the same step. For a control loop that
+names the controller first, then the valve, then the process, this is a controller that reads PV, a
+valve that follows its OP and a process that moves on under the stem.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import (
+    PlantClosedError,
+    PlantEndedError,
+    PlantError,
+    PlantFileError,
+    PlantNameError,
+    PlantStepError,
+    nearest,
+)
+from .inprocess import InProcessPlant
+from .isolated import IsolatedPlant
+from .plant import Piece, Plant, PlantInfo, split_columns
+from .ssp_file import Link, read_system
+
+__all__ = ["SystemPlant", "extract_components"]
+
+_PIECE_SECONDS = 0.1
+"""Of the wall clock, after which rows are yielded."""
+
+
+def extract_components(file: Path, sources: Mapping[str, str], folder: Path) -> dict[str, Path]:
+    """Extract the FMU of every component of an SSP archive; return their paths by component.
+
+    Raises:
+        PlantFileError: one of them is not in the archive.
+    """
+    found: dict[str, Path] = {}
+    with zipfile.ZipFile(file) as archive:
+        for number, (component, source) in enumerate(sources.items()):
+            target = folder / f"{number}" / Path(source).name
+            target.parent.mkdir()
+            try:
+                target.write_bytes(archive.read(source))
+            except KeyError as error:
+                raise PlantFileError(
+                    f"{file}: {component}: its FMU {source} is not in the archive"
+                ) from error
+            found[component] = target
+    return found
+
+
+class SystemPlant(Plant):
+    """A system of FMUs, started and at rest.
+
+    Args:
+        file: the ``.ssp``.
+        parameters: start values by ``component.variable``, or inputs of the system by name.
+        period: seconds a step; None takes the shortest that one of the FMUs recommends.
+        kind: of every FMU; None takes the first that each offers.
+        watch: further variables, ``component.variable``.
+        isolated: run each FMU in a process of its own.
+        timeout: seconds that one step of one FMU may take.
+
+    Raises:
+        PlantError: what `open_plant` says.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        *,
+        parameters: Mapping[str, float],
+        period: float | None = None,
+        kind: str | None = None,
+        watch: Sequence[str] = (),
+        isolated: bool = True,
+        timeout: float = 30.0,
+    ) -> None:
+        self._structure = read_system(file)
+        self._plants: dict[str, Plant] = {}
+        self._failure: str | None = None
+        self._ended = False
+        self._folder = tempfile.TemporaryDirectory(
+            prefix="fieldlink-ssp-", ignore_cleanup_errors=True
+        )
+        try:
+            files = extract_components(file, self._structure.sources, Path(self._folder.name))
+            step = period if period is not None else _shortest_step(file, files)
+            own = {name: parameters[name] for name in self._structure.inputs if name in parameters}
+            self._inputs = dict.fromkeys(self._structure.inputs, 0.0) | own
+            given = self._by_component({n: v for n, v in parameters.items() if n not in own})
+            inner = [name for name in watch if name not in self._structure.outputs]
+            wanted = self._by_component(dict.fromkeys(inner, 0.0))
+            for component in self._structure.order():
+                starts = self._structure.parameters.get(component, {}) | given.get(component, {})
+                starts |= self._fed(component, self._inputs)
+                self._plants[component] = _open(
+                    files[component],
+                    starts,
+                    step,
+                    kind,
+                    tuple(wanted.get(component, ())),
+                    isolated,
+                    timeout,
+                )
+        except BaseException:
+            self.close()
+            raise
+        infos = {component: plant.info for component, plant in self._plants.items()}
+        outputs = [f"{c}.{n}" for c, info in infos.items() for n in info.outputs]
+        self._info = PlantInfo(
+            name=self._structure.name,
+            fmi_version="SSP 1.0",
+            kind="system of FMUs",
+            period=step,
+            inputs=tuple(self._structure.inputs),
+            tunable=tuple(f"{c}.{n}" for c, info in infos.items() for n in info.tunable),
+            outputs=(*self._structure.outputs, *outputs),
+            parameters=tuple(f"{c}.{n}" for c, info in infos.items() for n in info.parameters),
+            can_restore=False,
+            can_vary_step=all(info.can_vary_step for info in infos.values()),
+        )
+
+    def _by_component(self, values: Mapping[str, float]) -> dict[str, dict[str, float]]:
+        found: dict[str, dict[str, float]] = {}
+        for name, value in values.items():
+            component = max(
+                (c for c in self._structure.sources if name.startswith(f"{c}.")),
+                key=len,
+                default=None,
+            )
+            if component is None:
+                known = (*self._structure.inputs, *(f"{c}." for c in self._structure.sources))
+                raise PlantNameError(
+                    f"system {self._structure.name} has no component of {name!r}; "
+                    f"{nearest(name, known)}"
+                )
+            found.setdefault(component, {})[name[len(component) + 1 :]] = value
+        return found
+
+    def _value(self, link: Link, inputs: Mapping[str, float]) -> float | None:
+        """Return what a link brings now; None while its component is not open."""
+        if not link.component:
+            return link.convert(inputs[link.name])
+        plant = self._plants.get(link.component)
+        if plant is None:
+            return None
+        found = plant.outputs()
+        if link.name not in found:
+            raise PlantNameError(
+                f"system {self._structure.name}: {link.component} has no output {link.name!r}; "
+                f"{nearest(link.name, found)}"
+            )
+        return link.convert(found[link.name])
+
+    def _fed(self, component: str, inputs: Mapping[str, float]) -> dict[str, float]:
+        pairs = {
+            name: self._value(link, inputs)
+            for name, link in self._structure.links[component].items()
+        }
+        return {name: value for name, value in pairs.items() if value is not None}
+
+    @property
+    def info(self) -> PlantInfo:
+        """What the system is; variables of a component are ``component.variable``."""
+        return self._info
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds."""
+        return next(iter(self._plants.values())).time
+
+    def outputs(self) -> dict[str, float]:
+        """Return the outputs of the system, and of every component."""
+        self._alive()
+        found = {
+            f"{c}.{name}": value
+            for c, plant in self._plants.items()
+            for name, value in plant.outputs().items()
+        }
+        own = {
+            name: self._value(link, self._inputs) for name, link in self._structure.outputs.items()
+        }
+        return {name: value for name, value in own.items() if value is not None} | found
+
+    def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
+        """Apply inputs, step every component once, return all outputs."""
+        self._advance(inputs, None)
+        return self.outputs()
+
+    def _advance(self, inputs: Mapping[str, float], last: float | None) -> None:
+        self._alive()
+        for name in inputs:
+            if name not in self._info.inputs and name not in self._info.tunable:
+                known = (*self._info.inputs, *self._info.tunable)
+                raise PlantNameError(
+                    f"system {self._structure.name} has no input or tunable parameter {name!r}; "
+                    f"{nearest(name, known)}"
+                )
+        self._inputs |= {n: float(v) for n, v in inputs.items() if n in self._structure.inputs}
+        tuned = self._by_component({n: v for n, v in inputs.items() if n in self._info.tunable})
+        try:
+            for component, plant in self._plants.items():
+                fed = tuned.get(component, {}) | self._fed(component, self._inputs)
+                if last is None:
+                    plant.step(fed)
+                else:
+                    list(plant.run_pieces(1, fed, last=last))
+        except PlantError as error:
+            self._failure = f"system {self._structure.name}: {error}"
+            self._ended = isinstance(error, PlantEndedError)
+            raise type(error)(self._failure) from error
+
+    def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+        """Return what `step` returns for each of ``inputs``."""
+        return [self.step(values) for values in inputs]
+
+    def run_pieces(
+        self, count: int, inputs: Mapping[str, ArrayLike], *, last: float | None = None
+    ) -> Iterator[Piece]:
+        """Step ``count`` times; see `Plant.run_pieces`."""
+        held, columns = split_columns(count, inputs)
+        moments: list[float] = []
+        rows: list[list[float]] = []
+        begun = perf_counter()
+        for k in range(count):
+            given = (held if k == 0 else {}) | {n: float(v[k]) for n, v in columns.items()}
+            try:
+                self._advance(given, last if k == count - 1 else None)
+                found = self.outputs()
+            except (PlantError, KeyboardInterrupt):
+                if rows:
+                    yield self._piece(moments, rows)
+                raise
+            moments.append(self.time)
+            rows.append([found[name] for name in self._info.outputs])
+            if perf_counter() - begun > _PIECE_SECONDS:
+                yield self._piece(moments, rows)
+                moments, rows, begun = [], [], perf_counter()
+        if rows:
+            yield self._piece(moments, rows)
+
+    def _piece(self, moments: list[float], rows: list[list[float]]) -> Piece:
+        table: NDArray[np.float64] = np.array(rows)
+        columns = {name: table[:, i].copy() for i, name in enumerate(self._info.outputs)}
+        return Piece(np.array(moments), columns)
+
+    def snapshot(self) -> bytes:
+        """A system has no snapshot."""
+        raise PlantStepError(f"system {self._structure.name}: a system of FMUs has no snapshot")
+
+    def restore(self, snapshot: bytes) -> None:  # noqa: ARG002
+        """A system has no snapshot."""
+        raise PlantStepError(f"system {self._structure.name}: a system of FMUs has no snapshot")
+
+    def _alive(self) -> None:
+        if self._failure is not None:
+            how = "has ended" if self._ended else "failed before"
+            raise PlantClosedError(f"the plant {how}: {self._failure}")
+        if not self._plants:
+            raise PlantClosedError(f"system {self._structure.name} is closed; open it again")
+
+    def close(self) -> None:
+        """End every FMU and remove the temporary folder."""
+        plants, self._plants = self._plants, {}
+        for plant in plants.values():
+            plant.close()
+        self._folder.cleanup()
+
+
+def _shortest_step(file: Path, files: Mapping[str, Path]) -> float:
+    from .summary import summarise
+
+    steps = [step for fmu in files.values() if (step := summarise(fmu).step_size)]
+    if not steps:
+        raise PlantError(f"{file}: none of its FMUs names a step size; give the period in seconds")
+    return min(steps)
+
+
+def _open(
+    file: Path,
+    parameters: Mapping[str, float],
+    period: float,
+    kind: str | None,
+    watch: Sequence[str],
+    isolated: bool,
+    timeout: float,
+) -> Plant:
+    if isolated:
+        return IsolatedPlant(
+            file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout
+        )
+    return InProcessPlant(file, parameters=parameters, period=period, kind=kind, watch=watch)

@@ -1,0 +1,95 @@
+"""What a system of FMUs is, as one: its own inputs and outputs, and its components' variables."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from .ssp_file import read_system
+from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
+from .system_plant import extract_components
+
+__all__ = ["summarise_system"]
+
+_SHOWN = ("parameter", "output", "local")
+
+
+def summarise_system(file: Path) -> FmuSummary:
+    """Describe a system without running anything of it.
+
+    A component's variable is ``component.variable``; its inputs are shown as locals when something
+    feeds them.
+
+    Raises:
+        PlantFileError: the archive, the system or one of its FMUs cannot be read.
+    """
+    structure = read_system(file)
+    with tempfile.TemporaryDirectory(prefix="fieldlink-ssp-") as folder:
+        files = extract_components(file, structure.sources, Path(folder))
+        parts = {component: summarise(fmu) for component, fmu in files.items()}
+    variables = [_variable(name, "input", unit) for name, unit in structure.inputs.items()] + [
+        _variable(name, "output", _unit_of(parts, link.component, link.name))
+        for name, link in structure.outputs.items()
+    ]
+    units: dict[str, UnitDefinition] = {}
+    warnings = [f"one step goes through {', then '.join(structure.order())} (Gauss-Seidel)"]
+    for component, part in parts.items():
+        links = structure.links[component]
+        given = structure.parameters.get(component, {})
+        for v in part.variables:
+            role = v.causality if v.causality in _SHOWN else "local"
+            start = f"{given[v.name]:g}" if v.name in given else v.start
+            variables.append(replace(v, name=f"{component}.{v.name}", causality=role, start=start))
+            if v.causality == "input" and v.name not in links:
+                warnings.append(f"input {component}.{v.name} is fed by nothing")
+        units |= {unit.name: unit for unit in part.units}
+        warnings += [f"{component}: {text}" for text in part.warnings]
+    steps = [part.step_size for part in parts.values() if part.step_size]
+    stops = [part.stop_time for part in parts.values() if part.stop_time is not None]
+    return FmuSummary(
+        file=file,
+        name=structure.name,
+        fmi_version="SSP 1.0",
+        description=", ".join(f"{c}: {part.name}" for c, part in parts.items()),
+        tool="",
+        kinds=("system of FMUs",),
+        platforms=tuple(sorted(set.intersection(*(set(p.platforms) for p in parts.values())))),
+        runs_here=all(part.runs_here for part in parts.values()),
+        has_sources=all(part.has_sources for part in parts.values()),
+        bytes=file.stat().st_size,
+        extracted_bytes=sum(part.bytes for part in parts.values()),
+        start_time=structure.start or 0.0,
+        stop_time=structure.stop if structure.stop is not None else max(stops, default=None),
+        step_size=min(steps, default=None),
+        tolerance=None,
+        can_restore=False,
+        states=sum(part.states for part in parts.values()),
+        units=tuple(units.values()),
+        variables=tuple(variables),
+        warnings=tuple(warnings),
+    )
+
+
+def _unit_of(parts: dict[str, FmuSummary], component: str, name: str) -> str:
+    found = parts[component].variable(name) if component in parts else None
+    return found.unit if found is not None else ""
+
+
+def _variable(name: str, causality: str, unit: str) -> VariableSummary:
+    return VariableSummary(
+        name=name,
+        type="Real",
+        causality=causality,
+        variability="continuous",
+        unit=unit,
+        start="0" if causality == "input" else "",
+        low="",
+        high="",
+        description="of the system",
+        settable=causality == "input",
+        scalar=True,
+        items=(),
+        shape=(),
+        sized_by=(),
+    )

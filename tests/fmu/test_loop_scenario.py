@@ -1,0 +1,71 @@
+"""A process without a valve becomes a loop to rehearse: step test, tuning, scenario."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fieldlink.cli.fmu import app
+from fieldlink.lab.fmu import FmuError
+from fieldlink.lab.fmu.loop_scenario import LoopWish, respond, write_scenario
+from fieldlink.lab.rehearse import load_scenario, rehearse
+from fmu_models import fmu_path, summarise
+
+TANK = LoopWish("tank.inflow[1]", "tank.h", period=0.1)
+
+
+def test_the_step_test_finds_lag_and_gain(mini_fmus: dict[str, Path]) -> None:
+    """dh/dt = inflow - h: gain 1, lag 1 s, no dead time."""
+    response = respond(summarise(mini_fmus["fmi2"]), TANK)
+    assert (response.gain, response.lag) == pytest.approx((1.0, 1.0), rel=0.1)
+    assert response.dead_time <= 0.1
+    assert response.start == pytest.approx(40.0)  # at rest with OP at 40, not empty as at first
+    assert not response.integrates
+    slow = respond(summarise(mini_fmus["fmi2"]), LoopWish("tank.inflow[1]", "tank.h", period=0.5))
+    assert slow.gain == pytest.approx(1.0, rel=0.02)
+
+
+def test_an_integrating_process_is_seen() -> None:
+    level = LoopWish("op", "pv", op_start=50.0)
+    response = respond(summarise(fmu_path("level")), level)
+    assert response.integrates
+    gain, integral_time = response.tune()
+    assert gain * response.gain > 0.0
+    assert integral_time > response.period
+
+
+def test_the_loop_is_identified_and_compensated(mini_fmus: dict[str, Path], tmp_path: Path) -> None:
+    fmu = shutil.copy(mini_fmus["fmi2"], tmp_path / "tank.fmu")
+    file = tmp_path / "tank.toml"
+    done = CliRunner().invoke(
+        app,
+        ["loop", str(fmu), "--op", TANK.op, "--pv", TANK.pv, "--period", "0.1", "--op-start", "40",
+         "--output", str(file)],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "fieldlink rehearse" in done.output
+    run = rehearse(load_scenario(file))
+    assert run.passed, run.findings
+    trend = run.course.trend
+    # The valve is ours: the stem stands still or lies fD short of OP, never further off than fS.
+    assert np.abs(trend.op - trend.stem).max() <= 0.5 * (5.0 + 1.5) + 1e-9
+    assert trend.compensated.any()
+
+
+def test_what_is_refused(mini_fmus: dict[str, Path], tmp_path: Path) -> None:
+    fmu = summarise(mini_fmus["fmi2"])
+    with pytest.raises(
+        FmuError, match=r"no input 'tank\.inflow'; did you mean 'tank\.inflow\[1\]'"
+    ):
+        respond(fmu, LoopWish("tank.inflow", "tank.h", period=0.1))
+    with pytest.raises(FmuError, match=r"batch does not answer to tank\.inflow\[1\] stepping"):
+        respond(fmu, LoopWish("tank.inflow[1]", "batch", period=0.1))
+    file = tmp_path / "there.toml"
+    file.write_text("mine")
+    with pytest.raises(FmuError, match="it exists; remove it, or name another with --output"):
+        write_scenario(fmu, TANK, respond(fmu, TANK), file)
+    assert file.read_text() == "mine"
