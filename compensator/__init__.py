@@ -19,14 +19,14 @@ from compensator.knocker import Knocker, KnockerSettings
 from compensator.moves import warm_up
 from compensator.pi import PiController, PiSettings
 from compensator.prediction import NoiseModel, Prediction
-from compensator.supervisor import (
+from compensator.supervision import (
     Compensator,
     LoopMemory,
-    Supervisor,
     SupervisorSettings,
     SupervisorState,
     WithdrawReason,
 )
+from compensator.supervisor import Supervisor
 from compensator.two_move import TwoMove, TwoMoveSettings
 from compensator.unaware import MpcSettings, UnawareMpc
 from compensator.watch import WatchSettings

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from compensator.action import require_not_negative, require_positive
+from loop_model import ValveModel
 
 __all__ = ["LoopFigures", "LoopRecord", "Sample", "oscillation_period"]
 
@@ -24,7 +25,7 @@ class LoopFigures:
 
     Attributes:
         mean_square: of PV minus SP.
-        travel: of OP per sample.
+        travel: of the stem per sample, by the valve model: OP's own is that of noise as well.
         period: of its oscillation, samples.
         largest: error seen.
     """
@@ -78,11 +79,6 @@ class LoopRecord:
     def __init__(self, length: int) -> None:
         self._samples: deque[Sample] = deque(maxlen=length)
 
-    @property
-    def last_op(self) -> float:
-        """OP applied last; NaN without a scan."""
-        return self._samples[-1].op if self._samples else math.nan
-
     def push(self, sample: Sample) -> None:
         """Take in a scan."""
         self._samples.append(sample)
@@ -91,7 +87,7 @@ class LoopRecord:
         """Return the last ``count`` scans, oldest first."""
         return list(self._samples)[-count:]
 
-    def figures(self, window: int, least: int) -> LoopFigures | None:
+    def figures(self, window: int, least: int, valve: ValveModel) -> LoopFigures | None:
         """Return the figures of the base controller, None if it had the loop too shortly.
 
         The latest stretch without a change of set-point that is two windows long counts; else the
@@ -100,6 +96,7 @@ class LoopRecord:
         Args:
             window: samples that a set-point change takes to settle, times two.
             least: samples that are needed.
+            valve: by which OP moves the stem.
         """
         steady = self._stretches(any_setpoint=False)
         settled = [s if k == 0 else s[window // 2 :] for k, s in enumerate(steady)]
@@ -109,7 +106,8 @@ class LoopRecord:
         if not settled:
             return None
         long = [s for s in settled if len(s) >= 2 * window]
-        return _figures_of(long[-1] if long else max(settled, key=len), window, least)
+        chosen = long[-1] if long else max(settled, key=len)
+        return _figures_of(chosen, window, least, valve)
 
     def _stretches(self, *, any_setpoint: bool) -> list[list[Sample]]:
         stretches: list[list[Sample]] = [[]]
@@ -124,11 +122,14 @@ class LoopRecord:
         return stretches
 
 
-def _figures_of(samples: Sequence[Sample], window: int, least: int) -> LoopFigures | None:
+def _figures_of(
+    samples: Sequence[Sample], window: int, least: int, valve: ValveModel
+) -> LoopFigures | None:
     errors = [s.pv - s.sp for s in samples if math.isfinite(s.pv)]
     if len(errors) < least:
         return None
-    travel = sum(abs(b.op - a.op) for a, b in itertools.pairwise(samples))
+    stem = valve.simulate([s.op for s in samples], samples[0].op)
+    travel = math.fsum(abs(b - a) for a, b in itertools.pairwise(stem.tolist()))
     return LoopFigures(
         math.fsum(e * e for e in errors) / len(errors),
         travel / len(samples),

@@ -22,19 +22,22 @@ class RetrySettings:
 
     Attributes:
         after: scans; the valve may have been serviced, or the load be another one.
-        within: deviations of fS and of fD that count as the same valve: two hold nineteen of
-            twenty estimates.
+        within: deviations of fS and of fD that count as the same valve: those of a 90 % interval.
+        widest: share of fS by which fS or fD may differ at most to count as the same valve, however
+            wide the interval is.
         gain: relative change of the process gain that counts as the same process.
         kept: models that are remembered.
     """
 
     after: int = 30_000
-    within: float = 2.0
+    within: float = 1.645
+    widest: float = 0.25
     gain: float = 0.25
     kept: int = 8
 
     def __post_init__(self) -> None:
         require_positive("RetrySettings", after=self.after, within=self.within, kept=self.kept)
+        require_not_negative("RetrySettings", widest=self.widest)
         require_not_negative("RetrySettings", gain=self.gain)
 
 
@@ -96,9 +99,10 @@ class GivenUpModels:
         new = model.valve
         static = abs(new.static_friction - old.static_friction)
         dynamic = abs(new.dynamic_friction - old.dynamic_friction)
+        widest = s.widest * old.static_friction
         return (
-            static <= s.within * known.prior.static_deviation(old)
-            and dynamic <= s.within * max(known.prior.dynamic_deviation(old), 1e-12)
+            static <= min(s.within * known.prior.static_deviation(old), widest)
+            and dynamic <= min(s.within * known.prior.dynamic_deviation(old), widest)
             and _gains_alike(known.model, model, s.gain)
         )
 

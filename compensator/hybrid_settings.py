@@ -58,7 +58,7 @@ class HybridSettings:
     edge: float = 0.85
     unknown: float = 3.0
     unseen: float = 9.0
-    tolerated: float = 0.2
+    tolerated: float = 0.25
     tolerated_level: float = 0.4
     spread: float = 0.1
     dynamic_spread: float = 0.25

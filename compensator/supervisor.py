@@ -18,9 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import Protocol
 
 from compensator.action import (
     Action,
@@ -29,50 +26,23 @@ from compensator.action import (
     Controller,
     RefusalKind,
     require_finite,
-    require_not_negative,
-    require_positive,
-    require_whole,
 )
 from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
-from compensator.given_up import GivenUp, GivenUpModels, RetrySettings
+from compensator.given_up import GivenUpModels
 from compensator.hybrid import HybridMpc
-from compensator.hybrid_settings import HybridSettings
-from compensator.prediction import Prediction
 from compensator.screen import PvScreen
-from compensator.watch import LoopWatch, Watched, WatchSettings, WatchVerdict
+from compensator.supervision import (
+    Compensator,
+    LoopMemory,
+    SupervisorSettings,
+    SupervisorState,
+    WithdrawReason,
+)
+from compensator.watch import LoopWatch, Watched, WatchVerdict
 from loop_model import LoopModel, ValveModel
 
-__all__ = ["LoopMemory", "Supervisor", "SupervisorSettings", "SupervisorState", "WithdrawReason"]
-
-
-class SupervisorState(Enum):
-    """Who has the loop."""
-
-    BASE = "the base controller has the loop, no valve model is offered"
-    WAITING = "a model is accepted; the compensator takes over when the valve rests"
-    COMPENSATING = "the compensator has the loop"
-    MANUAL = "an operator has the loop; both controllers follow"
-
-
-class WithdrawReason(Enum):
-    """Why the compensator does not have the loop; the value is the advice."""
-
-    NONE = "no reason: nothing was withdrawn"
-    EXPIRED = "the block's time of validity is over; see why no newer one was written"
-    HEARTBEAT_DEAD = "the daemon's heartbeat stands still; check the daemon and the network"
-    OPERATOR = "withdrawn by an operator, or the enable bit is off"
-    NO_STICTION = "the valve was found healthy; the base controller suffices"
-    PV_BAD = "PV was bad for too long; the compensator returns when PV does"
-    PV_FROZEN = "PV repeats one value: its sensor is frozen; the compensator returns with PV"
-    SOLVER = "the compensator's solver passed its bound several scans in a row; use another one"
-    WORSE = "PV deviated more than before; the model was given up, identify again"
-    GROWING = "the oscillation grew; the model was given up, identify again"
-    HUNTING = "OP travelled more than before for no gain; the model was given up, identify again"
-    TRAVEL = "OP travelled more than its budget; the model was given up, see travel_budget"
-    LEFT_RANGE = "PV left its known range; the model was given up, check the gain's sign"
-    REFUSED = "the offered model cannot be used; see `refusal`"
-
+__all__ = ["Supervisor"]
 
 _KINDS = {
     WithdrawReason.WORSE: RefusalKind.WORSE,
@@ -99,117 +69,6 @@ _STEP = 0.5
 
 _PAUSES = 3
 """Pauses that an overtaxed solver is given before it is given up."""
-
-
-@dataclass(frozen=True, slots=True)
-class SupervisorSettings:
-    """Settings of `Supervisor`.
-
-    Attributes:
-        hybrid: settings of the compensator.
-        watch: when the compensated loop counts as worse than before.
-        retry: when a model that was given up may be tried again.
-        friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
-        history: scans that a new compensator relives, to find stem and load at once; four times as
-            many tell how good the loop was before.
-        least_known: scans under the base controller that must be known before a take-over: without
-            them nothing tells whether the loop has become worse.
-        gain_sign: sign of the process gain that the loop's own controller counts on; a model of the
-            other sign is refused. 0 when it is not known.
-        period: seconds between scans; a model of another one is refused. 0 when it is not known.
-        pv_bad_limit: scans of bad PV after which the base controller gets the loop.
-        pv_frozen_limit: least scans in which PV repeats one value to count as frozen (`PvScreen`).
-        solver_limit: scans in a row that the compensator's solver may pass its bound; then the base
-            controller has the loop for a horizon, and for good from the fourth time on.
-    """
-
-    hybrid: HybridSettings = field(default_factory=HybridSettings)
-    watch: WatchSettings = field(default_factory=WatchSettings)
-    retry: RetrySettings = field(default_factory=RetrySettings)
-    friction_rate: float = 0.05
-    history: int = 300
-    least_known: int = 40
-    gain_sign: int = 0
-    period: float = 0.0
-    pv_bad_limit: int = 10
-    pv_frozen_limit: int = 30
-    solver_limit: int = 3
-
-    def __post_init__(self) -> None:
-        require_positive("SupervisorSettings", friction_rate=self.friction_rate)
-        require_not_negative("SupervisorSettings", period=self.period)
-        if self.gain_sign not in (-1, 0, 1):
-            raise CompensatorError(
-                f"SupervisorSettings: gain_sign is -1, 1, or 0 for unknown; got {self.gain_sign!r}"
-            )
-        require_whole(
-            "SupervisorSettings",
-            1,
-            history=self.history,
-            least_known=self.least_known,
-            pv_bad_limit=self.pv_bad_limit,
-            pv_frozen_limit=self.pv_frozen_limit,
-            solver_limit=self.solver_limit,
-        )
-        if self.least_known > 4 * self.history:
-            raise CompensatorError(
-                f"SupervisorSettings: least_known = {self.least_known} is more than the "
-                f"{4 * self.history} scans that are kept; lower it or raise history"
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class LoopMemory:
-    """What a supervisor must keep over a restart.
-
-    Attributes:
-        figures: of the loop under its base controller; None while unknown.
-        given_up: models that made it worse.
-    """
-
-    figures: LoopFigures | None = None
-    given_up: tuple[GivenUp, ...] = ()
-
-
-class Compensator(Controller, Protocol):
-    """A controller with a valve model, as the supervisor needs it; `HybridMpc`, `EmbeddingMpc`."""
-
-    @property
-    def model(self) -> LoopModel:
-        """The model in use."""
-
-    @property
-    def prediction(self) -> Prediction:
-        """The process of the model."""
-
-    @property
-    def ready(self) -> bool:
-        """Whether a PV was ever seen."""
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the valve is being moved."""
-
-    @property
-    def horizon(self) -> int:
-        """Samples that it looks ahead."""
-
-    @property
-    def held_variance(self) -> float:
-        """Variance of PV that noise alone makes, the stem held."""
-
-    @property
-    def load_stepped(self) -> bool:
-        """Whether the last PV showed a step of the load."""
-
-    def tolerate(self, deviation: float) -> None:
-        """Take in PV's deviation before compensation: a small share of it is worth no move."""
-
-    def change_valve(self, valve: ValveModel) -> None:
-        """Go on with other valve parameters."""
-
-    def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
-        """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
 
 
 class Supervisor:
@@ -246,6 +105,7 @@ class Supervisor:
         self._known: LoopFigures | None = None
         self._record = LoopRecord(4 * self.settings.history)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
+        self._stem = math.nan
         self._sp = math.nan
         self._bad_scans = 0
         self._limited = False
@@ -314,7 +174,7 @@ class Supervisor:
                 "identify with the scan's",
                 RefusalKind.PERIOD,
             )
-        if s.gain_sign * sum(process.b) * (1.0 + sum(process.a) + process.is_integrating) < 0.0:
+        if s.gain_sign * sum(process.b) < 0.0:  # A(1) is above zero in every stable process
             raise CompensatorError(
                 "the model's gain has the other sign than the loop's own controller counts on; "
                 "check the signs of OP and PV",
@@ -350,8 +210,7 @@ class Supervisor:
         """
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
         pv = self._screened(pv)
-        last = self._record.last_op
-        moved = abs(op_applied - last) if math.isfinite(last) else 0.0
+        moved = self._move_stem(op_applied)
         by_base = automatic and not self.compensating
         self._record.push(Sample(pv, sp, op_applied, by_base))
         self._given_up.pass_scan()
@@ -377,6 +236,14 @@ class Supervisor:
             self._sp = sp
             return self.base.decide(sp)
         return self._compensate(pv, sp, op_applied, moved)
+
+    def _move_stem(self, op: float) -> float:
+        """Return how far OP moves the stem by the model in use: one rule for before and after."""
+        if self._compensator is None:
+            self._stem = op
+            return 0.0
+        before, self._stem = self._stem, self._compensator.model.valve.step(self._stem, op)
+        return abs(self._stem - before)
 
     def _screened(self, pv: float) -> float:
         """Return PV, NaN if it is frozen."""
@@ -418,15 +285,17 @@ class Supervisor:
         assert self._watch is not None
         change, self._sp = sp - self._sp, sp
         # A set-point that moves by little each scan is to be followed inside the known range.
-        if abs(change) > _STEP * self._watch.before.largest or self._compensator.load_stepped:
+        if abs(change) > _STEP * self._watch.before.largest:
             self._watch.restart(self._compensator.horizon // 2)
+        elif self._compensator.load_stepped:
+            self._watch.excuse(self._compensator.horizon // 2)
         if not math.isfinite(pv):
             return WatchVerdict.FINE
         limits = self.settings.hybrid.limits
         reach = 1e-6 * (limits.high - limits.low)
         seen = Watched(
             error=pv - sp,
-            op_change=moved,
+            travel=moved,
             noise_variance=self._compensator.held_variance,
             sp_travel=abs(change) / self._compensator.prediction.scale,
             limited=self._limited,
@@ -469,11 +338,12 @@ class Supervisor:
         operator or a restart does makes the watch blind.
         """
         window = min(max(candidate.horizon, 40), self.settings.history // 2)
-        lasting = self._record.figures(window, 2 * window)
+        valve = candidate.model.valve
+        lasting = self._record.figures(window, 2 * window, valve)
         if lasting is not None:
             self._known = lasting
         elif self._known is None:
-            self._known = self._record.figures(window, self.settings.least_known)
+            self._known = self._record.figures(window, self.settings.least_known, valve)
         return self._known
 
     def _ramp_frictions(self) -> None:

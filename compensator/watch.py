@@ -5,7 +5,7 @@ Four questions, from the quickest to the slowest:
 * does PV run away: is the error far beyond all that was known, or OP at a limit with PV leaving,
   for longer than the dead time explains (`RunAway`)?
 * does it overshoot a set-point step by as much as the step, or grow from cycle to cycle?
-* is PV worse **and** OP's travel more than before, over one and a half periods?
+* is PV worse **and** the stem's travel more than before, over one and a half periods?
 * is PV worse, or travel over its budget, over periods enough for the figures to be fair?
 
 Nothing that noise with the stem held explains is held against the compensator; nor is a set-point
@@ -32,8 +32,8 @@ class WatchVerdict(Enum):
     FINE = "the compensated loop is no worse than before"
     WORSE = "PV deviates more than it did before compensation"
     GROWING = "PV's oscillation grows from cycle to cycle"
-    HUNTING = "OP travels more than it did before compensation, and PV is no better"
-    TRAVEL = "OP travels more than its budget allows"
+    HUNTING = "the stem travels more than it did before compensation, and PV is no better"
+    TRAVEL = "the stem travels more than its budget allows"
     LEFT_RANGE = "PV left the range that was known of it and did not return"
 
 
@@ -45,16 +45,16 @@ class WatchSettings:
         worse_by: factor of PV's mean square error over the long window, against before, that is
             too much.
         much_worse: the same over the short window.
-        at_rest: factor by which more is allowed while OP travels less than a tenth of before: what
-            PV does then is noise, or a load about to be compensated.
+        at_rest: factor by which more is allowed while the stem travels less than a tenth of before:
+            what PV does then is noise, or a load about to be compensated.
         quiet: multiple of the variance that noise alone makes which never counts as worse: three
             deviations.
-        travel_budget: factor of OP's travel, against before, that is too much over the long window;
-            over the short one it is half as much again.
-        hunting: factor of OP's travel that is too much while PV is no better than
+        travel_budget: factor of the stem's travel, against before, that is too much over the long
+            window; over the short one it is half as much again, over the quick one three times.
+        hunting: factor of the stem's travel that is too much while PV is no better than
             ``hunting_share`` of its mean square before.
         hunting_share: see ``hunting``.
-        both: factors of PV's mean square error and of OP's travel that together are too much over
+        both: factors of PV's mean square error and of travel that together are too much over
             the quick window.
         pv_trip: multiple of the largest error known beyond which PV must return at once.
         trip_scans: scans beside the dead time that PV may be beyond it: an error that grows for so
@@ -112,7 +112,7 @@ class Watched:
 
     Attributes:
         error: PV minus SP.
-        op_change: change of OP.
+        travel: way of the stem, by the valve model.
         noise_variance: variance of PV that noise alone makes with the stem held.
         sp_travel: OP that the change of SP in this scan asks for.
         limited: whether the set-point is out of OP's reach.
@@ -120,7 +120,7 @@ class Watched:
     """
 
     error: float
-    op_change: float
+    travel: float
     noise_variance: float
     sp_travel: float = 0.0
     limited: bool = False
@@ -141,6 +141,7 @@ class RunAway:
         scans = dead_time + settings.trip_scans
         self._beyond: deque[float] = deque(maxlen=scans)
         self._at_limit: deque[float] = deque(maxlen=scans)
+        self._often = 0.0
 
     def push(self, seen: Watched, noise: float, expected: float) -> bool:
         """Take in a scan; return whether PV runs away.
@@ -154,6 +155,10 @@ class RunAway:
         size = abs(seen.error)
         far = size > self._settings.pv_trip * known + expected
         pushed = seen.at_limit and size > self._settings.limit_trip * known + expected
+        # An oscillation that runs away returns for a while each half period.
+        self._often = max(0.0, self._often + (1.0 if far else -0.5))
+        if self._often >= 2.0 * (self._beyond.maxlen or 1):
+            return True
         return _stays(self._beyond, size, far, 1.0) or _stays(self._at_limit, size, pushed, 1.02)
 
 
@@ -177,7 +182,7 @@ class LoopWatch:
         settings: factors and windows.
         horizon: samples that the compensator plans ahead; no verdict of the windows before.
         dead_time: samples from OP to PV.
-        stroke: OP that a correction takes (a stick band); what two of them travel in the long
+        stroke: way that a correction takes (a stick band); what two of them travel in the long
             window is over no budget.
     """
 
@@ -202,7 +207,7 @@ class LoopWatch:
         self._run_away = RunAway(before.largest, dead_time, self.settings)
         self._cycles = GrowingCycles(before.mean_square)
         self._quietest = math.inf
-        self._skip = self._patience = self._bad_for = 0
+        self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
 
     def restart(self, skip: int) -> None:
@@ -213,9 +218,20 @@ class LoopWatch:
         self._from = self._expected = 0.0
         self._cycles.restart()
 
+    def excuse(self, skip: int) -> None:
+        """Leave out the next ``skip`` samples (a load step), once in a long window.
+
+        What counts as running away stays what it is: a model that is wrong enough sees load steps
+        all the time.
+        """
+        if self._excused == 0:
+            self._excused = self._long
+            self._skip = max(self._skip, min(skip, self._short))
+
     def push(self, seen: Watched) -> WatchVerdict:
         """Take in one sample."""
         self._quietest = min(self._quietest, seen.noise_variance)
+        self._excused = max(0, self._excused - 1)
         if self._from == 0.0:
             self._from = seen.error
             self._expected = 1.1 * abs(seen.error)
@@ -230,7 +246,7 @@ class LoopWatch:
         if self._still_settling(seen.error) or seen.limited:
             return WatchVerdict.FINE
         self._squares.append(seen.error**2)
-        self._travels.append(max(0.0, abs(seen.op_change) - seen.sp_travel))
+        self._travels.append(max(0.0, seen.travel - seen.sp_travel))
         if self._cycles.push(seen.error, seen.noise_variance):
             return WatchVerdict.GROWING
         verdict = self._judge()
@@ -268,6 +284,8 @@ class LoopWatch:
         square, travel = self._means(self._quick)
         if square > s.both[0] * known and travel > s.both[1] * usual + allowance:
             return WatchVerdict.HUNTING
+        if travel > 3.0 * s.travel_budget * usual + 6.0 * self._stroke / self._quick:
+            return WatchVerdict.TRAVEL
         if len(self._squares) < self._short:
             return WatchVerdict.FINE
         square, travel = self._means(self._short)

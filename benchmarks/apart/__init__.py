@@ -1,0 +1,1 @@
+"""Plants, valves and loop controllers for reporting alone: nothing was tuned on them."""

@@ -1,0 +1,203 @@
+"""Compensation on plants written apart: figures for reporting, of loops that nothing was tuned on.
+
+``python -m benchmarks.compensation_apart`` runs `HybridMpc` under its `Supervisor` on the loops of
+`benchmarks.apart`. Each row is a run: PV's root mean square error, IAE, the stem's travel and its
+reversals, and the scans after which the loop was given back. Figures are over those before the
+model was offered; those of a disturbed loop over the same loop's, with the same noise and
+disturbance, when its own controller goes on. A row is good when PV and travel are at most 0.5 and 1
+times those. A scan is harmed when over the last 60 scans PV is above 1.1 times **and** travel above
+2 times those, or when the error is beyond three times its known range; the last column is the most
+of them in a row, and a row counts as harmed from more than 60 on. ``--quick`` takes few rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.apart.loops import DISTURBANCES, WARM, WRONG, Course, Loop, play
+from benchmarks.apart.plants import PROCESSES, VALVES
+from benchmarks.report import heading, keep, machine, table
+
+__all__ = ["Row", "judge", "main"]
+
+_FIRST = 150
+_SETTLE = 60
+_LONG = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One run; ratios are over the same loop before the model was offered.
+
+    Attributes:
+        loop, parameters, disturbance, seed: of the run.
+        pv, iae, travel, reversals: ratios.
+        given_back: scans after the offer, NaN if the compensator kept the loop.
+        harmed: most scans in a row that were harmed.
+        reason: why the loop was given back.
+        offered: whether there was a model to use.
+    """
+
+    loop: str
+    parameters: str
+    disturbance: str
+    seed: int
+    pv: float
+    iae: float
+    travel: float
+    reversals: float
+    given_back: float
+    harmed: int
+    reason: str
+    offered: bool
+
+    @property
+    def good(self) -> bool:
+        """Whether PV and travel are what compensation promises."""
+        return self.pv <= 0.5 and self.travel <= 1.0
+
+
+def judge(course: Course, own: Course | None = None) -> dict[str, float | int]:
+    """Return the figures of a run over those of ``own`` after the offer, or its own before."""
+    after = slice(WARM + _SETTLE, None)
+    base, before = (course, slice(_FIRST, WARM)) if own is None else (own, after)
+    e, way = course.error, np.abs(np.diff(course.stem, prepend=course.stem[0]))
+
+    def reversals(of: Course, part: slice) -> float:
+        steps = np.diff(of.stem[part])
+        moved = steps[np.abs(steps) > 1e-9]
+        return float(np.sum(moved[1:] * moved[:-1] < 0.0)) / max(1, steps.size)
+
+    def ratio(new: float, old: float) -> float:
+        return new / old if old > 0.0 else (0.0 if new == 0.0 else math.inf)
+
+    known = base.error[before]
+    rms = float(np.sqrt(np.mean(known**2)))
+    travel = float(np.mean(np.abs(np.diff(base.stem[before]))))
+    largest = max(float(np.abs(known).max()), float(np.abs(e[_FIRST:WARM]).max()))
+    lost = np.flatnonzero(course.compensating[WARM:-1] & ~course.compensating[WARM + 1 :])
+    return {
+        "pv": ratio(float(np.sqrt(np.mean(e[after] ** 2))), rms),
+        "iae": ratio(float(np.mean(np.abs(e[after]))), float(np.mean(np.abs(known)))),
+        "travel": ratio(float(np.mean(way[after])), travel),
+        "reversals": ratio(reversals(course, after), reversals(base, before)),
+        "given_back": float(lost[-1]) + 1.0
+        if lost.size and not course.compensating[-1]
+        else math.nan,
+        "harmed": _harmed(e, way, course.compensating, rms, travel, largest),
+    }
+
+
+def _harmed(
+    e: np.ndarray,
+    way: np.ndarray,
+    compensating: np.ndarray,
+    rms: float,
+    travel: float,
+    largest: float,
+) -> int:
+    """Return the most scans in a row in which a compensated loop was harmed."""
+    window = _LONG
+    ones = np.ones(window) / window
+    squares = np.convolve(e**2, ones)[: e.size]
+    ways = np.convolve(way, ones)[: e.size]
+    far = np.abs(e) > 3.0 * largest
+    bad = (squares > (1.1 * rms) ** 2) & (ways > 2.0 * travel)
+    longest = run = 0
+    for k in range(WARM + window, e.size):
+        run = run + 1 if compensating[k] and (bad[k] or far[k]) else 0
+        longest = max(longest, run)
+    return longest
+
+
+def _plan(quick: bool) -> Iterator[tuple[Loop, str, str]]:
+    """Return loop, parameters and disturbance of every row."""
+    processes = list(PROCESSES)[: 2 if quick else None]
+    valves = list(VALVES)[: 1 if quick else None]
+    for process in processes:
+        for number, valve in enumerate(valves):
+            loop = Loop(process, valve, ("pi", "mpc")[number % 2], driven=number == 2)
+            wrong = ("exact", "identified") if number else (*WRONG, "identified")
+            for parameters in wrong:
+                yield loop, parameters, "none"
+        loop = Loop(process, "He", "pi")
+        for disturbance in DISTURBANCES[1:]:
+            if not quick or disturbance in ("load step", "manual"):
+                yield loop, "exact", disturbance
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="folder for the report")
+    options = parser.parse_args(arguments)
+    rows: list[Row] = []
+    for loop, parameters, disturbance in _plan(options.quick):
+        for seed in range(1, options.seeds + 1):
+            course = play(loop, parameters, disturbance, seed)
+            name = f"{loop.process}, {loop.valve}, {loop.own}"
+            own = None if disturbance == "none" else play(loop, "none", disturbance, seed)
+            found = judge(course, own)
+            rows.append(
+                Row(
+                    name,
+                    parameters,
+                    disturbance,
+                    seed,
+                    reason="" if math.isnan(found["given_back"]) else course.reason,
+                    offered=course.offered,
+                    **found,  # type: ignore[arg-type]
+                )
+            )
+    text = heading("compensation_apart", __doc__, arguments) + "\n\n" + summary(rows) + "\n\n"
+    cells = [
+        (
+            r.loop,
+            r.parameters if r.offered else f"{r.parameters} (none used)",
+            r.disturbance,
+            f"{r.pv:.2f}",
+            f"{r.iae:.2f}",
+            f"{r.travel:.2f}",
+            f"{r.reversals:.2f}",
+            "" if math.isnan(r.given_back) else f"{r.given_back:.0f} {r.reason}",
+            r.harmed or "",
+        )
+        for r in rows
+    ]
+    header = ("loop", "parameters", "disturbance", "PV", "IAE", "travel", "reversals")
+    text += table((*header, "given back after", "scans harmed"), cells)
+    print(text)
+    figures = {"machine": machine(), "rows": [asdict(row) for row in rows]}
+    keep(options.out, "compensation_apart", text, figures)
+    return 0
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """Return a table of how many rows are good, given back and harmed, by kind."""
+    kinds = {
+        "exact, nothing else": [
+            r for r in rows if (r.parameters, r.disturbance) == ("exact", "none")
+        ],
+        "identified": [r for r in rows if r.parameters == "identified"],
+        "wrong parameters": [r for r in rows if r.parameters not in ("exact", "identified")],
+        "exact, disturbed": [r for r in rows if r.disturbance != "none"],
+    }
+    cells = []
+    for kind, found in kinds.items():
+        harmed = sum(r.harmed > _LONG for r in found)
+        back = sum(not math.isnan(r.given_back) for r in found)
+        unused = sum(not r.offered for r in found)
+        cells.append((kind, len(found), sum(r.good for r in found), back, unused, harmed))
+    return table(("rows", "number", "good", "given back", "no model used", "harmed"), cells)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

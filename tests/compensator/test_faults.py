@@ -1,0 +1,125 @@
+"""Whatever happens before and after a take-over, no loop is left running away.
+
+A stateful search drives manual, set-points, loads, blocks right and wrong, restarts and bad PV in
+any order. After each stretch it asks: was OP inside its limits, and did the compensator keep the
+loop while the error stayed far beyond what was known of it?
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from compensator import HybridSettings, OpLimits, Supervisor, SupervisorSettings, UnawareMpc
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
+from loop_model import LoopModel, ProcessModel, ValveModel
+
+REST = EXAMPLE_1.process.gain * 50.0
+LIMITS = OpLimits(10.0, 90.0)
+P = EXAMPLE_1.process
+WRONG_SIGN = ProcessModel(P.a, tuple(-b for b in P.b), P.dead_time, 0.0, P.period)
+LATE = ProcessModel(P.a, P.b, P.dead_time + 4, 0.0, P.period)
+MODELS = [
+    EXAMPLE_1,
+    LoopModel(ValveModel(5.0, 1.5), P),
+    LoopModel(ValveModel(16.0, 4.5), P),
+    LoopModel(EXAMPLE_1.valve, WRONG_SIGN),
+    LoopModel(EXAMPLE_1.valve, LATE),
+    LoopModel(ValveModel(0.0, 0.0), P),
+]
+TOLERATED = 60
+"""Scans in a row that a compensated loop may be far beyond what was known of it."""
+
+
+class LoopUnderStress(RuleBasedStateMachine):
+    """Example 1 and what operators, blocks and sensors do to it."""
+
+    @initialize(seed=st.integers(0, 1000), warm=st.integers(60, 300))
+    def begin(self, seed: int, warm: int) -> None:
+        self.supervisor = self.fresh()
+        self.plant = Plant(P, EXAMPLE_1.valve, 50.0, 48.0)
+        self.noise = np.random.default_rng(seed)
+        self.op, self.sp, self.load = 50.0, REST + 2.5, 0.0
+        self.known, self.far, self.worst, self.since = 0.0, 0, 0, 0
+        self.run(warm)
+
+    def fresh(self) -> Supervisor:
+        hybrid = HybridSettings(LIMITS)
+        return Supervisor(UnawareMpc(P), SupervisorSettings(hybrid=hybrid, gain_sign=0))
+
+    def run(self, scans: int, *, manual: float | None = None, bad: bool = False) -> None:
+        for _ in range(scans):
+            pv = self.plant.pv
+            seen = math.nan if bad else pv
+            had = self.supervisor.compensating
+            action = self.supervisor.step(seen, self.sp, self.op, automatic=manual is None)
+            self.op = action.op if manual is None else manual
+            assert math.isfinite(self.op)
+            self.since += 1
+            error = abs(pv - self.sp)
+            if not had:
+                self.known = max(self.known, error)
+            # The way to a new set-point or load, and what no sensor shows, is not run away.
+            counts = had and not bad and self.since > 60 and error > 3.0 * max(self.known, 0.6)
+            self.far = self.far + 1 if counts else 0
+            self.worst = max(self.worst, self.far)
+            self.plant.step(self.op, float(self.noise.normal(0.0, 0.01)), self.load)
+
+    @rule(scans=st.integers(20, 250))
+    def wait(self, scans: int) -> None:
+        self.run(scans)
+
+    @rule(model=st.sampled_from(MODELS))
+    def offer(self, model: LoopModel) -> None:
+        taken = self.supervisor.offer(model)
+        assert taken or self.supervisor.refusal
+        assert taken or model.valve.stick_band == 0.0 or "worse" in self.supervisor.refusal
+        self.run(80)
+
+    @rule(step=st.floats(-8.0, 8.0))
+    def change_setpoint(self, step: float) -> None:
+        self.sp, self.since = REST + step, 0
+        self.run(60)
+
+    @rule(load=st.sampled_from([-4.0, 0.0, 4.0]))
+    def change_load(self, load: float) -> None:
+        self.load, self.since = load, 0
+        self.run(60)
+
+    @rule(scans=st.integers(1, 60), change=st.floats(-3.0, 3.0))
+    def take_to_manual(self, scans: int, change: float) -> None:
+        by_hand = min(max(self.op + change, LIMITS.low), LIMITS.high)
+        self.run(scans, manual=by_hand)
+        self.since = 0
+
+    @rule(scans=st.integers(1, 30))
+    def lose_pv(self, scans: int) -> None:
+        self.run(scans, bad=True)
+        self.since = 0
+
+    @rule()
+    def restart(self) -> None:
+        memory = self.supervisor.memory
+        self.supervisor = self.fresh()
+        self.supervisor.restore(memory)
+        assert self.supervisor.memory == memory
+
+    @invariant()
+    def nothing_runs_away(self) -> None:
+        if hasattr(self, "worst"):
+            assert self.worst <= TOLERATED
+            assert 0.0 <= self.op <= 100.0
+
+
+LoopUnderStress.TestCase.settings = settings(
+    max_examples=25,
+    stateful_step_count=12,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+TestLoopUnderStress = LoopUnderStress.TestCase
