@@ -23,9 +23,9 @@ from typing import Any, TypeVar, cast
 from numba import njit
 from numba.core import config
 
-__all__ = ["cache_folder", "kernel", "source_hash"]
+__all__ = ["cache_folder", "kernel", "kernel_for", "source_hash"]
 
-_PACKAGES = ("estimator", "compensator")
+_PACKAGES = ("estimator", "compensator", "benchmarks/families")
 _HASH_DIGITS = 16
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -67,10 +67,19 @@ def cache_folder() -> Path:
 
 def kernel(function: _Function) -> _Function:
     """Compile a loop with strict arithmetic; division by zero gives infinity or NaN as in NumPy."""
+    return _compiled(function, None)
+
+
+def kernel_for(signature: str) -> Callable[[_Function], _Function]:
+    """The same for one signature only, compiled or loaded at import: no first call waits for it."""
+    return lambda function: _compiled(function, signature)
+
+
+def _compiled(function: _Function, signature: str | None) -> _Function:
     before = config.CACHE_DIR  # type: ignore[attr-defined]
     config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
     try:
-        compiled = njit(cache=True, error_model="numpy")(function)
+        compiled = njit(signature, cache=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
     return cast("_Function", compiled)

@@ -6,9 +6,10 @@ bits on every processor.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from compiled import kernel_for
 
 __all__ = [
     "carried_covariance",
@@ -24,7 +25,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 
-@numba.njit("float64[::1](float64[:, ::1], float64[::1], float64[::1], float64)", cache=True)
+@kernel_for("float64[::1](float64[:, ::1], float64[::1], float64[::1], float64)")
 def held_course(free: Array, held: Array, state: Array, drive: float) -> Array:
     """Return ``free @ state + held * drive``."""
     course = held * drive
@@ -34,9 +35,7 @@ def held_course(free: Array, held: Array, state: Array, drive: float) -> Array:
     return course
 
 
-@numba.njit(
-    "Tuple((float64, float64[::1]))(float64[:, ::1], float64[::1], float64[::1])", cache=True
-)
+@kernel_for("Tuple((float64, float64[::1]))(float64[:, ::1], float64[::1], float64[::1])")
 def correlate(weighted: Array, weights: Array, error: Array) -> tuple[float, Array]:
     """Return the weighted square of ``error`` and ``weighted @ error``."""
     square = 0.0
@@ -49,7 +48,7 @@ def correlate(weighted: Array, weights: Array, error: Array) -> tuple[float, Arr
     return square, correlation
 
 
-@numba.njit("float64[::1](float64[:, ::1], float64[::1])", cache=True)
+@kernel_for("float64[::1](float64[:, ::1], float64[::1])")
 def multiplied(matrix: Array, vector: Array) -> Array:
     """Return ``matrix @ vector``."""
     out = np.zeros(matrix.shape[0])
@@ -59,7 +58,7 @@ def multiplied(matrix: Array, vector: Array) -> Array:
     return out
 
 
-@numba.njit("float64[:, ::1](float64[:, ::1], float64[:, ::1])", cache=True)
+@kernel_for("float64[:, ::1](float64[:, ::1], float64[:, ::1])")
 def gram_of(left: Array, right: Array) -> Array:
     """Return ``left @ right.T``."""
     out = np.zeros((left.shape[0], right.shape[0]))
@@ -70,7 +69,7 @@ def gram_of(left: Array, right: Array) -> Array:
     return out
 
 
-@numba.njit("float64[::1](float64[::1])", cache=True)
+@kernel_for("float64[::1](float64[::1])")
 def lagged_products(signal: Array) -> Array:
     """Return the sums of ``signal[i] * signal[i + lag]`` for lag 0, 1, ... ``signal.size - 1``."""
     out = np.zeros(signal.size)
@@ -80,9 +79,7 @@ def lagged_products(signal: Array) -> Array:
     return out
 
 
-@numba.njit(
-    "Tuple((float64, float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])", cache=True
-)
+@kernel_for("Tuple((float64, float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])")
 def weighted_moments(points: Array, weights: Array) -> tuple[float, Array, Array]:
     """Return the sum of ``weights`` (shape ``(h,)``), and the weighted mean and covariance of the
     rows of ``points`` (shape ``(h, m)``).
@@ -105,7 +102,7 @@ def weighted_moments(points: Array, weights: Array) -> tuple[float, Array, Array
     return total, mean, spread
 
 
-@numba.njit("float64(float64[::1], float64)", cache=True)
+@kernel_for("float64(float64[::1], float64)")
 def coloured_power(lags: Array, colour: float) -> float:
     """Return the variance that noise with an autocorrelation of ``colour**k`` makes behind a
     filter with the autocovariance ``lags``.
@@ -116,10 +113,9 @@ def coloured_power(lags: Array, colour: float) -> float:
     return float(lags[0] + 2.0 * total)
 
 
-@numba.njit(
+@kernel_for(
     "float64[:, ::1](float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[::1],"
     " float64, float64)",
-    cache=True,
 )
 def carried_covariance(
     covariance: Array,

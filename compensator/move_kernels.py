@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from compiled import kernel_for
 
 __all__ = ["best_moves", "best_on_polygon"]
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(
+@kernel_for(
     "UniTuple(float64, 3)(float64, float64, float64, float64, float64,"
     " float64, float64, float64, float64, float64, float64, float64)",
-    cache=True,
 )
 def best_on_polygon(
     hpp: float,
@@ -80,11 +80,10 @@ def best_on_polygon(
     return best, best_p, best_q
 
 
-@numba.njit(
+@kernel_for(
     "Tuple((int64, int64, float64, int64, float64, float64))"
     "(float64[:, ::1], float64[::1], int64[::1], UniTuple(float64, 2), UniTuple(float64, 4),"
     " float64, UniTuple(float64, 2), UniTuple(int64, 4))",
-    cache=True,
 )
 def best_moves(
     gram: Array,

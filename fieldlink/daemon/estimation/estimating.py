@@ -125,6 +125,7 @@ class Findings:
             verdict=result.verdict.value,
             reasons=tuple(reason.text for reason in result.reasons),
             score=float(result.score),
+            uncertain=bool(result.uncertain),
             stick_band=Interval.of(result.stick_band),
             slip_jump=Interval.of(result.slip_jump),
             static_friction=Interval.of(result.static_friction),
