@@ -85,7 +85,7 @@ def identify(
     if not 0.5 <= confidence <= 0.999:
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
     window = harmonise(op, pv, sp, auto, period, settings.screening)
-    informed = min(informed_share(np.asarray(x, dtype=np.float64)) for x in (op, pv))
+    informed = informed_share(np.asarray(pv, dtype=np.float64))
     reasons = screen(window, informed, settings.screening)
     if reasons:
         result = unassessed(window, reasons, criterion, confidence)
@@ -132,6 +132,7 @@ def _assess(window: Window, request: Request, settings: Settings) -> Identificat
         fit,
         weighing,
         request.confidence,
+        case.max_dead_time,
         cost_surface(case, window, weighing.sticky) if request.surface else None,
     )
 

@@ -14,7 +14,7 @@ from estimator.evidence.weighing import Weighing
 from estimator.outcomes import Reason, Verdict
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process, RunnerUp
 from estimator.window import Window
-from estimator.words import identifiability
+from estimator.words import dead_time_bound, identifiability
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["describe", "unassessed"]
@@ -28,9 +28,10 @@ def describe(
     fit: Fit,
     weighing: Weighing,
     confidence: float,
+    longest: int,
     surface: CostSurface | None,
 ) -> Identification:
-    """The result of a window that was judged."""
+    """The result of a window that was judged; ``longest`` is the longest dead time tried."""
     span = window.op_span
     band, jump = estimate.band.scaled(span), estimate.jump.scaled(span)
     return Identification(
@@ -54,18 +55,24 @@ def describe(
         stem=window.op_centre + span * estimate.stem,
         pv_model=window.pv_centre + window.pv_scale * estimate.simulated,
         surface=surface,
-        runners_up=_runners_up(weighing),
-        identifiability=identifiability(
-            estimate, span, sticky=judgement.verdict is Verdict.STICTION
+        runners_up=_runners_up(window, weighing),
+        identifiability=(
+            *identifiability(estimate, span, sticky=judgement.verdict is Verdict.STICTION),
+            *dead_time_bound(estimate.process.dead_time_samples, longest),
         ),
         criterion_reason=estimate.reason,
     )
 
 
-def _runners_up(weighing: Weighing) -> tuple[RunnerUp, ...]:
+def _runners_up(window: Window, weighing: Weighing) -> tuple[RunnerUp, ...]:
     """The healthy valve and the other laws, by how far they are behind."""
     found: list[tuple[str, Hypothesis]] = [("healthy valve", weighing.healthy)]
-    found += [(f"{one.valve.law} valve", one) for one in weighing.laws if one.valve is not None]
+    span = window.op_span
+    found += [
+        (f"{one.valve.law} valve, S {span * one.valve.band:.3g}", one)
+        for one in weighing.laws
+        if one.valve is not None
+    ]
     best = max(one.likelihood for _, one in found)
     rest = [
         RunnerUp(name, one.poles.shape.value, one.dead_time, best - one.likelihood)

@@ -114,8 +114,7 @@ class Evidence:
         moves: samples in which the identified stem moves; reversals: changes of direction;
             strokes: runs of moves in one direction.
         band_over_span: stick band over the span of OP in the window.
-        informed: share of samples that are no straight line between others, the lesser of OP's and
-            PV's.
+        informed: share of PV's moving samples that are no straight line between others.
         gain_sign: sign of the process gain that the controller's action tells, 0 where unclear.
         law: the valve law that explains the window best.
     """
@@ -229,6 +228,12 @@ class Identification:
     runners_up: tuple[RunnerUp, ...] = ()
     identifiability: tuple[str, ...] = ()
     criterion_reason: str = ""
+
+    @property
+    def shown_score(self) -> float:
+        """The score for a reader: NaN where the window was refused before a model was tried."""
+        weighed = self.score != 0.0 or math.isfinite(self.evidence.log_bayes_factor)
+        return self.score if weighed else math.nan
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of ``fieldlink identify --json``: plain types, null for no number."""

@@ -148,30 +148,27 @@ class Spreading:
     """How wide the intervals are, beside what the likelihood says.
 
     Attributes:
-        law_nats: laws that explain the window worse than the best one by more are left out.
+        law_nats: laws that are further behind the best one are left out.
+        law_temper: power of a law's likelihood in its share of the posterior; far below 1, because
+            no law is quite that of a valve (tuning family: coverage per kind).
         temper: power of the likelihood; below 1 because slips of a real valve vary from stroke to
             stroke while the model's do not (tuning family: coverage per kind).
         late: standard deviation of S and J, as a share of what OP moves in a sample: a real valve
             slips between two samples (uniform: 1 over the square root of 12).
-        law: standard deviation of S, as a share of S, that three laws leave where one of them
-            explains the window far better than the others (tuning family).
-        law_jump: the same of J, as a share of S.
-        doubt, doubt_jump: how many times more where another law explains it as well.
-        doubt_nats: how far behind the next law must be for that to be half as much.
+        law, law_jump: standard deviations of S and J, as shares of S, that all laws together
+            leave (tuning family).
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
         wider, narrowest: factor on the deviations of the next round, and their least value.
     """
 
-    law_nats: float = 6.0
+    law_nats: float = 30.0
+    law_temper: float = 0.05
     temper: float = 0.5
     late: float = 0.29
-    law: float = 0.006
-    law_jump: float = 0.06
-    doubt: float = 20.0
-    doubt_jump: float = 4.0
-    doubt_nats: float = 25.0
+    law: float = 0.02
+    law_jump: float = 0.12
     gains: int = 16
     lanes: int = 128
     rounds: int = 5

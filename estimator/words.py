@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from estimator.estimate import Estimate
 
-__all__ = ["identifiability"]
+__all__ = ["dead_time_bound", "identifiability"]
 
 _VAGUE = 0.5
 """Width of an interval, as a share of its value, from which it is called vague."""
@@ -47,3 +47,13 @@ def identifiability(estimate: Estimate, span: float, *, sticky: bool) -> tuple[s
             f"{jump.high:.3g} fits about as well"
         )
     return tuple(found)
+
+
+def dead_time_bound(dead_time: int, longest: int) -> tuple[str, ...]:
+    """A sentence where the dead time (samples) is the longest one that was tried."""
+    if dead_time < longest:
+        return ()
+    return (
+        f"the dead time ends at {longest} samples, the longest that is tried: the real one may be "
+        f"longer; record the loop at a longer period",
+    )

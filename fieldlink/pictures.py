@@ -90,7 +90,9 @@ def identification_figure(
 
 def _verdict_text(result: Identification) -> str:
     words = result.verdict.value.replace("_", " ") + (" (uncertain)" if result.uncertain else "")
-    return f"{words}, score {result.score:.1f}" if math.isfinite(result.score) else words
+    return (
+        f"{words}, score {result.shown_score:.1f}" if math.isfinite(result.shown_score) else words
+    )
 
 
 def _phase(axes: Axes, op: Array, pv: Array, result: Identification) -> None:

@@ -27,6 +27,10 @@ _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
 
 
+_ANOTHER = 0.05
+"""Stick bands that differ by more, as a share, are different valves."""
+
+
 @dataclass(frozen=True, slots=True)
 class Weighing:
     """The two hypotheses at their best."""
@@ -35,7 +39,8 @@ class Weighing:
     sticky: Hypothesis | None
     """He's valve: the evidence is his. Further laws would only add ways to explain noise."""
     laws: tuple[Hypothesis, ...] = ()
-    """The sticky valve under every law that was tried, the likeliest first: for the estimate."""
+    """The sticky valve under every law that was tried, the likeliest first, then other valves of
+    the search: for the estimate and its intervals."""
 
     @property
     def evidence(self) -> float:
@@ -81,7 +86,7 @@ def weigh(case: Case) -> Weighing:
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
-        laws = _all_laws(case, sticky)
+        laws = (*_all_laws(case, sticky), *_others(sticky, valves))
     return Weighing(healthy, sticky, laws)
 
 
@@ -117,6 +122,18 @@ def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:
             break
         best = more
     return best
+
+
+def _others(sticky: Hypothesis, valves: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+    """Valves of the search with another stick band: S trades against the dead time."""
+    assert sticky.valve is not None
+    band = sticky.valve.band
+    return tuple(
+        one
+        for one in valves
+        if one.valve is not None
+        and abs(one.valve.band - band) > _ANOTHER * max(one.valve.band, band)
+    )
 
 
 def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:

@@ -90,25 +90,21 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     spreading = case.settings.spreading
     best = explanations[0]
     assert best.valve is not None
-    parts = [
-        _sample(case, one)
-        for one in explanations
-        if one.likelihood > best.likelihood - spreading.law_nats
-    ]
-    valves = np.vstack([valves for valves, _, _ in parts])
-    log_weight = np.concatenate([log for _, log, _ in parts])
-    weight = np.exp(log_weight - log_weight.max())
-    step = _usual_step(case.rows.u)
+    valves, weights = [], []
+    for one in explanations:
+        behind = best.likelihood - one.likelihood
+        if behind > spreading.law_nats:
+            continue
+        found, log_weight = _sample(case, one)
+        weight = np.exp(log_weight - log_weight.max())
+        valves.append(found)
+        # a law that is a little behind may still be that of the valve: no law is quite
+        weights.append(weight / weight.sum() * math.exp(-spreading.law_temper * behind))
+    weight = np.concatenate(weights)
+    late = spreading.late * _usual_step(case.rows.u)
     band = best.valve.band
-    # no law is quite that of a valve: the less one stands out, the less it can be trusted
-    rivals = [one.likelihood for one in explanations[1:]]
-    ahead = best.likelihood - max(rivals) if rivals else 0.0
-    doubt = 1.0 / (1.0 + (max(ahead, 0.0) / spreading.doubt_nats) ** 2)
-    law = spreading.law * (1.0 + spreading.doubt * doubt)
-    law_jump = spreading.law_jump * (1.0 + spreading.doubt_jump * doubt)
-    late = spreading.late * step
-    blur = math.hypot(late, law * band), math.hypot(late, law_jump * band)
-    return Posterior(valves, weight / weight.sum(), blur)
+    blur = math.hypot(late, spreading.law * band), math.hypot(late, spreading.law_jump * band)
+    return Posterior(np.vstack(valves), weight / weight.sum(), blur)
 
 
 def _usual_step(op: Array) -> float:
@@ -132,8 +128,8 @@ def pole_derivatives(of: Hypothesis) -> Array:
     return np.stack(found) if found else np.empty((0, own.size))
 
 
-def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array, float]:
-    """Valves, log weights and the likelihood of one law's samples."""
+def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
+    """Valves and log weights of one law's samples."""
     spreading = case.settings.spreading
     valve = of.valve
     assert valve is not None
@@ -175,7 +171,7 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array, float]:
         floor = np.diag(np.square(spreading.narrowest * np.ones(3)))
         root = cholesky(spreading.wider**2 * spread + floor)
     valves = moved_valves(centre, every)
-    return valves, log_weight, of.likelihood
+    return valves, log_weight
 
 
 def _log_mixture(points: Array, proposals: list[tuple[Array, Array]]) -> Array:

@@ -47,7 +47,7 @@ def verdict_text(result: Identification) -> Text:
         verdict += ", uncertain"
     else:
         text = Text(_WORDS[verdict], style=_COLOUR[verdict])
-    text.append(f"   (verdict {verdict}, score {number(result.score)})", style="dim")
+    text.append(f"   (verdict {verdict}, score {number(result.shown_score)})", style="dim")
     return text
 
 

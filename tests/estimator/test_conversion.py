@@ -73,15 +73,7 @@ def _continued(model: ProcessModel, stem: np.ndarray, before: np.ndarray, known:
     [
         (False, 3),
         (True, 4),
-        pytest.param(
-            False,
-            4,
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="the stem of a limit cycle takes few values, on which its cube is nearly "
-                "a multiple of it: the characteristic takes the gain away from the process",
-            ),
-        ),
+        (False, 4),
         pytest.param(
             True,
             3,

@@ -53,7 +53,6 @@ def test_what_cannot_be_judged_has_a_reason_and_advice(plant) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="plant_19, plant_30 and plant_34 are called sticky")
 def test_no_healthy_window_of_the_plant_is_accused(plant) -> None:
     accused = [
         label["file"]

@@ -63,8 +63,10 @@ def test_a_law_more_is_tried_and_can_be_the_likeliest(monkeypatch: pytest.Monkey
     )
     after = identify(op, pv)
     assert after.evidence.law == "lazy"
-    assert after.score > before.score
-    assert {f"{name} valve" for name in LAWS} <= {one.explanation for one in after.runners_up}
+    # the evidence is He's valve's, whatever laws there are
+    assert after.score == before.score
+    told = [one.explanation for one in after.runners_up]
+    assert all(any(text.startswith(f"{name} valve") for text in told) for name in LAWS)
 
 
 class _FirstOrderNoise(ColouredNoise):

@@ -48,7 +48,8 @@ def test_the_truth_is_not_likelier_than_what_is_found(
 ) -> None:
     op, pv, stem = loop(valve, samples=600, noise=noise, seed=seed)
     found, true = _likelihoods(case(op, pv), valve, op, stem)
-    assert found > true - 3.0
+    # a stick of noise between two needles; the uncertain zone is as wide
+    assert found > true - 4.0
 
 
 def _delayed(dead_time: int) -> tuple[np.ndarray, np.ndarray]:
@@ -77,9 +78,6 @@ def test_dead_time_is_found_and_not_given_away_to_a_lag(dead_time: int) -> None:
     assert sum(lags) == pytest.approx(5.0, rel=0.1)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="dead time ends at 20 samples, and a bound that is touched is not said"
-)
 def test_a_long_dead_time_is_found_or_its_bound_is_said() -> None:
     result = identify(*_delayed(35))
     said = " ".join((*result.identifiability, *(reason.text for reason in result.reasons)))

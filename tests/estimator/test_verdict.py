@@ -49,10 +49,10 @@ def _judge(**changes: float) -> tuple[Verdict, ReasonCode, bool]:
             Verdict.NOT_ASSESSABLE,
             ReasonCode.NO_MODEL_EXPLAINS_PV,
         ),
-        ({"strokes": 2}, Verdict.NOT_ASSESSABLE, ReasonCode.TOO_FEW_MOVES),
+        ({"strokes": 1}, Verdict.NOT_ASSESSABLE, ReasonCode.TOO_FEW_MOVES),
         ({"band_over_span": 0.015}, Verdict.NO_STICTION, ReasonCode.BAND_TOO_SMALL),
     ],
-    ids=["clear", "healthy", "disturbed", "no process", "two strokes", "small band"],
+    ids=["clear", "healthy", "disturbed", "no process", "single stroke", "small band"],
 )
 def test_evidence_makes_a_verdict_with_its_reason(
     changes: dict[str, float], verdict: Verdict, code: ReasonCode
