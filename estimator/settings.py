@@ -91,7 +91,7 @@ class Searching:
             refined last.
         lanes, rounds, turns: candidates and rounds of the last refinement, and how often the noise
             model follows.
-        swept: other slip jumps from which the last refinement is repeated.
+        swept: other slip jumps and stick bands from which the last refinement is repeated.
         enough: nats of a turn below which it was the last.
     """
 
@@ -118,7 +118,7 @@ class Searching:
     lanes: int = 32
     rounds: int = 10
     turns: int = 3
-    swept: int = 2
+    swept: int = 4
     enough: float = 0.3
 
 

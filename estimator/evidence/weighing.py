@@ -83,6 +83,8 @@ def weigh(case: Case) -> Weighing:
     healthy, sticky = grown_healthy, grown_sticky
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
+    if sticky.likelihood - healthy.likelihood > _CLEAR:
+        sticky = sweep_jump(case, sticky)
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:

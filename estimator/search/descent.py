@@ -142,12 +142,12 @@ def refine_valve(
     return best
 
 
-_SWEPT_JUMPS = np.linspace(0.0, 1.0, 33)
-_SWEPT_BANDS = np.array([-0.02, -0.01, -0.005, -0.0025, 0.0, 0.0025, 0.005, 0.01, 0.02])
+_SWEPT_JUMPS = np.linspace(0.0, 1.0, 25)
+_SWEPT_BANDS = np.linspace(-0.06, 0.06, 25)
 """Slip jumps over S, and steps in log S, of the sweep."""
-_SWEPT_BLOCK = 33
-_OTHER_JUMP = 0.07
-"""Slip jumps over S that differ by less end in one place."""
+_SWEPT_BLOCK = 25
+_OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
+"""Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
 
 
 def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
@@ -179,14 +179,18 @@ def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
             cost = design.paired(stems, processes, shortest, count).min(axis=0)
             costs.append(np.where(case.tells(stems), cost, np.inf))
     every, all_costs = np.vstack(tables), np.concatenate(costs)
-    best, tried = start, [ratio]
+    best, tried = start, [(ratio, 0.0)]
     for i in np.argsort(all_costs, kind="stable"):
         if len(tried) > case.settings.searching.swept or not np.isfinite(all_costs[i]):
             break
         band, jump, first = (float(v) for v in every[i])
-        if min(abs(jump / band - one) for one in tried) < _OTHER_JUMP:
+        here = jump / band, float(np.log(band / valve[0]))
+        if any(
+            abs(here[0] - one[0]) < _OTHER_JUMP and abs(here[1] - one[1]) < _OTHER_BAND
+            for one in tried
+        ):
             continue
-        tried.append(jump / band)
+        tried.append(here)
         moved = replace(start.valve, band=band, jump=jump, start=first)
         at = case.fit(moved, start.poles, start.dead_time, start.nuisances, start.taps)
         found = refine_valve(case, at, 0.01)
