@@ -212,6 +212,8 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
         "start": response.start,
         "begin": begin,
         "moved": moved,
+        "again": seconds + begin,
+        "between": 0.5 * (response.start + moved),
         "duration": 5.0 * seconds,
         "window": window,
         "fmu": json.dumps(os.path.relpath(fmu.file, file.parent)),
@@ -242,7 +244,11 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
 
 
 _TEMPLATE = """\
-setpoint = [[0, {start}], [{begin}, {start}], [{begin}, {moved}]]
+# A step in each of the first two windows: a cycle that only repeats itself lets a narrower stick band
+# with a longer dead time explain PV as well.
+setpoint = [
+  [0, {start}], [{begin}, {start}], [{begin}, {moved}], [{again}, {moved}], [{again}, {between}],
+]
 
 [scenario]
 title = {title}
