@@ -217,7 +217,8 @@ class Case:
             taps = fit_noise(self.rows, fit.residual, self.settings.modelling)
         fit = fit_linear(self.rows, nothing, 0, columns, taps)
         orders = 0.5 * math.log(self.rows.count) * (taps.size - hypothesis.taps.size)
-        return self.log_likelihood(hypothesis.squares) - self.log_likelihood(fit.squares) + orders
+        gained = self.log_likelihood(hypothesis.squares) - self.log_likelihood(fit.squares)
+        return float(gained + orders)
 
     def error(self, hypothesis: Hypothesis) -> float:
         """Mean square of the simulation error over the judged rows, PV's variance being 1."""

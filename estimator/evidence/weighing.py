@@ -47,7 +47,7 @@ class Weighing:
         """Log Bayes factor of the sticky over the healthy valve, in nats, prices paid."""
         if self.sticky is None:
             return -np.inf
-        return self.sticky.likelihood - self.healthy.likelihood
+        return float(self.sticky.likelihood - self.healthy.likelihood)
 
 
 def weigh(case: Case) -> Weighing:
