@@ -244,8 +244,8 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
 
 
 _TEMPLATE = """\
-# A step in each of the first two windows: a cycle that only repeats itself lets a narrower stick band
-# with a longer dead time explain PV as well.
+# A step in each of the first two windows: in a cycle that only repeats itself, a narrower stick
+# band with a longer dead time explains PV as well.
 setpoint = [
   [0, {start}], [{begin}, {start}], [{begin}, {moved}], [{again}, {moved}], [{again}, {between}],
 ]
