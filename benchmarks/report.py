@@ -68,7 +68,9 @@ def machine() -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The same for JSON, which has no NaN and no infinity: null."""
+    """The same for JSON, which has no NaN and no infinity: null; NumPy's scalars as Python's."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, Mapping):
         return {str(key): _plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
