@@ -70,7 +70,7 @@ class Sample:
 
 
 class LoopRecord:
-    """The latest scans of a loop, whoever had it.
+    """The latest scans of a loop under any controller.
 
     Args:
         length: scans that are kept.

@@ -147,7 +147,7 @@ class Case:
     def pole_prices(self, shape: Shape, table: Array) -> Array:
         """What the poles of processes ``(m, 3)`` of one shape cost, in nats, ``(m,)``."""
         lags = (table > 0.0).sum(axis=1)
-        # an integrator's pole is no parameter that is chosen, its straight line is one
+        # an integrator's pole is fixed; its straight line is a parameter
         extra = 2 * int(shape is Shape.INTEGRATING)
         found: Array = 0.5 * np.log(self.rows.count) * (lags + extra)
         return found

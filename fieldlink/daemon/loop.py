@@ -1,4 +1,4 @@
-"""One loop and all of its state: window, estimates, write-back, and what became of each.
+"""One loop and all of its state: window, estimates, write-back and their outcomes.
 
 A `LoopRunner` is built from one frozen specification, endpoint included, and has an epoch. What
 comes back late (an estimate) carries the epoch it was asked in and is dropped when it is another's.
@@ -30,7 +30,7 @@ from fieldlink.store import SampleRecord, WritebackRecord
 __all__ = ["LoopRunner"]
 
 SILENT_AFTER = 20
-"""Periods without a new sample after which a loop is said to be silent."""
+"""Periods without a new sample after which a loop counts as silent."""
 
 AGE_IN_ESTIMATES = 4.0
 """Estimate periods for which a finding may wait: two windows in which others would confirm it."""

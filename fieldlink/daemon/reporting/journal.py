@@ -118,7 +118,7 @@ class Journal:
 
     def event(self, kind: str, source: str, message: str, *, bad: bool = False) -> None:
         """Log and store something that happened to ``source``, unless that happens all the time."""
-        # In a simulation nobody else asks every second.
+        # In a simulation nothing else asks every second.
         self.summarize()
         if self._limit.admits(kind, source, message):
             self._tell(kind, source, message, bad=bad)
