@@ -10,7 +10,7 @@ import numpy as np
 from estimator.criteria.design import Design, LinearFit, fit_linear
 from estimator.criteria.noise import fit_noise
 from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid, columns_of, price_of
-from estimator.lanes import Array, Mask, dot, tells
+from estimator.lanes import Array, Mask, tells
 from estimator.processes.poles import Poles, Shape
 from estimator.rows import Rows
 from estimator.settings import Settings
@@ -219,8 +219,3 @@ class Case:
         orders = 0.5 * math.log(self.rows.count) * (taps.size - hypothesis.taps.size)
         gained = self.log_likelihood(hypothesis.squares) - self.log_likelihood(fit.squares)
         return float(gained + orders)
-
-    def error(self, hypothesis: Hypothesis) -> float:
-        """Mean square of the simulation error over the judged rows, PV's variance being 1."""
-        left = hypothesis.residual * self.rows.weight
-        return float(dot(left, left)) / self.rows.count

@@ -91,15 +91,6 @@ class Poles:
         _, _, third, gain = self.coefficients
         return gain * (1.0 - third)
 
-    @property
-    def longest(self) -> float:
-        """The longest time constant in samples (infinite when integrating)."""
-        if self.integrating:
-            return math.inf
-        if self.shape is Shape.SWINGING:
-            return self.slow / (2.0 * math.pi * max(self.fast, 1e-3))
-        return max(self.slow, self.fast, self.third)
-
     def moved(self, steps: Array) -> Array:
         """Many processes of this shape, ``(m, 3)``: each number times ``exp`` of its step.
 

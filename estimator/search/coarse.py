@@ -11,7 +11,7 @@ from estimator.evidence.hypothesis import Case, Hypothesis, Valve
 from estimator.evidence.nuisances import Nuisance
 from estimator.lanes import Array
 from estimator.processes.poles import COARSE
-from estimator.search.descent import Found, descend
+from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Found, descend
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
 from estimator.settings import Searching
@@ -161,7 +161,7 @@ def one_step_starts(
 
 def _around(valve: Array, points: Array, reach: float) -> Array:
     """Valves ``(m, 3)`` around one, ``reach`` wide as a share of S."""
-    band = np.clip(valve[0] * np.exp(2.0 * reach * points[:, 0]), 0.004, 1.1)
+    band = np.clip(valve[0] * np.exp(2.0 * reach * points[:, 0]), LEAST_BAND, WIDEST_BAND)
     jump = np.clip(valve[1] + 2.0 * reach * band * points[:, 1], 0.0, band)
     start = valve[2] + reach * band * points[:, 2]
     return np.ascontiguousarray(np.stack([band, jump, start], axis=1))

@@ -17,7 +17,7 @@ from estimator.valves.laws import LAWS
 
 __all__ = ["Found", "descend", "moved_valves", "refine_valve", "sweep_jump", "turned_points"]
 
-_LEAST_BAND, _WIDEST_BAND = 0.004, 1.1
+LEAST_BAND, WIDEST_BAND = 0.004, 1.1
 """Stick bands that are tried, as shares of OP's span."""
 _WIDTHS = np.array([1.0, 2.0, 2.0, 3.0, 4.0])
 """First reach in log S, J / S, start / S and the logs of two time constants, relative."""
@@ -50,7 +50,7 @@ def turned_points(count: int, dimensions: int, turn: int) -> Array:
 
 def moved_valves(valve: Array, steps: Array) -> Array:
     """Valves ``(m, 3)`` from one by steps in log S, J / S and start / S."""
-    band = np.clip(valve[0] * np.exp(steps[:, 0]), _LEAST_BAND, _WIDEST_BAND)
+    band = np.clip(valve[0] * np.exp(steps[:, 0]), LEAST_BAND, WIDEST_BAND)
     ratio = np.clip(valve[1] / valve[0] + steps[:, 1], 0.0, 1.0)
     return np.ascontiguousarray(
         np.stack([band, ratio * band, valve[2] + steps[:, 2] * band], axis=1)
