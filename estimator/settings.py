@@ -82,8 +82,8 @@ class Searching:
         reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
             which anything explains.
         variance: least variance of the stem over OP's, alpha of (11b) of the paper.
-        differencing: pole of the second whitening filter of the first look, between none and
-            differences; the noise of loops lies between the two.
+        laws: laws whose valves are looked for; a valve that is likely under one of them is
+            refined under the others too.
         seeds: valves of each law that a first look follows.
         wide, generations, few: first reach (share of S), rounds and candidates of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
@@ -106,7 +106,7 @@ class Searching:
     delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
     reversals: int = 1
     variance: float = 0.001
-    differencing: float = 0.95
+    laws: tuple[str, ...] = ("he", "sliding")
     seeds: int = 5
     wide: float = 0.12
     generations: int = 12
