@@ -25,7 +25,8 @@ class Screening:
             the historian's interpolation outweighs what was measured.
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
-        min_strokes: strokes of the stem; a single one is a step, which anything explains.
+        min_strokes: strokes of the stem; fewer are steps and drifts, which other things explain as
+            well (tuning family: three strokes made half of the false alarms).
     """
 
     min_samples: int = 50
@@ -35,7 +36,7 @@ class Screening:
     max_still: float = 0.9
     min_informed: float = 0.5
     min_band: float = 0.02
-    min_strokes: int = 2
+    min_strokes: int = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,8 +156,9 @@ class Spreading:
             stroke while the model's do not (tuning family: coverage per kind).
         late: standard deviation of S and J, as a share of what OP moves in a sample: a real valve
             slips between two samples (uniform: 1 over the square root of 12).
-        law, law_jump: standard deviations of S and J, as shares of S, that all laws together
-            leave (tuning family).
+        law, law_jump: standard deviations of S and J, as shares of S, that the law leaves: where
+            one law is far ahead of the others, and where none is (tuning family).
+        lead: nats by which a law is ahead that make it e times surer (tuning family).
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
@@ -167,8 +169,9 @@ class Spreading:
     law_temper: float = 0.05
     temper: float = 0.5
     late: float = 0.29
-    law: float = 0.02
-    law_jump: float = 0.12
+    law: tuple[float, float] = (0.015, 0.085)
+    law_jump: tuple[float, float] = (0.1, 0.3)
+    lead: float = 30.0
     gains: int = 16
     lanes: int = 128
     rounds: int = 5
