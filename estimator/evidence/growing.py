@@ -59,7 +59,7 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
     if len(waves) < case.settings.modelling.max_sinusoids:
         cycles = _frequency(case, of, other)
         if cycles is not None:
-            most = 0.25 * case.rows.size / cycles
+            most = 0.4 * case.rows.size / cycles
             for harmonics in case.settings.modelling.waves:
                 if max(harmonics) <= max(1.0, most):
                     found.append(_sharpened(tried, Sinusoid(cycles, harmonics), of.likelihood))
@@ -78,7 +78,7 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
     if cycles < _FEWEST_CYCLES:
         return None
-    most = 0.25 * case.rows.size / cycles
+    most = 0.4 * case.rows.size / cycles
     found = []
     for harmonics in case.settings.modelling.waves:
         if max(harmonics) > max(1.0, most):
