@@ -10,18 +10,19 @@ that names its row.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.csv_file import CsvFile, read_csv
+from fieldlink.site.csv_file import CsvFile, CsvRow, read_csv
 from fieldlink.site.errors import Problem, RecordingError, nearest
 from fieldlink.site.timestamps import NoClockError, Sampling, parse_times, sampling_of
+from fieldlink.spreadsheet import from_cell
 
-__all__ = ["MIN_ROWS", "NanRun", "Recording", "read_recording"]
+__all__ = ["MIN_ROWS", "NanRun", "Recording", "read_recording", "read_recordings"]
 
 MIN_ROWS = 50
 """Fewer rows hold too little of an oscillation to judge."""
@@ -54,6 +55,7 @@ class Recording:
         auto: whether the loop was in automatic, None without such a column.
         period: seconds between samples.
         time: seconds since the first sample as recorded, None without a usable time column.
+        start: of the first row of the file, seconds since 1970 (UTC), None without a date.
         irregular: intervals that differ from the period by more than a twentieth of it.
         nan_runs: runs of bad samples in OP, PV and SP.
         notes: what a reader should know about the file, in words.
@@ -66,6 +68,7 @@ class Recording:
     auto: NDArray[np.bool_] | None
     period: float
     time: Floats | None
+    start: float | None
     irregular: int
     nan_runs: tuple[NanRun, ...]
     notes: tuple[str, ...]
@@ -114,15 +117,50 @@ def read_recording(
         RecordingError: naming the file, the row and the column, and what to do.
     """
     file = read_csv(Path(path), RecordingError, pipe=True)
-    columns = _Columns(file)
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
+    return _recording_of(file, wanted, period)
+
+
+def read_recordings(
+    path: str | Path, columns: Mapping[str, str | None], period: float | None = None
+) -> Iterator[tuple[str, Recording]]:
+    """Read a file that may hold several loops, told apart by a column ``loop``.
+
+    Args:
+        path: as for `read_recording`.
+        columns: names of the columns by role (op, pv, sp, auto, time), None for the role's own.
+        period: seconds between rows of a loop.
+
+    Yields:
+        The loop's name, empty without a column ``loop``, and its recording.
+
+    Raises:
+        RecordingError: see `read_recording`.
+    """
+    file = read_csv(Path(path), RecordingError, pipe=True)
+    wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
+    number = next((n for n, name in enumerate(file.header) if name.lower() == "loop"), None)
+    if number is None:
+        yield "", _recording_of(file, wanted, period)
+        return
+    rows: dict[str, list[CsvRow]] = {}
+    for row in file.rows:
+        rows.setdefault(from_cell(row.cells[number]), []).append(row)
+    for name, own in rows.items():
+        yield name, _recording_of(replace(file, rows=tuple(own)), wanted, period)
+
+
+def _recording_of(
+    file: CsvFile, wanted: Mapping[str, str | None], period: float | None
+) -> Recording:
+    columns = _Columns(file)
     found = {role: columns.find(role, name) for role, name in wanted.items()}
     numbers = {role: columns.numbers(found[role]) for role in ("op", "pv", "sp")}
     switched = columns.switch(found["auto"])
     if period is not None and not 0 < period < np.inf:
         columns.report("", f"a period of {period} s is impossible", "give seconds above 0")
     sampling = None
-    if time is not None or period is None:
+    if wanted["time"] is not None or period is None:
         sampling = columns.sampling(found["time"])
     if not columns.problems and len(file.rows) < MIN_ROWS:
         columns.report(
@@ -133,13 +171,14 @@ def read_recording(
         raise RecordingError(columns.problems)
     nan_runs = _nan_runs(numbers)
     return Recording(
-        path=Path(path),
+        path=file.path,
         op=op_values,
         pv=pv_values,
         sp=numbers["sp"],
         auto=switched,
         period=period if period is not None else 1.0 if sampling is None else sampling.period,
         time=None if sampling is None else sampling.seconds,
+        start=None if sampling is None else sampling.start,
         irregular=0 if sampling is None else sampling.irregular,
         nan_runs=nan_runs,
         notes=_notes(period, sampling, nan_runs),
