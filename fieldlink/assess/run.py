@@ -101,12 +101,11 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
             if not journal.meta("planned"):
                 journal.set_meta("options", job.options())
                 journal.plan(_told(_all_pieces(scout, job), progress))
-            scout.close()
             before = journal.counts()
             if before.pieces == 0:
                 places = ", ".join(place.shown for place in job.places)
                 raise AssessError(f"{places}: nothing to assess; name files, a folder or a store")
-            _judge(job, journal, choice, progress, before)
+            _judge(job, journal, choice, progress, before, scout)
             outcome = _finish(job, journal, out, begun, before)
         finally:
             journal.close()
@@ -179,11 +178,16 @@ def _told(pieces: Iterator[Piece], progress: Progress) -> Iterator[Piece]:
 
 
 def _judge(
-    job: Job, journal: Journal, choice: EngineChoice, progress: Progress, before: Counts
+    job: Job,
+    journal: Journal,
+    choice: EngineChoice,
+    progress: Progress,
+    before: Counts,
+    scout: WatchedWorker,
 ) -> None:
     if before.done == before.pieces:
         return
-    with _engine(job, choice) as engine:
+    with _engine(job, choice, scout) as engine:
         batches = _Batches(journal, engine.workers, before.pieces - before.done)
         begun = time.perf_counter()
         counts = before
@@ -201,16 +205,17 @@ def _judge(
             progress.judged(counts, (counts.rows - before.rows) / elapsed)
 
 
-def _engine(job: Job, choice: EngineChoice) -> Any:
+def _engine(job: Job, choice: EngineChoice, scout: WatchedWorker) -> Any:
     """The chosen engine, as a context manager."""
     if choice.kind == "dask":
+        scout.close()
         from fieldlink.assess.engines.dask_cluster import DaskEngine
 
         engine: Engine = DaskEngine(job, choice.scheduler, choice.workers)
     else:
         from fieldlink.assess.engines.local import LocalEngine
 
-        engine = LocalEngine(job, choice.workers)
+        engine = LocalEngine(job, choice.workers, scout)
     return engine
 
 

@@ -21,14 +21,16 @@ class LocalEngine:
     Args:
         job: what is assessed.
         workers: processes.
+        started: one that runs already; it becomes the engine's.
     """
 
-    def __init__(self, job: Job, workers: int) -> None:
+    def __init__(self, job: Job, workers: int, started: WatchedWorker) -> None:
         self._job = job
+        self._started = [started]
         self._workers = workers
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="assess")
         self._own = threading.local()
-        self._all: list[WatchedWorker] = []
+        self._all = [started]
 
     def __enter__(self) -> Self:
         return self
@@ -66,6 +68,13 @@ class LocalEngine:
     def _judge(self, batch: Batch) -> Answer:
         worker: WatchedWorker | None = getattr(self._own, "worker", None)
         if worker is None:
-            worker = self._own.worker = WatchedWorker(self._job)
-            self._all.append(worker)
+            worker = self._own.worker = self._new_worker()
         return judge_batch(worker, batch)
+
+    def _new_worker(self) -> WatchedWorker:
+        try:
+            return self._started.pop()
+        except IndexError:
+            worker = WatchedWorker(self._job)
+            self._all.append(worker)
+            return worker

@@ -89,7 +89,7 @@ class SqlTable(_Model):
     tags: TagNames | None = Field(default=None, description="names of a loop's tags")
     quality: str | None = Field(default=None, description="column of the quality")
     good: tuple[int | str, ...] = Field(default=(), description="qualities that are good")
-    name: str = ""
+    name: str = Field(default="", description="name of the loop, where the table has one only")
 
     @model_validator(mode="after")
     def _one_layout(self) -> Self:
@@ -119,7 +119,9 @@ def read_description(path: Path) -> SqlTable:
         url = f"{prefix}{(path.parent / url.removeprefix(prefix)).absolute()}"
     if table.password_file is not None:
         url = _with_password(url, path.parent / table.password_file)
-    return table.model_copy(update={"url": url, "name": path.stem, "password_file": None})
+    return table.model_copy(
+        update={"url": url, "name": table.name or path.stem, "password_file": None}
+    )
 
 
 def _with_password(url: str, file: Path) -> str:
