@@ -89,14 +89,15 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     """
     begun = time.perf_counter()
     _make_folder(out)
+    record = out / RECORD
+    if record.is_file() and not (out / JOURNAL).exists():
+        return _finished_before(record, job, out)
     scout = WatchedWorker(job)
     try:
-        job = replace(job, sources=scout.start())
-        record = out / RECORD
-        if record.is_file() and not (out / JOURNAL).exists():
-            return _finished_before(record, job, out)
         journal = Journal(out / JOURNAL)
         try:
+            _agree(journal.meta("options"), job, out)
+            job = replace(job, sources=scout.start())
             _agree(journal.meta("options"), job, out)
             if not journal.meta("planned"):
                 journal.set_meta("options", job.options())
@@ -135,7 +136,8 @@ def _agree(stored: dict[str, Any] | None, job: Job, out: Path) -> None:
     if stored is None:
         return
     for key, value in json.loads(json.dumps(job.options())).items():
-        if stored.get(key) == value:
+        # Until a worker runs, its release is not known.
+        if stored.get(key) == value or (key == "sources" and not value):
             continue
         if key == "sources":
             change = "another release of fieldlink"

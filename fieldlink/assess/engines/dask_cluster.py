@@ -32,6 +32,9 @@ or an operator's doing, and ten in a row are a cluster that does not work."""
 IDLE = 120.0
 """Seconds after its last batch until a worker process on a cluster ends; its client may be gone."""
 
+RETRY = 0.2
+"""Seconds between two looks at a client that connects again."""
+
 WAITING = 2
 """Batches for each Dask thread: one is judged, one waits for it to be done."""
 
@@ -59,6 +62,7 @@ class DaskEngine:
         self._job = job.to_json()
         self._lib: Any = distributed
         self._where = scheduler or "this machine"
+        self._threads = 1
         self._cluster: Any = None
         if scheduler is None:
             self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
@@ -94,14 +98,19 @@ class DaskEngine:
         _traceback: TracebackType | None,
     ) -> None:
         if error is None and self._client.status == "running":
-            self._client.run(_end_workers)
+            self._client.run(_end_workers, on_error="ignore")
         self._client.close(timeout=2.0)
         self._close_cluster()
 
     @property
     def workers(self) -> int:
-        """Threads of the cluster."""
-        return sum(self._client.nthreads().values()) or 1
+        """Threads of the cluster, as far as it can be asked now."""
+        try:
+            self._threads = sum(self._client.nthreads().values()) or 1
+        except OSError:
+            # The scheduler is gone: the batches that it had will say so.
+            return self._threads
+        return self._threads
 
     def run(self, next_batch: NextBatch) -> Iterator[Answer]:
         """Yield the answer of every batch, in any order."""
@@ -113,13 +122,13 @@ class DaskEngine:
         while asked:
             future = next(done)
             batch, tries = asked.pop(future.key)
-            status = future.status
-            if status == "finished":
-                yield future.result()
-            else:
-                self._explain(future, status, tries)
-                self._await_scheduler()
+            answer = self._answer_of(future)
+            if answer is None:
+                self._refuse_defects(future, tries)
+                self._wait_for_workers()
                 self._ask(asked, done, batch, tries + 1)
+            else:
+                yield answer
             del future
             self._fill(asked, done, next_batch)
 
@@ -134,9 +143,20 @@ class DaskEngine:
         asked[future.key] = (batch, tries)
         done.add(future)
 
-    def _explain(self, future: Any, status: str, tries: int) -> None:
+    def _answer_of(self, future: Any) -> Answer | None:
+        """The answer, None when the batch was lost or failed."""
+        if future.status != "finished":
+            return None
+        try:
+            answer: Answer = future.result()
+        except (OSError, TimeoutError, self._lib.CancelledError):
+            # It was finished, and lost with the scheduler before it was fetched.
+            return None
+        return answer
+
+    def _refuse_defects(self, future: Any, tries: int) -> None:
         """Raise unless the batch was merely lost and may be asked for again."""
-        if status == "error":
+        if future.status == "error":
             error = future.exception()
             if isinstance(error, AssessError):
                 raise error
@@ -153,26 +173,28 @@ class DaskEngine:
                 "and go on with the same command"
             )
 
-    def _await_scheduler(self) -> None:
-        """Wait until the client, which tries by itself, has a scheduler again."""
-        until = time.monotonic() + CONNECT
-        while self._client.status == "connecting" and time.monotonic() < until:
-            time.sleep(0.1)
-        if self._client.status != "running":
-            raise AssessError(
-                f"the Dask scheduler of {self._where} was lost; what is done is kept: start the "
-                "cluster, and go on with the same command"
-            )
-        self._wait_for_workers()
-
     def _wait_for_workers(self) -> None:
-        try:
-            self._client.wait_for_workers(1, timeout=CONNECT)
-        except TimeoutError as error:
-            raise AssessError(
-                f"the Dask scheduler of {self._where} has no workers; start some with dask worker "
-                f"{self._where}, and go on with the same command"
-            ) from error
+        """Wait until the client, which connects again by itself, has a scheduler with workers."""
+        until = time.monotonic() + CONNECT
+        while (left := until - time.monotonic()) > 0.0 and self._client.status != "closed":
+            if self._client.status == "running":
+                try:
+                    self._client.wait_for_workers(1, timeout=left)
+                except TimeoutError as error:
+                    raise AssessError(
+                        f"the Dask scheduler of {self._where} has no workers; start some with "
+                        f"dask worker {self._where}, and go on with the same command"
+                    ) from error
+                except OSError:
+                    # It was lost meanwhile.
+                    time.sleep(RETRY)
+                    continue
+                return
+            time.sleep(RETRY)
+        raise AssessError(
+            f"the Dask scheduler of {self._where} was lost; what is done is kept: start the "
+            "cluster, and go on with the same command"
+        )
 
     def _close_cluster(self) -> None:
         if self._cluster is not None:
