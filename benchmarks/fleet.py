@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import os
 import signal
 import subprocess
@@ -51,6 +52,8 @@ BEGIN = 1_767_225_600
 """2026-01-01T00:00:00Z."""
 
 DAYS = 365
+TABLES = (10_000, 100_000, 400_000)
+"""Rows of the tables that are finished without judging."""
 FLEETS = (500, 2_000, 10_000)
 CORES = 16
 """Of a machine in the last table."""
@@ -384,15 +387,29 @@ def _measure(root: Path, options: argparse.Namespace) -> tuple[str, dict[str, An
         out = root / f"k{3 + number}"
         _disturbed_cluster(small, out, size, what)
         judge(what, out, 1)
-    return _texts(runs, same, killed), {
+    finished = [_finished(rows) for rows in TABLES]
+    return _texts(runs, same, killed, finished), {
         "options": {k: v for k, v in vars(options).items() if k != "out"},
         "machine": machine(),
         "runs": [asdict(run) for run in runs],
         "kills": killed,
+        "finished": finished,
     }
 
 
-def _texts(runs: Sequence[Run], same: Sequence[bool], killed: Sequence[tuple[Any, ...]]) -> str:
+def _finished(rows: int) -> dict[str, float]:
+    """Figures of finishing a table, from a process of its own for its memory."""
+    command = [sys.executable, "-m", "benchmarks.fleet_table", str(rows)]
+    figures: dict[str, float] = json.loads(subprocess.check_output(command))
+    return figures
+
+
+def _texts(
+    runs: Sequence[Run],
+    same: Sequence[bool],
+    killed: Sequence[tuple[Any, ...]],
+    finished: Sequence[dict[str, float]],
+) -> str:
     cores = [1, 2, 2]
     first = table(
         (
@@ -428,6 +445,12 @@ def _texts(runs: Sequence[Run], same: Sequence[bool], killed: Sequence[tuple[Any
             table(("run", "first quarter", "second", "third", "last"), quarters),
             "## Kills",
             table(("what was killed", "times", "table"), killed),
+            "## Finishing: journal, ranking, tables, page",
+            "Made-up rows; processor seconds, and megabytes of that process:",
+            table(
+                [name.replace("_", " ") for name in finished[0]],
+                [list(one.values()) for one in finished],
+            ),
             "## So many loops, so long, so many machines",
             f"From two workers above ({speed:.3g} windows a processor second), one window a loop "
             f"and day, machines of {CORES} such cores that do nothing else:",

@@ -169,13 +169,14 @@ class Journal:
         with self._explained():
             self._db.execute("DROP TABLE IF EXISTS temp.standing")
             self._db.execute(_STANDING)
+            self._db.execute("CREATE INDEX temp.standing_by_loop ON standing (file, loop)")
 
     def ranked_rows(self) -> Iterator[list[Any]]:
         """Yield all rows, best-ranked loop first, each loop in the order of time."""
         names = ", ".join(f"w.{column}" for column in COLUMNS)
         query = (
             f"SELECT {names} FROM windows AS w JOIN temp.standing AS s "
-            f"ON w.file IS s.file AND w.loop IS s.loop ORDER BY {_RANKED}, w.piece, w.number"
+            f"ON w.file = s.file AND w.loop = s.loop ORDER BY {_RANKED}, w.piece, w.number"
         )
         with self._explained():
             for row in self._db.execute(query):
