@@ -148,7 +148,7 @@ class _Command:
         for thread in self._threads:
             thread.start()
 
-    def children(self, name: str = "fieldlink.assess.workers.process") -> list[psutil.Process]:
+    def children(self, name: str = "fieldlink.assess.workers.worker") -> list[psutil.Process]:
         """Processes below the command whose command line holds a name."""
         found = []
         try:
@@ -445,7 +445,7 @@ def _texts(
             table(("run", "first quarter", "second", "third", "last"), quarters),
             "## Kills",
             table(("what was killed", "times", "table"), killed),
-            "## Finishing: journal, ranking, tables, page",
+            "## Finishing: run_file, ranking, tables, page",
             "Made-up rows; processor seconds, and megabytes of that process:",
             table(
                 [name.replace("_", " ") for name in finished[0]],

@@ -1,4 +1,4 @@
-"""What finishing a run takes: rows into the journal, ranked, both tables and the page.
+"""What finishing a run takes: rows into the run_file, ranked, both tables and the page.
 
     python -m benchmarks.fleet_table ROWS
 
@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from fieldlink.assess.job import Job, Piece, Place
-from fieldlink.assess.journal import Journal
 from fieldlink.assess.page import write_page
-from fieldlink.assess.tables import write_tables
+from fieldlink.assess.run_file import RunFile
+from fieldlink.assess.table_files import write_tables
 
 __all__ = ["finish", "main"]
 
@@ -51,24 +51,24 @@ def _row(loop: int, window: int, draws: random.Random) -> dict[str, Any]:
 
 
 def finish(rows: int, out: Path) -> dict[str, float]:
-    """Store ``rows`` rows in a journal in ``out`` and finish; return the figures."""
+    """Store ``rows`` rows in a run file in ``out`` and finish; return the figures."""
     draws = random.Random(1)
     job = Job((Place("files", "history", "history"),))
-    journal = Journal(out / "run.sqlite")
+    run_file = RunFile(out / "run.sqlite")
     begun = time.process_time()
-    journal.plan(Piece(0, f"history/L{loop:05}.parquet") for loop in range(rows // WINDOWS))
+    run_file.plan(Piece(0, f"history/L{loop:05}.parquet") for loop in range(rows // WINDOWS))
     after = 0
-    while tasks := journal.tasks(20, after):
+    while tasks := run_file.tasks(20, after):
         after = tasks[-1].number
-        journal.store(
+        run_file.store(
             [(t.number, [_row(t.number, w, draws) for w in range(WINDOWS)]) for t in tasks]
         )
     stored = time.process_time()
-    journal.index_loops()
-    journal.rank()
-    write_tables(journal, out)
-    write_page(journal, job, journal.counts(), out / "report.html")
-    journal.close()
+    run_file.index_loops()
+    run_file.rank()
+    write_tables(run_file, out)
+    write_page(run_file, job, run_file.counts(), out / "report.html")
+    run_file.close()
     sizes = {path.name: path.stat().st_size / 1e6 for path in out.iterdir()}
     return {
         "rows": rows,

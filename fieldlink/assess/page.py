@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Cut, Job
-from fieldlink.assess.journal import Counts, Journal
+from fieldlink.assess.run_file import Counts, RunFile
 from fieldlink.assess.trends import Trend, thirty_days, trend_of
 
 __all__ = ["write_page"]
@@ -33,7 +33,7 @@ CLASSES = (
     "loops no window of which could show stiction",
     "loops with errors only",
 )
-"""In the order of the journal's ranking."""
+"""In the order of the ranking of `RunFile`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +54,15 @@ class _Loop:
     trend: Trend | None
 
 
-def write_page(journal: Journal, job: Job, counts: Counts, target: Path) -> None:
-    """Write the page; the journal is ranked.
+def write_page(run_file: RunFile, job: Job, counts: Counts, target: Path) -> None:
+    """Write the page; the run file is ranked.
 
     Raises:
         AssessError: it cannot be written.
     """
     from jinja2 import Environment, PackageLoader
 
-    classes = journal.classes()
+    classes = run_file.classes()
     environment = Environment(loader=PackageLoader("fieldlink.assess"), autoescape=True)
     text = environment.get_template("report.html.j2").render(
         loops=sum(classes.values()),
@@ -72,10 +72,10 @@ def write_page(journal: Journal, job: Job, counts: Counts, target: Path) -> None
         cut=_cut_in_words(job.cut),
         standing=[(name, classes.get(number, 0)) for number, name in enumerate(CLASSES)],
         ranked=[
-            _loop(rank, found, journal.windows_of(found["file"], found["loop"], WINDOWS_DRAWN))
-            for rank, found in enumerate(journal.ranked_loops(LOOPS_SHOWN), start=1)
+            _loop(rank, found, run_file.windows_of(found["file"], found["loop"], WINDOWS_DRAWN))
+            for rank, found in enumerate(run_file.ranked_loops(LOOPS_SHOWN), start=1)
         ],
-        failed=journal.errors(ERRORS_SHOWN),
+        failed=run_file.errors(ERRORS_SHOWN),
         confidence=f"{job.judging.confidence:.0%}",
         counted=_counted,
     )
@@ -134,7 +134,7 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _cut_in_words(cut: Cut) -> str:
-    from fieldlink.assess.rows import moment_text
+    from fieldlink.assess.table_row import moment_text
 
     words = [f"windows of at most {cut.samples} samples"]
     if cut.every is not None:

@@ -12,8 +12,8 @@ import typer
 from fieldlink.cli.moments import parse_length, parse_moment
 
 if TYPE_CHECKING:
-    from fieldlink.assess.journal import Counts
-    from fieldlink.assess.run import Outcome
+    from fieldlink.assess.assessment import Outcome
+    from fieldlink.assess.run_file import Counts
 
 __all__ = ["assess"]
 
@@ -67,11 +67,11 @@ def assess(
     The exit status is 1 when some rows have an error. Ctrl-C keeps what is done; the same command
     goes on with the rest.
     """
+    from fieldlink.assess.assessment import EngineChoice
+    from fieldlink.assess.assessment import assess as run
     from fieldlink.assess.job import Columns, Cut, Job, Judging
     from fieldlink.assess.places import place_of
-    from fieldlink.assess.run import EngineChoice
-    from fieldlink.assess.run import assess as run
-    from fieldlink.assess.tables import require_parquet
+    from fieldlink.assess.table_files import require_parquet
 
     require_parquet()
     if engine not in ENGINES:

@@ -27,6 +27,7 @@ class RecordedColumns:
         self.problems: list[Problem] = []
 
     def report(self, column: str, message: str, remedy: str, line: int | None = None) -> None:
+        """Collect a problem of the file, or of one of its columns."""
         self.problems.append(Problem(str(self._file.path), column, message, remedy, line))
 
     def find(self, role: str, name: str | None) -> int | None:

@@ -13,11 +13,11 @@ import pytest
 from scipy.io import savemat
 
 from fieldlink.assess import Columns, Cut, Job, Piece, Place
+from fieldlink.assess.cutting import cut_windows
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers.registry import reader_of
 from fieldlink.assess.series import Series
-from fieldlink.assess.windows import cut_windows
 from fieldlink.site import SiteError
 from fieldlink.store import EventRecord, Historian, SampleRecord
 

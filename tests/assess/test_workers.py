@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from fieldlink.assess import Job, Judging, Piece
-from fieldlink.assess.journal import Counts
+from fieldlink.assess.assessment import EngineChoice, assess
 from fieldlink.assess.places import place_of
-from fieldlink.assess.run import EngineChoice, assess
+from fieldlink.assess.run_file import Counts
 from fieldlink.assess.workers.watched import TRIES, WatchedWorker
 
 

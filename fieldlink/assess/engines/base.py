@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from fieldlink.assess.journal import Task
+from fieldlink.assess.run_file import Task
 from fieldlink.assess.workers.watched import WatchedWorker
 
 __all__ = ["Answer", "Batch", "Engine", "NextBatch", "judge_batch"]

@@ -17,7 +17,7 @@ from typing import Any, Self
 from fieldlink.assess.engines.base import Answer, Batch, NextBatch, judge_batch
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Job, Piece
-from fieldlink.assess.journal import Task
+from fieldlink.assess.run_file import Task
 from fieldlink.assess.workers.watched import WatchedWorker, WorkerClosedError
 
 __all__ = ["DaskEngine"]

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from fieldlink.assess.cutting import starts_from
 from fieldlink.assess.job import Cut, Job, Piece
 from fieldlink.assess.series import Series
-from fieldlink.assess.windows import starts_from
 
 __all__ = ["PERIOD_ROWS", "Named", "Opening", "Reader", "split_in_time"]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldlink.assess.cutting import cut_windows
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named
 from fieldlink.assess.series import Recorded, Series
-from fieldlink.assess.windows import cut_windows
 from fieldlink.site.recording import Recording, read_recordings
 
 __all__ = ["csv_pieces", "csv_windows"]

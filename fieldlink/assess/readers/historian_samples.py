@@ -8,10 +8,10 @@ from contextlib import closing
 
 import numpy as np
 
+from fieldlink.assess.cutting import MIN_ROWS, cut_windows
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import PERIOD_ROWS, Named, split_in_time
 from fieldlink.assess.series import Series
-from fieldlink.assess.windows import MIN_ROWS, cut_windows
 from fieldlink.store import SampleReader
 
 __all__ = ["HistorianReader", "historian_pieces", "historian_windows"]

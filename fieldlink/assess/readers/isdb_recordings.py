@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fieldlink.assess.cutting import MIN_ROWS, cut_windows
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named
 from fieldlink.assess.readers.isdb import isdb_loops, read_isdb
 from fieldlink.assess.series import Recorded, Series
-from fieldlink.assess.windows import MIN_ROWS, cut_windows
 
 __all__ = ["isdb_pieces", "isdb_windows"]
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.assess.cutting import MIN_ROWS, cut_windows
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.series import Recorded, Series
-from fieldlink.assess.windows import MIN_ROWS, cut_windows
 from fieldlink.site.errors import nearest
 from fieldlink.site.timestamps import is_moment
 

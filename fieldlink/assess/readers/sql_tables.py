@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from sqlalchemy import Column, DateTime, MetaData, Numeric, Select, Table, func, select
 from sqlalchemy.exc import NoSuchTableError, SQLAlchemyError
 
+from fieldlink.assess.cutting import Stretch, cut_windows
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
-from fieldlink.assess.windows import Stretch, cut_windows
 from fieldlink.site.errors import nearest
 from fieldlink.store.database import cause_of, open_for_reading, shown
 

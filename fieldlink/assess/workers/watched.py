@@ -18,7 +18,7 @@ from typing import Any
 
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Job, Piece
-from fieldlink.assess.rows import error_row
+from fieldlink.assess.table_row import error_row
 
 __all__ = ["TRIES", "WatchedWorker", "WorkerClosedError"]
 
@@ -192,7 +192,7 @@ class WatchedWorker:
     def _start(self) -> subprocess.Popen[str]:
         for _ in range(STARTS):
             process = subprocess.Popen(
-                [sys.executable, "-m", "fieldlink.assess.workers.process"],
+                [sys.executable, "-m", "fieldlink.assess.workers.worker"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -272,7 +272,7 @@ def _without_place(message: str, piece: Piece) -> str:
 
 
 def _failed(piece: Piece, message: str) -> Row:
-    from fieldlink.assess.rows import moment_text
+    from fieldlink.assess.table_row import moment_text
 
     start = "" if piece.since is None else moment_text(piece.since, dated=True)
     return error_row(piece.file, piece.loop, start, message)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from fieldlink.assess.errors import AssessError
-from fieldlink.assess.journal import Journal
-from fieldlink.assess.rows import COLUMNS, NUMBERS
+from fieldlink.assess.run_file import RunFile
+from fieldlink.assess.table_row import COLUMNS, NUMBERS
 from fieldlink.spreadsheet import to_cell
 
 __all__ = ["require_parquet", "write_tables"]
@@ -33,8 +33,8 @@ def require_parquet() -> None:
         ) from error
 
 
-def write_tables(journal: Journal, out: Path) -> None:
-    """Write both tables; the journal is ranked. A file is there as a whole or not at all.
+def write_tables(run_file: RunFile, out: Path) -> None:
+    """Write both tables; the run file is ranked. A file is there as a whole or not at all.
 
     Raises:
         AssessError: a file cannot be written.
@@ -52,7 +52,7 @@ def write_tables(journal: Journal, out: Path) -> None:
         ):
             sheet = csv.writer(stream)
             sheet.writerow(COLUMNS)
-            for rows in _batches(journal.ranked_rows()):
+            for rows in _batches(run_file.ranked_rows()):
                 sheet.writerows([_cell(value) for value in row] for row in rows)
                 columns = zip(*rows, strict=True)
                 arrays = [

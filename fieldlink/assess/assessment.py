@@ -2,7 +2,7 @@
 
     outcome = assess(job, Path("fleet"), EngineChoice("local", workers=2), progress)
 
-While it runs, the folder holds a journal; when it is finished, ``loops.parquet``, ``loops.csv``,
+While it runs, the folder holds `run.sqlite`; when it is finished, ``loops.parquet``, ``loops.csv``,
 ``report.html`` and ``run.json``, which says what was asked and how it ended.
 """
 
@@ -19,12 +19,12 @@ from typing import Any, Protocol
 from fieldlink.assess.engines.base import Batch, Engine
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Job, Piece
-from fieldlink.assess.journal import Counts, Journal
+from fieldlink.assess.run_file import Counts, RunFile
 from fieldlink.assess.workers.watched import WatchedWorker
 
 __all__ = ["EngineChoice", "Outcome", "Progress", "assess"]
 
-JOURNAL, RECORD = "run.sqlite", "run.json"
+RUN_FILE, RECORD = "run.sqlite", "run.json"
 OUTPUTS = ("loops.parquet", "loops.csv", "report.html")
 
 BATCH_SECONDS = 3.0
@@ -90,29 +90,29 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     begun = time.perf_counter()
     _make_folder(out)
     record = out / RECORD
-    if record.is_file() and not (out / JOURNAL).exists():
+    if record.is_file() and not (out / RUN_FILE).exists():
         return _finished_before(record, job, out)
     scout = WatchedWorker(job)
     try:
-        journal = Journal(out / JOURNAL)
+        run_file = RunFile(out / RUN_FILE)
         try:
-            _agree(journal.meta("options"), job, out)
+            _agree(run_file.meta("options"), job, out)
             job = replace(job, sources=scout.start())
-            _agree(journal.meta("options"), job, out)
-            if not journal.meta("planned"):
-                journal.set_meta("options", job.options())
-                journal.plan(_told(_all_pieces(scout, job), progress))
-            before = journal.counts()
+            _agree(run_file.meta("options"), job, out)
+            if not run_file.meta("planned"):
+                run_file.set_meta("options", job.options())
+                run_file.plan(_told(_all_pieces(scout, job), progress))
+            before = run_file.counts()
             if before.pieces == 0:
                 places = ", ".join(place.shown for place in job.places)
                 raise AssessError(f"{places}: nothing to assess; name files, a folder or a store")
-            _judge(job, journal, choice, progress, before, scout)
-            outcome = _finish(job, journal, out, begun, before)
+            _judge(job, run_file, choice, progress, before, scout)
+            outcome = _finish(job, run_file, out, begun, before)
         finally:
-            journal.close()
+            run_file.close()
     finally:
         scout.close()
-    (out / JOURNAL).unlink()
+    (out / RUN_FILE).unlink()
     return outcome
 
 
@@ -123,7 +123,7 @@ def _make_folder(out: Path) -> None:
         raise AssessError(
             f"the folder {out} cannot be made ({error.strerror}); name another one with --out"
         ) from error
-    marks = [name for name in (JOURNAL, RECORD) if (out / name).exists()]
+    marks = [name for name in (RUN_FILE, RECORD) if (out / name).exists()]
     others = [name for name in OUTPUTS if (out / name).exists()]
     if others and not marks:
         raise AssessError(
@@ -181,7 +181,7 @@ def _told(pieces: Iterator[Piece], progress: Progress) -> Iterator[Piece]:
 
 def _judge(
     job: Job,
-    journal: Journal,
+    run_file: RunFile,
     choice: EngineChoice,
     progress: Progress,
     before: Counts,
@@ -190,11 +190,11 @@ def _judge(
     if before.done == before.pieces:
         return
     with _engine(job, choice, scout) as engine:
-        batches = _Batches(journal, engine.workers, before.pieces - before.done)
+        batches = _Batches(run_file, engine.workers, before.pieces - before.done)
         begun = time.perf_counter()
         counts = before
         for answer in engine.run(batches.next):
-            journal.store(answer.rows)
+            run_file.store(answer.rows)
             batches.learn(len(answer.rows), answer.seconds)
             rows = [row for _, own in answer.rows for row in own]
             counts = Counts(
@@ -222,10 +222,10 @@ def _engine(job: Job, choice: EngineChoice, scout: WatchedWorker) -> Any:
 
 
 class _Batches:
-    """Takes batches from the journal, of about `BATCH_SECONDS` as far as is known."""
+    """Takes batches from the run file, of about `BATCH_SECONDS` as far as is known."""
 
-    def __init__(self, journal: Journal, workers: int, pieces: int) -> None:
-        self._journal = journal
+    def __init__(self, run_file: RunFile, workers: int, pieces: int) -> None:
+        self._run_file = run_file
         # Every worker gets a part of a small run.
         self._largest = max(1, min(LARGEST_BATCH, pieces // (4 * workers)))
         self._size = 1
@@ -233,7 +233,7 @@ class _Batches:
 
     def next(self) -> Batch:
         """The next batch, empty when all pieces are asked for."""
-        tasks = self._journal.tasks(self._size, self._last)
+        tasks = self._run_file.tasks(self._size, self._last)
         if tasks:
             self._last = tasks[-1].number
         return tasks
@@ -244,16 +244,16 @@ class _Batches:
         self._size = max(1, min(aimed, 4 * self._size, self._largest))
 
 
-def _finish(job: Job, journal: Journal, out: Path, begun: float, before: Counts) -> Outcome:
+def _finish(job: Job, run_file: RunFile, out: Path, begun: float, before: Counts) -> Outcome:
     from fieldlink.assess.page import write_page
-    from fieldlink.assess.tables import write_tables
+    from fieldlink.assess.table_files import write_tables
 
-    journal.index_loops()
-    journal.rank()
-    counts = journal.counts()
-    loops = sum(journal.classes().values())
-    write_tables(journal, out)
-    write_page(journal, job, counts, out / "report.html")
+    run_file.index_loops()
+    run_file.rank()
+    counts = run_file.counts()
+    loops = sum(run_file.classes().values())
+    write_tables(run_file, out)
+    write_page(run_file, job, counts, out / "report.html")
     outcome = Outcome(
         loops, counts.rows, counts.errors, time.perf_counter() - begun, counts.rows - before.rows
     )

@@ -1,4 +1,4 @@
-"""The journal of a run: what is to be read, what has been, and the rows so far, in one SQLite file.
+"""the file of a run: what is to be read, what has been, and the rows so far, in one SQLite file.
 
 A batch's rows and the fact that it is done are one transaction, so that a run that ends in any way
 at any moment goes on where it was. The table is sorted by SQLite on disk: no table has to fit in
@@ -17,9 +17,9 @@ from typing import Any
 
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Piece
-from fieldlink.assess.rows import COLUMNS
+from fieldlink.assess.table_row import COLUMNS
 
-__all__ = ["Counts", "Journal", "Task"]
+__all__ = ["Counts", "RunFile", "Task"]
 
 _SCHEMA = f"""
 CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -70,7 +70,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A piece and its number in the journal."""
+    """A piece and its number in the run_file."""
 
     number: int
     piece: Piece
@@ -86,8 +86,8 @@ class Counts:
     errors: int
 
 
-class Journal:
-    """The journal in a folder; one process at a time may have it open.
+class RunFile:
+    """The file in a run's folder; one process at a time may have it open.
 
     Args:
         file: made when it is not there.
@@ -209,7 +209,7 @@ class Journal:
         )
 
     def index_loops(self) -> None:
-        """Make `windows_of` quick; for a journal that gets no more rows."""
+        """Make `windows_of` quick; for a run that gets no more rows."""
         with self._transaction():
             self._db.execute("CREATE INDEX IF NOT EXISTS by_loop ON windows (file, loop)")
 
@@ -244,6 +244,6 @@ class Journal:
                     "folder with --out"
                 ) from error
             raise AssessError(
-                f"the journal {self._file} cannot be used ({error}); check the folder and the free "
+                f"{self._file} cannot be used ({error}); check the folder and the free "
                 "space, or name another folder with --out"
             ) from error

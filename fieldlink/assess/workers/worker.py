@@ -1,4 +1,4 @@
-"""A worker: ``python -m fieldlink.assess.workers.process``, JSON lines in, JSON lines out.
+"""A worker: ``python -m fieldlink.assess.workers.worker``, JSON lines in, JSON lines out.
 
 The first line is the job. Each further line asks for a list of pieces or for a piece to be judged;
 every answer line says what the worker is at before it begins it, so that when it dies, the one who
@@ -84,7 +84,7 @@ def _list_pieces(job: Any, place: int, after: str, send: Send) -> None:
 
 def _judge_piece(job: Any, piece: Any, skip: int, send: Send) -> None:
     from fieldlink.assess.readers.registry import reader_of
-    from fieldlink.assess.rows import moment_text
+    from fieldlink.assess.table_row import moment_text
 
     def run() -> None:
         reader = reader_of(job.places[piece.place].kind)
@@ -106,7 +106,7 @@ def _judge_piece(job: Any, piece: Any, skip: int, send: Send) -> None:
 
 def _row_of(judging: Any, file: str, loop: str, window: Any) -> dict[str, Any]:
     """The row of a window, with an error or without."""
-    from fieldlink.assess.rows import error_row, judge_window, moment_text
+    from fieldlink.assess.table_row import error_row, judge_window, moment_text
 
     row: dict[str, Any] = {}
     with _limited(judging.limit):
