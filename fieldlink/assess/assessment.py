@@ -18,13 +18,12 @@ from typing import Any, Protocol
 
 from fieldlink.assess.engines.base import Batch, Engine
 from fieldlink.assess.errors import AssessError
-from fieldlink.assess.job import Job, Piece
+from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece
 from fieldlink.assess.run_file import Counts, RunFile
 from fieldlink.assess.workers.watched import WatchedWorker
 
 __all__ = ["EngineChoice", "Outcome", "Progress", "assess"]
 
-RUN_FILE, RECORD = "run.sqlite", "run.json"
 OUTPUTS = ("loops.parquet", "loops.csv", "report.html")
 
 BATCH_SECONDS = 3.0

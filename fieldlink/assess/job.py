@@ -8,7 +8,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-__all__ = ["Columns", "Cut", "Job", "Judging", "Piece", "Place"]
+__all__ = ["RECORD", "RUN_FILE", "Columns", "Cut", "Job", "Judging", "Piece", "Place"]
+
+RUN_FILE, RECORD = "run.sqlite", "run.json"
+"""In the folder of a run that is not finished, and of one that is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from itertools import dropwhile
 from pathlib import Path
 
 from fieldlink.assess.errors import ReadingError
-from fieldlink.assess.job import Job, Piece
+from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece
 from fieldlink.assess.readers.base import Named, Opening
 from fieldlink.errors import FieldlinkError
 
@@ -96,6 +96,10 @@ def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:
         )
 
     for folder, folders, names in os.walk(where, onerror=refuse):
+        if RUN_FILE in names or {RECORD, "loops.csv"} <= set(names):
+            # The folder of a run: its tables are no recordings.
+            folders.clear()
+            continue
         folders.sort()
         for name in sorted(names):
             if Path(name).suffix.lower() in ENDINGS:
