@@ -445,7 +445,7 @@ def _texts(
             table(("run", "first quarter", "second", "third", "last"), quarters),
             "## Kills",
             table(("what was killed", "times", "table"), killed),
-            "## Finishing: run_file, ranking, tables, page",
+            "## Finishing: ranking, tables, page",
             "Made-up rows; processor seconds, and megabytes of that process:",
             table(
                 [name.replace("_", " ") for name in finished[0]],

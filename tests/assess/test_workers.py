@@ -17,11 +17,11 @@ from fieldlink.assess.workers.watched import TRIES, WatchedWorker
 
 
 class Deadly(WatchedWorker):
-    """Its process is killed over the windows of some loops, so many times each."""
+    """Its process gets signals over the windows of some loops, one each time."""
 
-    def __init__(self, job: Job, kills: dict[str, int]) -> None:
+    def __init__(self, job: Job, signals: dict[str, list[int]]) -> None:
         super().__init__(job)
-        self._kills = dict(kills)
+        self._signals = signals
         self._killed = False
 
     def _next(self, process: Any) -> Any:
@@ -32,10 +32,9 @@ class Deadly(WatchedWorker):
                 message = super()._next(process)
             self._killed = False
         elif message is not None and "at" in message:
-            loop = message["at"]["loop"]
-            if self._kills.get(loop, 0) > 0:
-                self._kills[loop] -= 1
-                os.kill(process.pid, signal.SIGKILL)
+            left = self._signals.get(message["at"]["loop"], [])
+            if left:
+                os.kill(process.pid, left.pop())
                 self._killed = True
         return message
 
@@ -62,7 +61,7 @@ def test_a_window_that_kills_its_worker_costs_one_row_and_one_killed_by_chance_n
     file = two_loops(tmp_path, sticky, healthy)
     job = Job((place_of(str(file)),))
     piece = Piece(0, str(file), str(file))
-    worker = Deadly(job, {"A": 1, "B": TRIES})
+    worker = Deadly(job, {"A": [signal.SIGKILL], "B": TRIES * [signal.SIGSEGV]})
     try:
         rows = list(worker.judge(piece))
     finally:
@@ -71,7 +70,7 @@ def test_a_window_that_kills_its_worker_costs_one_row_and_one_killed_by_chance_n
     assert [row["loop"] for row in rows] == ["A", "B", "C"]
     assert rows[0]["verdict"] == "stiction"
     assert rows[1]["verdict"] is None
-    assert "SIGKILL" in rows[1]["error"]
+    assert "SIGSEGV" in rows[1]["error"]
     assert rows[2]["error"] is None
 
 

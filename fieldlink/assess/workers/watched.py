@@ -1,8 +1,8 @@
 """A worker process as seen from outside: asked for rows, watched, and replaced when it dies.
 
 What kills a worker costs its own row: the worker said which window it was at, a new worker goes on
-with the next one. A window is tried `TRIES` times, because most workers that die are killed from
-outside; one that uses up its processor time would do so again and is tried once.
+with the next one. Most workers that die are killed from outside, so that a window is tried again; one
+that uses up its processor time would do so again and is tried once.
 """
 
 from __future__ import annotations
@@ -23,7 +23,18 @@ from fieldlink.assess.table_row import error_row
 __all__ = ["TRIES", "WatchedWorker", "WorkerClosedError"]
 
 TRIES = 3
-"""Deaths over one window before it is given up."""
+"""Deaths by a fault of the process itself, over one window, before it is given up."""
+
+KILLS = 10
+"""Deaths by a signal that others send, over one window, before it is given up: an operator or a
+service manager hits a window once, the kernel that is out of memory hits it every time."""
+
+_SENT = frozenset(
+    -getattr(signal, name)
+    for name in ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
+    if hasattr(signal, name)
+)
+"""Exit statuses of processes that were ended from outside."""
 
 STARTS = 20
 """Workers in a row that die before they are ready: then it is not the data."""
@@ -146,7 +157,7 @@ class WatchedWorker:
                 return
             except _DiedError as death:
                 deaths[done] += 1
-                if deaths[done] < TRIES and not _ran_out_of_time(death.status):
+                if deaths[done] < _tries(death.status):
                     continue
                 if at is None:
                     yield _failed(piece, f"reading it {_fate(death.status)}")
@@ -243,6 +254,13 @@ def _end(process: subprocess.Popen[str]) -> int:
                 # What was not written cannot be flushed into a process that is gone.
                 continue
     return process.wait()
+
+
+def _tries(status: int) -> int:
+    """How many deaths of this kind a window is allowed."""
+    if _ran_out_of_time(status):
+        return 1
+    return KILLS if status in _SENT else TRIES
 
 
 def _ran_out_of_time(status: int) -> bool:
