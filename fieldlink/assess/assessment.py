@@ -95,14 +95,18 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     try:
         run_file = RunFile(out / RUN_FILE)
         try:
-            _agree(run_file.meta("options"), job, out)
+            # A run that was not planned to its end has nothing that is worth keeping.
+            planned = run_file.meta("planned")
+            stored = run_file.meta("options") if planned else None
+            _agree(stored, job, out)
             job = replace(job, sources=scout.start())
-            _agree(run_file.meta("options"), job, out)
-            if not run_file.meta("planned"):
+            _agree(stored, job, out)
+            if not planned:
                 run_file.set_meta("options", job.options())
                 run_file.plan(_told(_all_pieces(scout, job), progress))
             before = run_file.counts()
             if before.pieces == 0:
+                run_file.set_meta("planned", False)
                 places = ", ".join(place.shown for place in job.places)
                 raise AssessError(f"{places}: nothing to assess; name files, a folder or a store")
             _judge(job, run_file, choice, progress, before, scout)
