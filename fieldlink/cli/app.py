@@ -21,9 +21,11 @@ from fieldlink.cli import (
     identify,
     registers_io,
     rehearse,
+    report,
     simulate,
     site,
     standing,
+    work,
 )
 
 __all__ = ["app", "main"]
@@ -47,6 +49,8 @@ app.command("compensate")(compensate.compensate)
 app.command("status")(standing.status)
 app.command("events")(standing.events)
 app.command("withdraw")(standing.withdraw)
+app.command("report")(report.report)
+app.command("work")(work.work)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
 app.command("scan")(device_tools.scan)

@@ -10,7 +10,7 @@ import typer
 
 from fieldlink.cli.site import SiteFile
 
-__all__ = ["backup", "export"]
+__all__ = ["backup", "export", "parse_moment"]
 
 Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 
@@ -41,7 +41,7 @@ def export(
     ] = None,
     table: Annotated[
         str,
-        typer.Option(help="samples, averages, slots, estimates, writebacks or events."),
+        typer.Option(help="samples, averages, slots, estimates, writebacks, events or work."),
     ] = "samples",
     force: Force = False,
 ) -> None:
@@ -62,14 +62,19 @@ def export(
         out,
         table=table,
         loop=loop,
-        since=_moment(since, "--from"),
-        until=_moment(until, "--to"),
+        since=parse_moment(since, "--from"),
+        until=parse_moment(until, "--to"),
         overwrite=force,
     )
     typer.echo(f"{made.file}: {made.rows} rows of {table}")
 
 
-def _moment(text: str | None, option: str) -> datetime | None:
+def parse_moment(text: str | None, option: str) -> datetime | None:
+    """Return the moment that an option gives, UTC where it names no zone; None without one.
+
+    Raises:
+        typer.BadParameter: it is no moment.
+    """
     if text is None:
         return None
     try:
