@@ -65,7 +65,10 @@ def make_fleet(fleet: Fleet) -> None:
             rng = np.random.default_rng(number)
             records = list(_estimates(fleet, number, kind, templates, rng))
             insert_batch(engine, records)
-            insert_batch(engine, list(_samples(fleet.name(number), kind, rng)))
+            document = records[-1].document
+            sticks = document is not None and document["verdict"] == "stiction"
+            band = records[-1].stick_band if sticks else None
+            insert_batch(engine, list(_samples(fleet.name(number), kind, band or 0.0, rng)))
     finally:
         engine.dispose()
 
@@ -81,8 +84,8 @@ def simulate_window(stick_band: float, rng: np.random.Generator) -> tuple[Floats
         sp[k] = (45.0, 46.3, 44.6, 45.5)[k // 200 % 4]
         pv[k] = y + 0.03 * rng.standard_normal()
         error = sp[k] - pv[k]
-        integral += 0.06 * error
-        op[k] = 0.6 * error + integral
+        integral += 0.16 * error
+        op[k] = 1.6 * error + integral
         stem = valve.step(stem, float(op[k]))
         disturbance = 0.95 * disturbance + 0.02 * rng.standard_normal()
         y = -process.a[0] * y + process.b[0] * stem + 0.1 * disturbance
@@ -100,7 +103,7 @@ def _estimates(
     kind: str,
     templates: Mapping[str, Mapping[str, Any]],
     rng: np.random.Generator,
-) -> Iterator[Record]:
+) -> Iterator[EstimateRecord]:
     size = 2.0 + 3.0 * rng.random()
     for day in range(fleet.days):
         end = END_MS - (fleet.days - 1 - day) * DAY_MS
@@ -164,8 +167,8 @@ def _say(document: dict[str, Any], verdict: str, code: ReasonCode, text: str) ->
     document["reason_codes"] = [code.value]
 
 
-def _samples(loop: str, kind: str, rng: np.random.Generator) -> Iterator[Record]:
-    op, pv, sp = simulate_window(4.0 if kind in ("growing", "steady", "uncertain") else 0.0, rng)
+def _samples(loop: str, kind: str, stick_band: float, rng: np.random.Generator) -> Iterator[Record]:
+    op, pv, sp = simulate_window(stick_band, rng)
     begin = END_MS - 1000 * (WINDOW - 1)
     for k in range(WINDOW):
         yield SampleRecord(

@@ -9,14 +9,15 @@ from fieldlink.worklist.finding import Wrong
 from fieldlink.worklist.from_store import ReportedLoop
 from fieldlink.worklist.row import WorkRow
 from fieldlink.worklist.texts import (
+    brief_confidence,
     duration_text,
-    interval_text,
     limit_text,
     number,
     outage_text,
     share_text,
     state_text,
     trend_text,
+    two_lines,
     wrong_text,
 )
 
@@ -40,24 +41,26 @@ class Column:
     is_number: bool = False
 
 
-_LOOP = Column("loop", lambda row: row.tag, 5.0)
-_WRONG = Column("what is wrong", wrong_text, 6.5)
-_BAND = Column("S, % [interval]", lambda row: interval_text(row.stick_band), 6.0, True)
-_JUMP = Column("J, % [interval]", lambda row: interval_text(row.slip_jump), 6.0, True)
-_TREND = Column("trend, % in 30 days", lambda row: trend_text(row.trend), 4.5, True)
-_LIMIT = Column("limit of S reached in", limit_text, 5.5, True)
-_TRAVEL = Column("travel, %/day", lambda row: number(row.figures.travel_per_day), 4.0, True)
-_TURNS = Column("reversals/day", lambda row: number(row.figures.reversals_per_day), 4.0, True)
+def _travel(row: WorkRow) -> str:
+    figures = row.figures
+    return f"{number(figures.travel_per_day)}\n{number(figures.reversals_per_day)}"
+
+
+_LOOP = Column("loop", lambda row: row.tag, 5.5)
+_WRONG = Column("what is wrong", wrong_text, 7.0)
+_BAND = Column("S, %\n[interval]", lambda row: two_lines(row.stick_band), 5.0, True)
+_JUMP = Column("J, %\n[interval]", lambda row: two_lines(row.slip_jump), 5.0, True)
+_TREND = Column("trend, %\nin 30 days", lambda row: trend_text(row.trend), 4.2, True)
+_LIMIT = Column("S at its limit in", limit_text, 5.2, True)
+_TRAVEL = Column("travel, %/day\nreversals/day", _travel, 5.0, True)
 _PERIOD = Column("period", lambda row: duration_text(row.figures.period_s), 4.0, True)
-_LOSS = Column("loss", lambda row: share_text(row.figures.loss), 3.0, True)
-_SURE = Column(
-    "confidence", lambda row: "–" if row.confidence is None else row.confidence.value, 4.0
-)
-_ACTION = Column("action", lambda row: row.finding.action_text, 12.0)
-_OUTAGE = Column("outage", outage_text, 3.2)
+_LOSS = Column("loss", lambda row: share_text(row.figures.loss), 3.2, True)
+_SURE = Column("confidence", brief_confidence, 4.8)
+_ACTION = Column("action", lambda row: row.finding.action.brief, 8.0)
+_OUTAGE = Column("outage", outage_text, 3.4)
 _OWNER = Column("owner", lambda row: "–" if row.item is None else row.item.owner or "–", 4.0)
-_STATE = Column("state", state_text, 4.5)
-_NOTE = Column("note", lambda row: "" if row.item is None else row.item.note, 7.0)
+_STATE = Column("state", state_text, 4.6)
+_NOTE = Column("note", lambda row: "" if row.item is None else row.item.note, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +89,7 @@ class Audience:
 
 
 def is_work(row: WorkRow) -> bool:
-    """Whether a meeting has something to say about a loop: a fault, or work that is not closed."""
+    """Whether a meeting has something to say about a loop: a fault, or work to be verified."""
     return row.finding.wrong is not Wrong.QUIET or row.state in ("open", "planned", "done")
 
 
@@ -110,7 +113,7 @@ AUDIENCES = {
             "engineer",
             "What is wrong in each loop, and what is the evidence?",
             (
-                _LOOP, _WRONG, _BAND, _JUMP, _TREND, _LIMIT, _TRAVEL, _TURNS, _PERIOD, _LOSS,
+                _LOOP, _WRONG, _BAND, _JUMP, _TREND, _LIMIT, _TRAVEL, _PERIOD, _LOSS,
                 _SURE, _ACTION, _OUTAGE, _OWNER, _STATE,
             ),
             shows_quiet=True,

@@ -1,149 +1,203 @@
-"""The picture on a loop's page of evidence: what the window shows, and S over weeks."""
+"""The picture on a loop's page of evidence: what the window shows, and S over weeks.
+
+A report has hundreds of them, so one figure is drawn again and again with other data: setting up
+axes and ticks takes longer than drawing them.
+"""
 
 from __future__ import annotations
 
+import html
 import io
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from fieldlink.pictures import MARK, OP, PV, STEM
 from fieldlink.worklist.from_store import ReportedLoop
 from fieldlink.worklist.settings import WorkListSettings
+from fieldlink.worklist.window_figures import WindowSamples
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
-__all__ = ["draw_evidence", "evidence_png", "evidence_svg"]
+    Array = NDArray[np.float64]
+
+__all__ = ["EvidencePictures"]
 
 _SETTINGS = WorkListSettings()
 _DAY = 86400.0
+_SIZE = 8.0
+"""Points of the smallest letters."""
 
 
-def evidence_svg(loop: ReportedLoop, number: int) -> str:
-    """Return the picture as an SVG element; ``number`` tells it from others of the page.
+class EvidencePictures:
+    """Draws the pictures of a report, one after the other."""
 
-    Text stays text, in the page's own letters: the element is small and its words can be found.
-    """
-    buffer = io.StringIO()
-    figure = draw_evidence(loop)
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": f"evidence-{number}"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    element = text[text.index("<svg") :]
-    # A title and a size of its own, so that a reader that speaks and a narrow page can use it.
-    words = f"OP, estimated stem, PV and course of the stick band of {loop.row.tag}"
-    return re.sub(r"<svg ", f'<svg role="img" aria-label="{_escaped(words)}" ', element, count=1)
+    def __init__(self) -> None:
+        self._canvases: dict[bool, _Canvas] = {}
 
+    def svg(self, loop: ReportedLoop, number: int) -> str:
+        """Return the picture as an SVG element; ``number`` tells it from others of the page.
 
-def evidence_png(loop: ReportedLoop) -> bytes:
-    """Return the picture as a PNG file for paper."""
-    buffer = io.BytesIO()
-    draw_evidence(loop).savefig(buffer, format="png", dpi=120)
-    return buffer.getvalue()
+        Text stays text, in the page's own letters: the element is small and its words can be found.
+        """
+        buffer = io.StringIO()
+        figure = self.draw(loop)
+        with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": f"evidence-{number}"}):
+            figure.savefig(buffer, format="svg", metadata={"Date": None})
+        text = buffer.getvalue()
+        words = f"OP, estimated stem, PV and course of the stick band of {loop.row.tag}"
+        label = f'<svg role="img" aria-label="{html.escape(words)}" '
+        return re.sub(r"<svg ", lambda _found: label, text[text.index("<svg") :], count=1)
 
+    def png(self, loop: ReportedLoop) -> bytes:
+        """Return the picture as a PNG file for paper."""
+        buffer = io.BytesIO()
+        self.draw(loop).savefig(buffer, format="png", dpi=120)
+        return buffer.getvalue()
 
-def draw_evidence(loop: ReportedLoop) -> Figure:
-    """Draw OP with the stem, PV with SP, PV over OP, and S over time with limit and repair."""
-    figure = Figure(figsize=(11.0, 3.4))
-    has_course = loop.course is not None and len(loop.course) > 1
-    widths = (1.5, 0.75, 1.0) if has_course else (1.5, 0.75)
-    grid = figure.add_gridspec(
-        2, len(widths), width_ratios=widths, left=0.055, right=0.99, top=0.9, bottom=0.14,
-        hspace=0.18, wspace=0.26,
-    )  # fmt: skip
-    upper = figure.add_subplot(grid[0, 0])
-    lower = figure.add_subplot(grid[1, 0], sharex=upper)
-    across = figure.add_subplot(grid[:, 1])
-    _draw_window(upper, lower, across, loop)
-    if has_course:
-        _draw_course(figure.add_subplot(grid[:, 2]), loop)
-    for axes in figure.axes:
-        axes.tick_params(labelsize=8)
-    return figure
+    def draw(self, loop: ReportedLoop) -> Figure:
+        """Return the figure of a loop; it is another loop's after the next call."""
+        has_course = loop.course is not None and len(loop.course) > 1
+        if has_course not in self._canvases:
+            self._canvases[has_course] = _Canvas(has_course=has_course)
+        canvas = self._canvases[has_course]
+        canvas.show_window(loop.samples)
+        if has_course:
+            canvas.show_course(loop)
+        return canvas.figure
 
 
-def _draw_window(upper: Axes, lower: Axes, across: Axes, loop: ReportedLoop) -> None:
-    samples = loop.samples
-    upper.tick_params(labelbottom=False)
-    if samples is None:
-        for axes in (upper, lower, across):
+class _Canvas:
+    """The axes with their lines: OP with the stem, PV with SP, PV over OP, and S over time."""
+
+    def __init__(self, *, has_course: bool) -> None:
+        self.figure = Figure(figsize=(11.0, 3.4))
+        widths = (1.5, 0.75, 1.0) if has_course else (1.5, 0.75)
+        grid = self.figure.add_gridspec(
+            2, len(widths), width_ratios=widths, left=0.055, right=0.99, top=0.91, bottom=0.14,
+            hspace=0.22, wspace=0.26,
+        )  # fmt: skip
+        self._upper = self.figure.add_subplot(grid[0, 0])
+        self._lower = self.figure.add_subplot(grid[1, 0])
+        self._across = self.figure.add_subplot(grid[:, 1])
+        self._op = _line(self._upper, OP, "OP")
+        self._stem = _line(self._upper, STEM, "stem (estimated)")
+        self._pv = _line(self._lower, PV, "PV")
+        self._sp = _line(self._lower, MARK, "SP", "--")
+        self._over_op = _line(self._across, OP, "over OP")
+        self._over_stem = _points(self._across, STEM, ".", "over stem")
+        self._upper.tick_params(labelbottom=False)
+        self._upper.set_ylabel("OP")
+        self._lower.set_ylabel("PV")
+        self._across.set(xlabel="OP, stem", ylabel="PV")
+        self._gone = [
             axes.text(0.5, 0.5, "samples are no longer kept", ha="center", transform=axes.transAxes)
-        return
-    n = samples.op.size
-    rows = slice(max(0, n - _SETTINGS.picture_samples), n)
-    time = np.arange(n)[rows] * samples.period
-    unit, scale = ("h", 3600.0) if np.ptp(time) > 7200.0 else ("min", 60.0)
-    time = (time - time[-1]) / scale
-    upper.plot(time, samples.op[rows], color=OP, lw=0.9, label="OP")
-    if samples.stem is not None:
-        upper.plot(time, samples.stem[rows], color=STEM, lw=1.1, label="stem (estimated)")
-    lower.plot(time, samples.pv[rows], color=PV, lw=0.9, label="PV")
-    if samples.sp is not None:
-        lower.plot(time, samples.sp[rows], color=MARK, lw=0.9, ls="--", label="SP")
-    for axes in (upper, lower):
-        axes.margins(x=0.0)
-        _add_legend(axes)
-    upper.set_ylabel("OP", fontsize=8)
-    lower.set_ylabel("PV", fontsize=8)
-    lower.set_xlabel(f"time before the end of the window / {unit}", fontsize=8)
-    across.plot(samples.op[rows], samples.pv[rows], color=OP, lw=0.6, label="over OP")
-    if samples.stem is not None:
-        stem, pv = samples.stem[rows], samples.pv[rows]
-        across.plot(stem, pv, color=STEM, lw=0, marker=".", ms=2, label="over stem")
-    across.set_xlabel("OP, stem", fontsize=8)
-    across.set_ylabel("PV", fontsize=8)
-    _add_legend(across)
+            for axes in (self._lower, self._across)
+        ]
+        if has_course:
+            self._course = self.figure.add_subplot(grid[:, 2])
+            self._sticks = _points(self._course, STEM, "o", "sticks")
+            self._intervals = self._course.vlines([], [], [], color=STEM, lw=0.8)
+            self._healthy = _points(self._course, MARK, "s", "does not stick")
+            self._silent = _points(self._course, OP, "x", "not judged")
+            self._limit = self._course.axhline(0.0, color="black", lw=0.9, ls=":", label="limit")
+            self._repair = self._course.axvline(0.0, color=MARK, lw=1.2, ls="--", label="repair")
+            self._course.set_ylabel("stick band S / % of OP's span")
+            locator = AutoDateLocator(minticks=3, maxticks=5)  # type: ignore[no-untyped-call]
+            self._course.xaxis.set_major_locator(locator)
+            self._course.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+        for axes in self.figure.axes:
+            _finish(axes, dates=has_course and axes is self._course)
+
+    def show_window(self, samples: WindowSamples | None) -> None:
+        """Show a window; words instead where its samples are gone."""
+        for text in self._gone:
+            text.set_visible(samples is None)
+        nothing = np.empty(0)
+        if samples is None:
+            for line in (self._op, self._stem, self._pv, self._sp, self._over_op, self._over_stem):
+                line.set_data(nothing, nothing)
+            return
+        n = samples.op.size
+        rows = slice(max(0, n - _SETTINGS.picture_samples), n)
+        op, pv = samples.op[rows], samples.pv[rows]
+        stem = np.full(op.size, np.nan) if samples.stem is None else samples.stem[rows]
+        sp = np.full(op.size, np.nan) if samples.sp is None else samples.sp[rows]
+        seconds = (np.arange(op.size) - op.size + 1) * samples.period
+        unit, scale = ("h", 3600.0) if np.ptp(seconds) > 7200.0 else ("min", 60.0)
+        time = seconds / scale
+        self._op.set_data(time, op)
+        self._stem.set_data(time, stem)
+        self._pv.set_data(time, pv)
+        self._sp.set_data(time, sp)
+        self._over_op.set_data(op, pv)
+        self._over_stem.set_data(stem, pv)
+        self._lower.set_xlabel(f"time before the end of the window / {unit}")
+        for axes in (self._upper, self._lower):
+            axes.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
+            _fit(axes, "y")
+        _fit(self._across, "x", "y")
+
+    def show_course(self, loop: ReportedLoop) -> None:
+        """Show S over time with its limit and the repair."""
+        assert loop.course is not None
+        course = loop.course.combined()
+        when = course.times / _DAY  # Matplotlib's dates: days since 1970
+        value, low, high = course.stick_band.T
+        known = np.isfinite(value) & np.isfinite(low) & np.isfinite(high)
+        self._sticks.set_data(when[known], value[known])
+        ends = zip(when[known], low[known], high[known], strict=True)
+        self._intervals.set_segments([np.array([(x, a), (x, b)]) for x, a, b in ends])
+        for line, verdict in ((self._healthy, "no_stiction"), (self._silent, "not_assessable")):
+            there = when[[said == verdict for said in course.verdicts]]
+            line.set_data(there, np.zeros(there.size))
+        limit, repair = loop.row.limit, loop.row.repair
+        self._limit.set_ydata([limit, limit])
+        self._repair.set_visible(repair is not None)
+        if repair is not None:
+            at = repair.time.timestamp() / _DAY
+            self._repair.set_xdata([at, at])
+        margin = max(0.03 * (when[-1] - when[0]), 1e-6)
+        self._course.set_xlim(when[0] - margin, when[-1] + margin)
+        top = max([limit, *high[known]])
+        self._course.set_ylim(-0.04 * top, 1.08 * top)
 
 
-def _draw_course(axes: Axes, loop: ReportedLoop) -> None:
-    course = loop.course
-    assert course is not None
-    shown = course.combined()
-    when = np.asarray(shown.times) / _DAY  # Matplotlib's dates: days since 1970
-    value, low, high = shown.stick_band.T
-    known = np.isfinite(value)
-    axes.errorbar(
-        when[known], value[known], yerr=[value[known] - low[known], high[known] - value[known]],
-        fmt="o", ms=3, lw=0.8, color=STEM, label="sticks",
-    )  # fmt: skip
-    for verdict, marker, colour, words in (
-        ("no_stiction", "s", MARK, "does not stick"),
-        ("not_assessable", "x", OP, "not judged"),
-    ):
-        those = when[[v == verdict for v in shown.verdicts]]
-        if those.size:
-            axes.plot(those, np.zeros(len(those)), marker, ms=3.5, ls="", color=colour, label=words)
-    axes.axhline(loop.row.limit, color="black", lw=0.9, ls=":", label="limit")
-    if loop.row.repair is not None:
-        at = loop.row.repair.time.timestamp() / _DAY
-        axes.axvline(at, color=MARK, lw=1.2, ls="--", label="repair")
-    axes.set_ylim(bottom=-0.04 * axes.get_ylim()[1])
-    axes.set_ylabel("stick band S / % of OP's span", fontsize=8)
-    locator = AutoDateLocator(minticks=3, maxticks=6)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    _add_legend(axes)
+def _line(axes: Axes, colour: str, label: str, style: str = "-") -> Any:
+    return axes.plot([], [], color=colour, lw=0.9, ls=style, label=label)[0]
 
 
-def _add_legend(axes: Axes) -> None:
-    """Put a legend above the axes, where it hides nothing."""
+def _points(axes: Axes, colour: str, marker: str, label: str) -> Any:
+    return axes.plot([], [], color=colour, ls="", marker=marker, ms=3.0, label=label)[0]
+
+
+def _finish(axes: Axes, *, dates: bool) -> None:
+    """Few ticks, small letters, and a legend above the axes, where it hides nothing."""
+    if not dates:
+        axes.xaxis.set_major_locator(MaxNLocator(6))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.tick_params(labelsize=_SIZE)
+    axes.xaxis.label.set_fontsize(_SIZE)
+    axes.yaxis.label.set_fontsize(_SIZE)
     axes.legend(
         loc="lower right",
-        bbox_to_anchor=(1.0, 0.97),
+        bbox_to_anchor=(1.02, 0.97),
         ncols=5,
-        fontsize=7,
+        fontsize=_SIZE - 1.0,
         frameon=False,
         handletextpad=0.3,
         columnspacing=0.8,
     )
 
 
-def _escaped(text: str) -> str:
-    import html
-
-    return html.escape(text, quote=True)
+def _fit(axes: Axes, *directions: Literal["x", "y"]) -> None:
+    axes.relim()
+    for direction in directions:
+        axes.autoscale(axis=direction)

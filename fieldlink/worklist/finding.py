@@ -19,44 +19,63 @@ __all__ = ["Action", "Cause", "Finding", "Wrong", "finding_of_diagnosis", "findi
 
 
 class Action(Enum):
-    """The next step; ``needs_outage`` says whether the loop has to be out of service for it."""
+    """The next step.
+
+    Attributes:
+        code: for programs.
+        brief: for a cell.
+        text: for a page.
+        needs_outage: whether the loop has to be out of service for it.
+    """
 
     REPAIR_VALVE = (
         "repair_valve",
+        "check packing, positioner, air",
         "check air supply and positioner in service; repack or overhaul the valve at the next stop",
         True,
     )
     CHECK_SIZING = (
         "check_sizing",
+        "check range and valve size",
         "check the range of OP, the valve's size and the operating point",
         False,
     )
-    RETUNE = ("retune", "retune the controller", False)
+    RETUNE = ("retune", "retune", "retune the controller", False)
     FIND_DISTURBANCE = (
         "find_disturbance",
+        "find the disturbance",
         "find the disturbance that enters from outside the loop",
         False,
     )
     LINEARISE = (
         "linearise",
+        "compensate the characteristic",
         "compensate the characteristic in the controller or the positioner, or schedule the gain",
         False,
     )
     CHECK_TRANSMITTER = (
         "check_transmitter",
+        "check the transmitter",
         "check the transmitter and the recording of PV",
         False,
     )
     PUT_IN_AUTOMATIC = (
         "put_in_automatic",
+        "put in automatic",
         "find out why the loop is in manual; put it in automatic",
         False,
     )
-    MEASURE_AGAIN = ("measure_again", "record what would determine the cause", False)
-    NOTHING = ("nothing", "nothing to do", False)
+    MEASURE_AGAIN = (
+        "measure_again",
+        "measure again",
+        "record what would determine the cause",
+        False,
+    )
+    NOTHING = ("nothing", "nothing", "nothing to do", False)
 
-    def __init__(self, code: str, text: str, needs_outage: bool) -> None:
+    def __init__(self, code: str, brief: str, text: str, needs_outage: bool) -> None:
         self.code = code
+        self.brief = brief
         self.text = text
         self.needs_outage = needs_outage
 

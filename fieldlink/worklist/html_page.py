@@ -7,7 +7,7 @@ import jinja2
 from fieldlink.worklist import texts
 from fieldlink.worklist.audience import needs_picture
 from fieldlink.worklist.document import WorkDocument
-from fieldlink.worklist.evidence_figure import evidence_svg
+from fieldlink.worklist.evidence_figure import EvidencePictures
 
 __all__ = ["render_html"]
 
@@ -22,8 +22,9 @@ def render_html(document: WorkDocument) -> bytes:
         lstrip_blocks=True,
     )
     ranks = {loop.row.tag: rank for rank, loop in enumerate(document.loops, 1)}
+    drawn = EvidencePictures()
     pictures = {
-        loop.row.tag: evidence_svg(loop, ranks[loop.row.tag])
+        loop.row.tag: drawn.svg(loop, ranks[loop.row.tag])
         for loop in document.evidenced
         if needs_picture(loop)
     }

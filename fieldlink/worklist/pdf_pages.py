@@ -11,7 +11,7 @@ from fieldlink.worklist import texts
 from fieldlink.worklist.audience import Column, needs_picture
 from fieldlink.worklist.document import WorkDocument
 from fieldlink.worklist.errors import ReportError
-from fieldlink.worklist.evidence_figure import evidence_png
+from fieldlink.worklist.evidence_figure import EvidencePictures
 from fieldlink.worklist.finding import Wrong
 from fieldlink.worklist.from_store import ReportedLoop
 from fieldlink.worklist.row import BeforeAfter
@@ -52,10 +52,11 @@ def render_pdf(document: WorkDocument) -> bytes:
             _print_title(paper, f"Repair of {loop.row.tag}", _ACCENT)
             _print_repair(paper, loop.row.repair)
     ranks = {loop.row.tag: rank for rank, loop in enumerate(document.loops, 1)}
+    pictures = EvidencePictures()
     for loop in document.evidenced:
         if needs_picture(loop):
             paper.add_page()
-            _print_evidence(paper, loop, ranks[loop.row.tag])
+            _print_evidence(paper, loop, ranks[loop.row.tag], pictures)
     return bytes(paper.output())
 
 
@@ -138,7 +139,7 @@ def _print_list(paper: FPDF, document: WorkDocument) -> None:
     )
 
 
-def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int) -> None:
+def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int, pictures: EvidencePictures) -> None:
     row, finding = loop.row, loop.row.finding
     colour = _COLOUR.get(finding.wrong, _INK)
     _print_title(paper, f"{rank}. {row.tag}: {texts.wrong_text(row)}", colour)
@@ -146,11 +147,12 @@ def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int) -> None:
     owner = f", owner {item.owner}" if item is not None and item.owner else ""
     note = f": {item.note}" if item is not None and item.note else ""
     device = f"device {row.device}; " if row.device else ""
-    _print_text(paper, f"{device}state {texts.state_text(row)}{owner}{note}", _SOFT, size=8)
+    state = texts.state_text(row).replace("\n", " since ")
+    _print_text(paper, f"{device}state {state}{owner}{note}", _SOFT, size=8)
     outage = " (needs an outage)" if finding.action.needs_outage else ""
     _print_text(paper, f"Next: {finding.action_text}{outage}", bold=True, size=9.5)
     paper.ln(1)
-    paper.image(io.BytesIO(evidence_png(loop)), w=paper.epw)
+    paper.image(io.BytesIO(pictures.png(loop)), w=paper.epw)
     paper.ln(2)
     top, page = paper.get_y(), paper.page
     half = 0.5 * paper.epw - 4.0
@@ -165,7 +167,8 @@ def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int) -> None:
     if paper.page == page:
         paper.set_left_margin(_MARGIN + half + 8.0)
         paper.set_y(top)
-    _print_pairs(paper, texts.facts_of(row))
+    facts = [(name, text.replace("\n", ", ")) for name, text in texts.facts_of(row)]
+    _print_pairs(paper, facts)
     if row.repair is not None:
         paper.ln(2)
         _print_repair(paper, row.repair)

@@ -154,10 +154,15 @@ class WorkRow:
 
     @property
     def state(self) -> str:
-        """The state somebody gave; open where there is work and nobody gave one, else empty."""
+        """The state that people gave; without one, what the history shows.
+
+        That is open where something is wrong, done after a repair, and empty otherwise.
+        """
         if self.item is not None:
             return self.item.state
-        return "" if self.finding.wrong is Wrong.QUIET else "open"
+        if self.finding.wrong is not Wrong.QUIET:
+            return "open"
+        return "done" if self.repair is not None else ""
 
     @property
     def urgency(self) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ class WorkListSettings:
             still leaves a clear majority.
         agreement: share of them from which confidence is high.
         points: most points of a course; estimates of a long history are combined to so many,
-            because a picture of a page's width shows no more, and a trend of 60 points has the
+            because a picture of a page's width shows no more, and a trend of 40 points has the
             precision of all.
         before: windows before a repair that are compared with those after it.
         dead_band: turns of the valve by less, in % of span, are noise and no travel: the dead band
@@ -33,7 +33,7 @@ class WorkListSettings:
     op_span: float = 100.0
     recent: int = 6
     agreement: float = 0.8
-    points: int = 60
+    points: int = 40
     before: int = 20
     dead_band: float = 0.2
     picture_samples: int = 1500

@@ -10,6 +10,7 @@ from fieldlink.worklist.row import BeforeAfter, Figures, Outlook, WorkRow
 
 __all__ = [
     "before_after_rows",
+    "brief_confidence",
     "day_text",
     "duration_text",
     "facts_of",
@@ -20,6 +21,7 @@ __all__ = [
     "share_text",
     "state_text",
     "trend_text",
+    "two_lines",
     "wrong_text",
 ]
 
@@ -38,6 +40,13 @@ def interval_text(interval: Interval) -> str:
     if not math.isfinite(interval.value):
         return NOTHING
     return f"{number(interval.value)} [{number(interval.low)} to {number(interval.high)}]"
+
+
+def two_lines(interval: Interval) -> str:
+    """Return the value, and its interval on a line of its own."""
+    if not math.isfinite(interval.value):
+        return NOTHING
+    return f"{number(interval.value)}\n{number(interval.low)} to {number(interval.high)}"
 
 
 def share_text(value: float) -> str:
@@ -60,12 +69,11 @@ def day_text(moment: datetime | None) -> str:
 
 
 def trend_text(interval: Interval) -> str:
-    """Return the trend in 30 days with its sign; a dash where it is not known."""
+    """Return the trend in 30 days; steady where its interval has both signs."""
     if not math.isfinite(interval.value):
         return NOTHING
-    if interval.low <= 0.0 <= interval.high:
-        return f"steady ({interval.value:+.2g})"
-    return f"{interval.value:+.2g}"
+    is_clear = interval.low > 0.0 or interval.high < 0.0
+    return f"{interval.value:+.2f}" if is_clear else "steady"
 
 
 def limit_text(row: WorkRow) -> str:
@@ -78,7 +86,7 @@ def limit_text(row: WorkRow) -> str:
     if row.outlook is Outlook.NOT_IN_SIGHT:
         return "not in 10 years"
     late = number(days.high) if math.isfinite(days.high) else "never"
-    return f"{number(days.value)} d [{number(days.low)} to {late}]"
+    return f"{number(days.value)} days\n{number(days.low)} to {late}"
 
 
 def outage_text(row: WorkRow) -> str:
@@ -98,7 +106,7 @@ def state_text(row: WorkRow) -> str:
     """Return the state and since when."""
     if row.item is None or row.item.since is None:
         return row.state or NOTHING
-    return f"{row.state} {day_text(row.item.since)}"
+    return f"{row.state}\n{day_text(row.item.since)}"
 
 
 def facts_of(row: WorkRow) -> list[tuple[str, str]]:
@@ -121,6 +129,13 @@ def facts_of(row: WorkRow) -> list[tuple[str, str]]:
     ]
     empty = (NOTHING, f"{NOTHING} ({percent})")
     return [(name, text) for name, text in facts if text not in empty]
+
+
+def brief_confidence(row: WorkRow) -> str:
+    """Return the confidence, and how many windows agree."""
+    if row.confidence is None:
+        return NOTHING
+    return f"{row.confidence.value}\n{row.agreeing} of {row.judged}"
 
 
 def confidence_text(row: WorkRow) -> str:

@@ -70,9 +70,10 @@ class WindowSamples:
 
     @property
     def swing(self) -> tuple[bool, float]:
-        """Whether PV oscillates regularly, and its period in seconds (NaN where it does not)."""
+        """Whether the control error oscillates regularly, and its period in seconds (else NaN)."""
+        error = self.pv if self.sp is None else self.pv - self.sp
         try:
-            found = oscillation(self.pv, period=self.period)
+            found = oscillation(error, period=self.period)
         except EstimatorError:
             return False, math.nan
         return found.is_regular, found.period_s if found.is_regular else math.nan
