@@ -2,8 +2,9 @@
 
     guess_columns(("Date", "FC101.OP", "FC101.PV"), {}).columns    # {"op": 1, "pv": 2, "time": 0}
 
-A heading is read word by word: ``FC101.OP``, ``PV_FC101``, ``Controller output (%)`` and ``Sollwert``
-say what they are. What is left of a heading is the loop's name; columns of one loop belong together.
+A heading is read word by word: ``FC101.OP``, ``PV_FC101``, ``Controller output (%)`` and
+``Sollwert`` say what they are. What is left of a heading is the loop's name; columns of one loop
+belong together.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ __all__ = ["ColumnGuess", "guess_columns"]
 _WORDS: Mapping[str, tuple[str, ...]] = {
     "op": (
         "op",
-        "out mv co output controlleroutput manipulatedvariable manipulatedvalue valve valveposition "
-        "lmn stellgroesse stellwert stellsignal",
+        "out mv co output controlleroutput manipulatedvariable manipulatedvalue valve "
+        "valveposition lmn stellgroesse stellwert stellsignal",
     ),
     "pv": (
         "pv",

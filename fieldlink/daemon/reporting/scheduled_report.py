@@ -1,8 +1,8 @@
 """The report that the site file schedules: written by a process of its own, so that no scan waits.
 
 Whether one is due is told by the files that are there, not by memory: a daemon that was down at the
-hour writes it when it is back, and one that is restarted writes it once. The first report is written
-at the first due hour after the daemon's start; before it there is nothing to report.
+hour writes it when it is back, and one that is restarted writes it once. The first report is that
+of the first due hour after the daemon's start; before it there is nothing to report.
 """
 
 from __future__ import annotations
