@@ -1,4 +1,4 @@
-"""The columns of a recording: which is which signal, and their cells as numbers, modes and times."""
+"""The columns of a recording: which is which signal, and cells as numbers, modes and times."""
 
 from __future__ import annotations
 
@@ -23,7 +23,12 @@ Floats = NDArray[np.float64]
 
 
 class RecordedColumns:
-    """Finds and converts the columns of a file, and collects what is wrong."""
+    """Finds and converts the columns of a file.
+
+    Attributes:
+        problems: what is wrong.
+        notes: what was taken for what, for a person to agree or not.
+    """
 
     def __init__(self, file: CsvFile) -> None:
         self._file = file
@@ -33,6 +38,7 @@ class RecordedColumns:
         self.notes: list[str] = []
 
     def report(self, column: str, message: str, remedy: str, line: int | None = None) -> None:
+        """Add a problem."""
         self.problems.append(Problem(str(self._file.path), column, message, remedy, line))
 
     def find_all(self, wanted: Mapping[str, str | None]) -> dict[str, int | None]:
