@@ -8,7 +8,7 @@ estimator: it is for what reads a historian.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,14 +54,14 @@ class Fleet:
         return f"FC{101 + number}"
 
 
-def make_fleet(fleet: Fleet) -> None:
-    """Write the historian."""
+def make_fleet(fleet: Fleet, kinds: Sequence[str] = KINDS) -> None:
+    """Write the historian; loops have ``kinds`` in turn."""
     templates = {"sticky": _judge(4.0), "healthy": _judge(0.0)}
     opened = EventRecord(END_MS - fleet.days * DAY_MS, "daemon.start", "daemon", "made-up fleet")
     engine = open_for_writing(fleet.url, opened)
     try:
         for number in range(fleet.loops):
-            kind = KINDS[number % len(KINDS)]
+            kind = kinds[number % len(kinds)]
             rng = np.random.default_rng(number)
             records = list(_estimates(fleet, number, kind, templates, rng))
             insert_batch(engine, records)

@@ -104,7 +104,7 @@ def write(
     before = asyncio.run(read_points([point]))[0]
     typer.echo(f"{point.where} holds {_value(point, before)}")
     if not yes:
-        if not sys.stdin.isatty():
+        if not is_terminal():
             raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
         typer.confirm(f"write {value} {point.tag.unit}".rstrip() + "?", abort=True)
     after = asyncio.run(write_point(point, words))
@@ -139,6 +139,11 @@ def _point(target: str, text: str, connect: Connect) -> Point:
     return Point(found.name, found.device, parse_point(text, found.device), found.site)
 
 
+def is_terminal() -> bool:
+    """Whether somebody is there to answer a question."""
+    return sys.stdin.isatty()
+
+
 def _meant(text: str) -> str:
     """Return what an address such as 40001 means; asks where somebody is there to answer."""
     from fieldlink.links.by_hand import as_manual_address
@@ -146,7 +151,7 @@ def _meant(text: str) -> str:
     other = as_manual_address(text)
     if other is None:
         return text
-    if sys.stdin.isatty():
+    if is_terminal():
         return other if typer.confirm(f"is {other} meant, which manuals write {text}?") else text
     _warn(f"{text} is read as address {int(text)}; if the manual's {text} is meant, give {other}")
     return text
