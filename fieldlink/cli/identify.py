@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldlink.cli.progress import show_work
+
 if TYPE_CHECKING:
     from estimator import Identification
     from fieldlink.site.recording import Recording
@@ -59,16 +61,17 @@ def identify(
     recording = read_recording(file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period)
     rows = _window(window, len(recording.op))
     cut = recording.cut(rows)
-    result = estimator.identify(
-        cut.op,
-        cut.pv,
-        sp=cut.sp,
-        auto=cut.auto,
-        period=cut.period,
-        criterion=criterion,
-        confidence=confidence,
-        surface=plot is not None,
-    )
+    with show_work(f"judging {len(cut)} samples"):
+        result = estimator.identify(
+            cut.op,
+            cut.pv,
+            sp=cut.sp,
+            auto=cut.auto,
+            period=cut.period,
+            criterion=criterion,
+            confidence=confidence,
+            surface=plot is not None,
+        )
     if plot is not None:
         from fieldlink.pictures import identification_figure, save
 

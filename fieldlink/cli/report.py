@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from fieldlink.cli.progress import show_work
 
+if TYPE_CHECKING:
     from fieldlink.worklist import ReportedLoop, WorkListSettings
 
 __all__ = ["report"]
@@ -71,7 +70,8 @@ def report(
     from fieldlink.worklist import AUDIENCES, WorkDocument, format_of, render, write_report
 
     chosen = format_of(out, kind)
-    title, loops = _loops(sources, limit, op_span, period)
+    with show_work("reading") as say:
+        title, loops = _loops(sources, limit, op_span, period, _steps(say))
     document = WorkDocument(title, datetime.now(UTC), loops, AUDIENCES[audience])
     if as_json:
         typer.echo(json.dumps(document.to_dict(), allow_nan=False))
@@ -81,7 +81,8 @@ def report(
         typer.echo(render(document, "csv").decode("utf-8").replace("\r\n", "\n"), nl=False)
         return
     path = out or Path(f"fieldlink-report.{chosen}")
-    write_report(document, path, chosen)
+    with show_work(f"writing {path}"):
+        write_report(document, path, chosen)
     if not as_json:
         for sentence in document.summary:
             typer.echo(sentence)
@@ -89,7 +90,11 @@ def report(
 
 
 def _loops(
-    sources: Sequence[str], limit: float | None, op_span: float | None, period: float | None
+    sources: Sequence[str],
+    limit: float | None,
+    op_span: float | None,
+    period: float | None,
+    progress: Progress,
 ) -> tuple[str, list[ReportedLoop]]:
     """Return a title and the loops of what the user named."""
     from fieldlink.worklist import judge_recordings, list_loops
@@ -100,25 +105,24 @@ def _loops(
             f"{stores[0]} stands for a whole fleet; name it alone, or name recordings only",
             param_hint="SITE|STORE|FILE...",
         )
-    with _progress() as progress:
-        if stores and _is_site(stores[0]):
-            from fieldlink.site import load_site
+    if stores and _is_site(stores[0]):
+        from fieldlink.site import load_site
 
-            site = load_site(stores[0])
-            settings = _settings(limit or site.report.stick_band_limit, op_span)
-            found = list_loops(site.historian_url, site, settings=settings, progress=progress)
-            return f"Work list of {site.name}", found
-        settings = _settings(limit, op_span)
-        if stores:
-            url = stores[0] if "://" in stores[0] else f"sqlite:///{stores[0]}"
-            name = Path(stores[0].partition("://")[2] or stores[0]).stem
-            found = list_loops(url, settings=settings, progress=progress)
-            return f"Work list of {name}", found
-        files = _recordings(sources)
-        workers = max(1, (os.cpu_count() or 1) - 1)
-        found = judge_recordings(
-            files, settings=settings, period=period, workers=workers, progress=progress
-        )
+        site = load_site(stores[0])
+        settings = _settings(limit or site.report.stick_band_limit, op_span)
+        found = list_loops(site.historian_url, site, settings=settings, progress=progress)
+        return f"Work list of {site.name}", found
+    settings = _settings(limit, op_span)
+    if stores:
+        url = stores[0] if "://" in stores[0] else f"sqlite:///{stores[0]}"
+        name = Path(stores[0].partition("://")[2] or stores[0]).stem
+        found = list_loops(url, settings=settings, progress=progress)
+        return f"Work list of {name}", found
+    files = _recordings(sources)
+    workers = max(1, (os.cpu_count() or 1) - 1)
+    found = judge_recordings(
+        files, settings=settings, period=period, workers=workers, progress=progress
+    )
     what = files[0].name if len(files) == 1 else f"{len(files)} recordings"
     return f"Work list of {what}", found
 
@@ -155,17 +159,6 @@ def _settings(limit: float | None, op_span: float | None) -> WorkListSettings:
     )
 
 
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Show on stderr which loop is read; nothing where that is no terminal."""
-    from rich.console import Console
-
-    from fieldlink.printable import as_printable
-
-    console = Console(stderr=True, highlight=False, markup=False)
-    with console.status("reading") as status:
-
-        def show(name: str, done: int, whole: int) -> None:
-            status.update(f"{done + 1} of {whole}: {as_printable(name)}")
-
-        yield show
+def _steps(say: Callable[[str], None]) -> Progress:
+    """Return what shows the loop that is read, and how many there are."""
+    return lambda name, done, whole: say(f"{done + 1} of {whole}: {name}")

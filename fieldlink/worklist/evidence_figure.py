@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 from fieldlink.pictures import MARK, OP, PV, STEM
 from fieldlink.worklist.from_store import ReportedLoop
 from fieldlink.worklist.settings import WorkListSettings
-from fieldlink.worklist.window_figures import WindowSamples
+from fieldlink.worklist.window_samples import WindowSamples
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ A finding without a cause that can be acted on is undetermined, and says what wo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -236,7 +236,8 @@ def finding_of_diagnosis(
     Args:
         causes: each with ``name``, ``weight``, ``evidence`` (sentences) and ``action`` (a
             sentence).
-        would_determine: what would settle what is open.
+        would_determine: what would settle what is open; the advice of an undetermined cause unless
+            given.
     """
     found = tuple(
         Cause(
@@ -248,8 +249,10 @@ def finding_of_diagnosis(
         for cause in causes
     )
     main = found or (Cause(Wrong.UNDETERMINED),)
-    is_open = main[0].wrong is Wrong.UNDETERMINED
-    return Finding(main, tuple(would_determine), is_sure=not is_open)
+    if main[0].wrong is not Wrong.UNDETERMINED:
+        return Finding(main, tuple(would_determine))
+    open_ = tuple(would_determine) or tuple(filter(None, (main[0].advice,)))
+    return Finding((replace(main[0], advice=""), *main[1:]), open_, is_sure=False)
 
 
 def _unique(sentences: Sequence[str]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from fieldlink.worklist.finding import finding_of_estimate
 from fieldlink.worklist.from_store import Diagnose, ReportedLoop
 from fieldlink.worklist.row import Confidence, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
-from fieldlink.worklist.window_figures import WindowSamples, figures_of, interval_of
+from fieldlink.worklist.window_samples import WindowSamples, figures_of, interval_of
 
 __all__ = ["judge_recordings"]
 
@@ -117,7 +117,7 @@ def _reported(
         slip_jump=J,
         interval_confidence=float(document["confidence"]),
         limit=settings.stick_band_limit,
-        figures=figures_of(samples, document, span, settings),
+        figures=figures_of(samples, document, span),
         # One window cannot agree with another.
         confidence=Confidence.MEDIUM if finding.is_sure else Confidence.LOW,
         agreeing=1,

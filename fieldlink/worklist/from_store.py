@@ -17,7 +17,7 @@ from fieldlink.worklist.course import Course, Repair, outlook_of, repair_in, tre
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.row import BeforeAfter, Confidence, Figures, WorkItem, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
-from fieldlink.worklist.window_figures import WindowSamples, figures_of, interval_of
+from fieldlink.worklist.window_samples import WindowSamples, figures_of, interval_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["REPAIR_KINDS", "Diagnose", "ReportedLoop", "list_loops"]
 
-REPAIR_KINDS = (WORK_DONE, "loop.annotated")
+REPAIR_KINDS = (WORK_DONE, "operator.annotate")
 """Events that say that a valve was repaired; their source is the loop."""
 
 Diagnose = Callable[[str, WindowSamples], Finding | None]
@@ -147,7 +147,7 @@ class _LoopReader:
             trend=trend_of(followed) if sticks else Interval.unknown(),
             days_to_limit=days if sticks else Interval.unknown(),
             worse_since=worse_since(followed) if sticks else None,
-            figures=figures_of(samples, document, self._span, self._settings),
+            figures=figures_of(samples, document, self._span),
             confidence=confidence,
             agreeing=agreeing,
             judged=judged,
@@ -228,7 +228,7 @@ class _LoopReader:
         self, course: Course, samples: WindowSamples | None, document: Mapping[str, Any] | None
     ) -> Figures:
         """Figures of a side: S and J typical of its windows, the rest of its newest window."""
-        found = figures_of(samples, document, self._span, self._settings)
+        found = figures_of(samples, document, self._span)
         return replace(
             found,
             stick_band=course.typical("stick_band"),

@@ -133,7 +133,7 @@ def _print_list(paper: FPDF, document: WorkDocument) -> None:
     _print_text(
         paper,
         "S: stick band, J: slip jump, in % of OP's span. Loss: share of PV's variance that "
-        "sticking makes. Travel and reversals are those of the estimated stem.",
+        "sticking makes. Travel and reversals are those of OP.",
         _SOFT,
         size=7,
     )

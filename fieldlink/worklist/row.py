@@ -52,10 +52,10 @@ class Figures:
     Attributes:
         stick_band, slip_jump: % of OP's span.
         loss: share of PV's variance that sticking makes, 0 to 1.
-        pv_std: standard deviation of PV, units of PV.
-        travel_per_day: of the estimated stem, % of span a day.
-        reversals_per_day: of the estimated stem.
-        period_s: of PV's oscillation; NaN where it has no regular one.
+        pv_std: standard deviation of the control error (of PV without a set-point), units of PV.
+        travel_per_day: of OP, % of its span a day.
+        reversals_per_day: of OP.
+        period_s: of the control error's oscillation; NaN where it has no regular one.
         windows: windows behind the first three.
     """
 

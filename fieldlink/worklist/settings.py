@@ -24,8 +24,6 @@ class WorkListSettings:
             because a picture of a page's width shows no more, and a trend of 40 points has the
             precision of all.
         before: windows before a repair that are compared with those after it.
-        dead_band: turns of the valve by less, in % of span, are noise and no travel: the dead band
-            of a usual positioner.
         picture_samples: most samples in a picture.
     """
 
@@ -35,5 +33,4 @@ class WorkListSettings:
     agreement: float = 0.8
     points: int = 40
     before: int = 20
-    dead_band: float = 0.2
     picture_samples: int = 1500

@@ -14,7 +14,6 @@ from estimator import EstimatorError, Interval
 from estimator.monitoring.indices import oscillation, valve_wear
 from estimator.valves import laws
 from fieldlink.worklist.row import Figures
-from fieldlink.worklist.settings import WorkListSettings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,46 +68,70 @@ class WindowSamples:
         return cls(op, pv, sp if np.isfinite(sp).any() else None, _stem(op, document), period)
 
     @property
+    def error(self) -> Array:
+        """The control error; PV where there is no set-point."""
+        return self.pv if self.sp is None else self.pv - self.sp
+
+    @property
     def swing(self) -> tuple[bool, float]:
         """Whether the control error oscillates regularly, and its period in seconds (else NaN)."""
-        error = self.pv if self.sp is None else self.pv - self.sp
         try:
-            found = oscillation(error, period=self.period)
+            found = oscillation(self.error, period=self.period)
         except EstimatorError:
             return False, math.nan
         return found.is_regular, found.period_s if found.is_regular else math.nan
 
 
 def figures_of(
-    samples: WindowSamples | None,
-    document: Mapping[str, Any] | None,
-    span: float,
-    settings: WorkListSettings,
+    samples: WindowSamples | None, document: Mapping[str, Any] | None, span: float
 ) -> Figures:
     """Return the figures of a window; NaN for what it does not show.
 
+    Figures that were stored with the estimate are taken as they are: they are of exactly its
+    window, and stay when the samples are gone.
+
     Args:
         samples: of the window; None where they are gone.
-        document: the estimator's result.
+        document: the estimator's result as it was stored.
         span: OP's span, units of OP.
-        settings: see `WorkListSettings`.
     """
-    sticky = document is not None and document.get("verdict") == "stiction"
-    band, jump = (_value(document, name) * 100.0 / span for name in ("stick_band", "slip_jump"))
-    loss = loss_of(document)
-    if not sticky:
-        band = jump = math.nan
-    if samples is None:
-        return Figures(band, jump, loss, windows=1)
-    moving = samples.op if samples.stem is None else samples.stem
-    try:
-        wear = valve_wear(100.0 / span * moving, period=samples.period, deadband=settings.dead_band)
-        travel, reversals = wear.travel_per_day, wear.reversals_per_day
-    except EstimatorError:
-        travel = reversals = math.nan
+    percent = 100.0 / span
+    band = jump = math.nan
+    if document is not None and document.get("verdict") == "stiction":
+        band, jump = (percent * _value(document, name) for name in ("stick_band", "slip_jump"))
+    stored = None if document is None else document.get("window")
+    shown = stored if stored else {} if samples is None else _measure(samples)
+
+    def figure(name: str) -> float:
+        value = shown.get(name)
+        return math.nan if value is None else float(value)
+
     return Figures(
-        band, jump, loss, float(np.nanstd(samples.pv)), travel, reversals, samples.swing[1], 1
+        stick_band=band,
+        slip_jump=jump,
+        loss=loss_of(document),
+        pv_std=figure("pv_std"),
+        travel_per_day=percent * figure("travel_per_day"),
+        reversals_per_day=figure("reversals_per_day"),
+        period_s=figure("swing_period_s"),
+        windows=1,
     )
+
+
+def _measure(samples: WindowSamples) -> dict[str, float]:
+    """The figures that a daemon stores with an estimate, by the same names."""
+    error = samples.error
+    found = {"swing_period_s": samples.swing[1], "pv_std": math.nan}
+    if np.isfinite(error).any():
+        found["pv_std"] = float(np.nanstd(error))
+    try:
+        wear = valve_wear(samples.op, period=samples.period)
+    except EstimatorError:
+        return found
+    return found | {
+        "travel_per_day": wear.travel_per_day,
+        "reversals_per_day": wear.reversals_per_day,
+    }
 
 
 def interval_of(document: Mapping[str, float | None]) -> Interval:
