@@ -39,7 +39,12 @@ def _window(text: str | None, rows: int) -> slice:
 
 
 def identify(
-    file: Annotated[Path, typer.Argument(help="A recorded loop: CSV with columns op and pv.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A recorded loop (CSV); OP, PV, SP and time are found by the names of its columns."
+        ),
+    ],
     op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
     pv: Annotated[str | None, typer.Option(help="Column of the process variable.")] = None,
     sp: Annotated[str | None, typer.Option(help="Column of the set-point.")] = None,

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from estimator import Interval
-from fieldlink.worklist.finding import finding_of_estimate
+from estimator import EstimatorError, Interval
+from fieldlink.errors import FieldlinkError
+from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.from_store import Diagnose, ReportedLoop
 from fieldlink.worklist.row import Confidence, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
@@ -49,24 +51,37 @@ def judge_recordings(
         diagnose: see `fieldlink.worklist.list_loops`.
 
     Raises:
-        RecordingError: a file cannot be used.
-        EstimatorError: a file holds no window of a loop.
+        RecordingError: the only file cannot be used; one among others is a row that says so.
+        EstimatorError: the only file holds no window of a loop.
     """
     chosen = settings or WorkListSettings()
-    found = []
     names = _names(files)
     jobs = [(file, period) for file in files]
-    if workers > 1 and len(files) > 1:
-        with ProcessPoolExecutor(min(workers, len(files)), get_context("spawn")) as pool:
-            results = pool.map(_judge, jobs)
+    found = []
+    if len(jobs) == 1:
+        progress(names[0], 0, 1)
+        found.append(_reported(names[0], _judge(jobs[0]), chosen, diagnose))
+    else:
+        with _judging(jobs, workers) as results:
             for number, (name, judged) in enumerate(zip(names, results, strict=True)):
                 progress(name, number, len(files))
-                found.append(_reported(name, judged, chosen, diagnose))
-    else:
-        for number, (name, job) in enumerate(zip(names, jobs, strict=True)):
-            progress(name, number, len(files))
-            found.append(_reported(name, _judge(job), chosen, diagnose))
+                if isinstance(judged, str):
+                    found.append(_unusable(name, judged, chosen))
+                else:
+                    found.append(_reported(name, judged, chosen, diagnose))
     return sorted(found, key=lambda loop: (loop.row.urgency, loop.row.tag))
+
+
+@contextmanager
+def _judging(
+    jobs: Sequence[tuple[Path, float | None]], workers: int
+) -> Iterator[Iterable[_Judged | str]]:
+    """Give the results in the order of the jobs, in other processes where there are several."""
+    if workers < 2:
+        yield map(_judge_or_explain, jobs)
+        return
+    with ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn")) as pool:
+        yield pool.map(_judge_or_explain, jobs)
 
 
 def _names(files: Sequence[Path]) -> list[str]:
@@ -76,6 +91,22 @@ def _names(files: Sequence[Path]) -> list[str]:
         stem if stems.count(stem) == 1 else str(file.with_suffix(""))
         for stem, file in zip(stems, files, strict=True)
     ]
+
+
+def _judge_or_explain(job: tuple[Path, float | None]) -> _Judged | str:
+    """Judge a recording; a sentence where that cannot be done, because others go on."""
+    try:
+        return _judge(job)
+    except (FieldlinkError, EstimatorError) as error:
+        return str(error)
+
+
+def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLoop:
+    """The row of a recording that cannot be used."""
+    cause = Cause(Wrong.UNDETERMINED, ("the recording cannot be used",))
+    finding = Finding((cause,), (problem,), is_sure=False)
+    row = WorkRow(tag=name, device="", finding=finding, limit=settings.stick_band_limit)
+    return ReportedLoop(row, None, None, None, settings.op_span)
 
 
 def _judge(job: tuple[Path, float | None]) -> _Judged:

@@ -173,13 +173,16 @@ def test_recordings_are_judged_and_listed(tmp_path: Path) -> None:
     (tmp_path / "FC7.csv").write_text("\n".join(["FC7.OUT,FC7.PV", *rows]) + "\n")
     still = "op,pv\n" + "".join(f"40,{50 + k % 7}\n" for k in range(200))
     (tmp_path / "FC8.csv").write_text(still)
+    (tmp_path / "FC9.csv").write_text("op,pv\n1,zwei\n" + "1,2\n" * 60)
     result = run("report", tmp_path, "--json")
-    first, second = json.loads(result.stdout)["loops"]
+    first, second, third = json.loads(result.stdout)["loops"]
     assert (first["tag"], first["wrong"]) == ("FC7", "sticky_valve")
     assert first["stick_band"] == pytest.approx(4.0, rel=0.02)
     assert first["reversals_per_day"] > 0.0
     assert (second["tag"], second["wrong"]) == ("FC8", "undetermined")
     assert second["would_determine"]
+    assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "undetermined", None)
+    assert "'zwei' is no number" in third["would_determine"][0]
 
 
 @pytest.mark.parametrize(
