@@ -7,7 +7,7 @@ import jinja2
 from fieldlink.worklist import texts
 from fieldlink.worklist.audience import needs_picture
 from fieldlink.worklist.document import WorkDocument
-from fieldlink.worklist.evidence_figure import EvidencePictures
+from fieldlink.worklist.evidence_figure import draw_svgs
 
 __all__ = ["render_html"]
 
@@ -22,12 +22,9 @@ def render_html(document: WorkDocument) -> bytes:
         lstrip_blocks=True,
     )
     ranks = {loop.row.tag: rank for rank, loop in enumerate(document.loops, 1)}
-    drawn = EvidencePictures()
-    pictures = {
-        loop.row.tag: drawn.svg(loop, ranks[loop.row.tag])
-        for loop in document.evidenced
-        if needs_picture(loop)
-    }
+    numbered = [(ranks[loop.row.tag], loop) for loop in document.evidenced if needs_picture(loop)]
+    drawn = zip(numbered, draw_svgs(numbered), strict=True)
+    pictures = {loop.row.tag: picture for (_, loop), picture in drawn}
     page = environment.get_template("report.html.j2").render(
         document=document, ranks=ranks, pictures=pictures, texts=texts
     )

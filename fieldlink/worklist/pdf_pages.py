@@ -11,7 +11,7 @@ from fieldlink.worklist import texts
 from fieldlink.worklist.audience import Column, needs_picture
 from fieldlink.worklist.document import WorkDocument
 from fieldlink.worklist.errors import ReportError
-from fieldlink.worklist.evidence_figure import EvidencePictures
+from fieldlink.worklist.evidence_figure import draw_pngs
 from fieldlink.worklist.finding import Wrong
 from fieldlink.worklist.from_store import ReportedLoop
 from fieldlink.worklist.row import BeforeAfter
@@ -52,11 +52,10 @@ def render_pdf(document: WorkDocument) -> bytes:
             _print_title(paper, f"Repair of {loop.row.tag}", _ACCENT)
             _print_repair(paper, loop.row.repair)
     ranks = {loop.row.tag: rank for rank, loop in enumerate(document.loops, 1)}
-    pictures = EvidencePictures()
-    for loop in document.evidenced:
-        if needs_picture(loop):
-            paper.add_page()
-            _print_evidence(paper, loop, ranks[loop.row.tag], pictures)
+    shown = [loop for loop in document.evidenced if needs_picture(loop)]
+    for loop, picture in zip(shown, draw_pngs(shown), strict=True):
+        paper.add_page()
+        _print_evidence(paper, loop, ranks[loop.row.tag], picture)
     return bytes(paper.output())
 
 
@@ -139,7 +138,7 @@ def _print_list(paper: FPDF, document: WorkDocument) -> None:
     )
 
 
-def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int, pictures: EvidencePictures) -> None:
+def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int, picture: bytes) -> None:
     row, finding = loop.row, loop.row.finding
     colour = _COLOUR.get(finding.wrong, _INK)
     _print_title(paper, f"{rank}. {row.tag}: {texts.wrong_text(row)}", colour)
@@ -152,7 +151,7 @@ def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int, pictures: Eviden
     outage = " (needs an outage)" if finding.action.needs_outage else ""
     _print_text(paper, f"Next: {finding.action_text}{outage}", bold=True, size=9.5)
     paper.ln(1)
-    paper.image(io.BytesIO(pictures.png(loop)), w=paper.epw)
+    paper.image(io.BytesIO(picture), w=paper.epw)
     paper.ln(2)
     top, page = paper.get_y(), paper.page
     half = 0.5 * paper.epw - 4.0
