@@ -2,7 +2,7 @@
 
     python -m benchmarks.report_picture --images docs/images
 
-A made-up fleet of twenty loops (`benchmarks.made_fleet`), two of them with an owner; the page as
+A made-up fleet of twelve loops (`benchmarks.made_fleet`), two of them with an owner; the page as
 Chromium shows it (Debian's package ``chromium``).
 """
 
@@ -18,8 +18,8 @@ from pathlib import Path
 from benchmarks.made_fleet import END_MS, Fleet, make_fleet
 from fieldlink.store import record_work
 
-SIZE = (1500, 1560)
-"""Pixels: the list of twenty loops and one page of evidence."""
+SIZE = (1500, 1460)
+"""Pixels: the list of twelve loops and one page of evidence."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--chromium", default="chromium")
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        fleet = Fleet(Path(folder) / "mill.sqlite", loops=20, days=200)
+        fleet = Fleet(Path(folder) / "mill.sqlite", loops=12, days=200)
         make_fleet(fleet)
         record_work(fleet.url, "FC111", "planned", owner="Meyer", note="packing, next stop",
                     utc_ms=END_MS)  # fmt: skip

@@ -134,13 +134,12 @@ class Course:
         known = np.isfinite(combined.stick_band).all(axis=1)
         if not known.any():
             return None
-        jumps = np.where(np.isfinite(combined.slip_jump), combined.slip_jump, np.nan)
-        if not np.isfinite(jumps).all(axis=1).any():
-            jumps = np.zeros_like(combined.slip_jump)
+        # The list has no trend of the slip jump: a single one is followed at once.
+        jumps = [*(Interval.unknown() for _ in combined.times[1:]), Interval(0.0, 0.0, 0.0)]
         return track(
             combined.times,
             [_interval(row) for row in combined.stick_band],
-            [_interval(row) for row in jumps],
+            jumps,
             stick_band_limit=limit,
         )
 

@@ -225,8 +225,8 @@ def _points(axes: Axes, colour: str, marker: str, label: str) -> Any:
 def _finish(axes: Axes, *, dates: bool) -> None:
     """Few ticks, small letters, and a legend above the axes, where it hides nothing."""
     if not dates:
-        axes.xaxis.set_major_locator(MaxNLocator(6))
-    axes.yaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.tick_params(labelsize=_SIZE)
     axes.xaxis.label.set_fontsize(_SIZE)
     axes.yaxis.label.set_fontsize(_SIZE)

@@ -171,8 +171,10 @@ class WorkRow:
         Work that is done waits for its verification behind the open work of its kind.
         """
         wrong = self.finding.wrong
-        order = {Wrong.STICKY_VALVE: 0.0, Wrong.QUIET: 3.0, Wrong.UNDETERMINED: 2.0}.get(wrong, 1.0)
+        order = {Wrong.STICKY_VALVE: 0.0, Wrong.QUIET: 4.0, Wrong.UNDETERMINED: 2.0}.get(wrong, 1.0)
         closed = 1.0 if self.state in ("done", "verified") else 0.0
+        if wrong is Wrong.QUIET and self.state not in ("", "verified"):
+            order = 3.0
         band = self.stick_band.value if math.isfinite(self.stick_band.value) else 0.0
         days = self.days_to_limit.value if math.isfinite(self.days_to_limit.value) else 1e6
         loss = self.figures.loss if math.isfinite(self.figures.loss) else 0.0

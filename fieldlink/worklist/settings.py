@@ -24,6 +24,7 @@ class WorkListSettings:
             because a picture of a page's width shows no more, and a trend of 40 points has the
             precision of all.
         before: windows before a repair that are compared with those after it.
+        dead_band: turns of OP by less, in % of its span, are noise that no positioner follows.
         picture_samples: most samples in a picture.
     """
 
@@ -33,4 +34,5 @@ class WorkListSettings:
     agreement: float = 0.8
     points: int = 40
     before: int = 20
+    dead_band: float = 0.2
     picture_samples: int = 1500

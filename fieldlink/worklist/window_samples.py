@@ -14,6 +14,7 @@ from estimator import EstimatorError, Interval
 from estimator.monitoring.indices import oscillation, valve_wear
 from estimator.valves import laws
 from fieldlink.worklist.row import Figures
+from fieldlink.worklist.settings import WorkListSettings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["WindowSamples", "figures_of", "interval_of", "loss_of"]
 
 Array = NDArray[np.float64]
+
+_SETTINGS = WorkListSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +103,9 @@ def figures_of(
     if document is not None and document.get("verdict") == "stiction":
         band, jump = (percent * _value(document, name) for name in ("stick_band", "slip_jump"))
     stored = None if document is None else document.get("window")
-    shown = stored if stored else {} if samples is None else _measure(samples)
+    shown = stored or {}
+    if not stored and samples is not None:
+        shown = _measure(samples, _SETTINGS.dead_band / percent)
 
     def figure(name: str) -> float:
         value = shown.get(name)
@@ -118,14 +123,14 @@ def figures_of(
     )
 
 
-def _measure(samples: WindowSamples) -> dict[str, float]:
-    """The figures that a daemon stores with an estimate, by the same names."""
+def _measure(samples: WindowSamples, dead_band: float) -> dict[str, float]:
+    """The figures that a daemon may store with an estimate, by the same names."""
     error = samples.error
     found = {"swing_period_s": samples.swing[1], "pv_std": math.nan}
     if np.isfinite(error).any():
         found["pv_std"] = float(np.nanstd(error))
     try:
-        wear = valve_wear(samples.op, period=samples.period)
+        wear = valve_wear(samples.op, period=samples.period, deadband=dead_band)
     except EstimatorError:
         return found
     return found | {
