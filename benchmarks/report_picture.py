@@ -18,7 +18,7 @@ from pathlib import Path
 from benchmarks.made_fleet import END_MS, Fleet, make_fleet
 from fieldlink.store import record_work
 
-SIZE = (1500, 1460)
+SIZE = (1500, 1750)
 """Pixels: the list of twelve loops and one page of evidence."""
 
 

@@ -149,7 +149,7 @@ class _Canvas:
             self._course = self.figure.add_subplot(grid[:, 2])
             self._sticks = _points(self._course, STEM, "o", "sticks")
             self._intervals = self._course.vlines([], [], [], color=STEM, lw=0.8)
-            self._healthy = _points(self._course, MARK, "s", "does not stick")
+            self._healthy = _points(self._course, MARK, "s", "healthy")
             self._silent = _points(self._course, OP, "x", "not judged")
             self._limit = self._course.axhline(0.0, color="black", lw=0.9, ls=":", label="limit")
             self._repair = self._course.axvline(0.0, color=MARK, lw=1.2, ls="--", label="repair")
@@ -232,12 +232,15 @@ def _finish(axes: Axes, *, dates: bool) -> None:
     axes.yaxis.label.set_fontsize(_SIZE)
     axes.legend(
         loc="lower right",
-        bbox_to_anchor=(1.02, 0.97),
+        bbox_to_anchor=(1.02, 1.0),
         ncols=5,
         fontsize=_SIZE - 1.0,
         frameon=False,
+        borderpad=0.0,
+        borderaxespad=0.3,
+        handlelength=1.2,
         handletextpad=0.3,
-        columnspacing=0.8,
+        columnspacing=0.7,
     )
 
 
