@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
@@ -211,3 +213,16 @@ def test_urgency_puts_work_that_is_done_behind_open_work(loops: dict[str, Report
     from fieldlink.worklist import WorkItem
 
     assert replace(row, item=WorkItem("done")).urgency > row.urgency
+
+
+def test_a_historian_of_an_earlier_release_is_read_and_brought_up_to_date(
+    own_fleet: Fleet,
+) -> None:
+    with closing(sqlite3.connect(own_fleet.file)) as file:
+        file.execute("DROP TABLE work")
+        file.execute("UPDATE meta SET value = '2' WHERE key = 'schema'")
+        file.commit()
+    assert len(list_loops(own_fleet.url)) == own_fleet.loops
+    record_work(own_fleet.url, "FC101", "planned")
+    row = next(loop.row for loop in list_loops(own_fleet.url) if loop.row.tag == "FC101")
+    assert row.state == "planned"
