@@ -90,7 +90,17 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Judge loops": ("identify", "diagnose", "assess", "report", "work"),
     "Set up a site": ("scan", "read", "write", "map", "check", "schema"),
-    "Run it": ("run", "web", "status", "events", "withdraw", "compensate", "backup", "export", "warm-up"),
+    "Run it": (
+        "run",
+        "web",
+        "status",
+        "events",
+        "withdraw",
+        "compensate",
+        "backup",
+        "export",
+        "warm-up",
+    ),
     "Try it without a plant": ("demo", "plant", "rehearse", "simulate", "fmu"),
 }
 """The sections of the list of commands; a command of none stands under the last heading."""
