@@ -21,6 +21,7 @@ from fieldlink.site.compensate_rules import compensate_fits
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
+from fieldlink.site.mqtt_rules import mqtt_fits
 from fieldlink.site.plant_rules import plant_fits
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
@@ -42,6 +43,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems.extend(_printable(site, source))
     problems.extend(_readable(site, source))
     problems.extend(_certificates(site, source))
+    problems.extend(mqtt_fits(site, source))
     problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))
     return problems
