@@ -28,6 +28,9 @@ CONNECT_WITHIN = 5.0
 ANSWER_WITHIN = 10.0
 """Seconds for an acknowledgement; a broker that takes longer is taken for gone."""
 
+GOODBYE_WITHIN = 2.0
+"""Seconds for the last packets of a session; without them the broker publishes the will."""
+
 MOST_INCOMING = 100
 """Commands that may wait; more than that is no operator's doing."""
 
@@ -151,6 +154,7 @@ class BrokerSession:
         self.overrun = 0
         self._unanswered: set[int] = set()
         self._answered = asyncio.Event()
+        self._closed = asyncio.Event()
         client: Any = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=settings.client_id,
@@ -193,13 +197,13 @@ class BrokerSession:
                 "address and its certificates"
             ) from error
         self._client.loop_start()
-        try:
-            async with asyncio.timeout(ANSWER_WITHIN):
-                await self._connected
-        except TimeoutError:
+        await asyncio.wait([self._connected], timeout=ANSWER_WITHIN)
+        if not self._connected.done():
             raise BrokerError(
-                f"the broker {settings.where} does not answer CONNECT; check that it is not stuck"
-            ) from None
+                f"the broker {settings.where} does not answer CONNECT; check that it is not stuck, "
+                "and whether it takes more clients"
+            )
+        self._connected.result()
 
     async def subscribe(self, filters: Sequence[str]) -> None:
         """Subscribe with QoS 1 and wait for the answer.
@@ -257,17 +261,22 @@ class BrokerSession:
                 pass
             else:
                 self._client.disconnect()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(GOODBYE_WITHIN):
+                        await self._closed.wait()
         await asyncio.to_thread(self._end)
-        if self._connected.done() and not self._connected.cancelled():
+        if self._connected.done():
             self._connected.exception()
         # The client's callbacks hold this object: cut loose, it closes its last sockets at once.
         del self._client
 
     def _end(self) -> None:
         """Close the socket, which ends paho's thread; without DISCONNECT the will is published."""
-        if self._client.is_connected() or self._lost is not None or not self._connected.done():
-            with suppress(OSError, AttributeError):
-                self._client.socket().shutdown(socket.SHUT_RDWR)
+        open_socket = self._client.socket()
+        if open_socket is not None:
+            # The thread may have closed it since: then there is nothing left to end.
+            with suppress(OSError):
+                open_socket.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
 
     def _hand(self, work: Any, *values: Any) -> None:
@@ -295,6 +304,7 @@ class BrokerSession:
                     f"{reason}; check whether it takes more clients, and the broker's log"
                 )
             )
+        self._closed.set()
         self._answered.set()
         self._wake.set()
 

@@ -159,11 +159,11 @@ class EdgeNode:
         types = {name: spec.type for name, (spec, _) in found.items()}
         yield from self._changes("NDATA", None, changed, False, types)
         answering = self._answering(health)
-        for loop in sorted(self._born - answering):
+        for loop in sorted(self._born.difference(answering)):
             self._born.discard(loop)
             yield self._outgoing("DDEATH", loop, ())
-        for loop in self._board:
-            if loop in answering and loop not in self._born:
+        for loop in answering:
+            if loop not in self._born:
                 yield self._loop_birth(loop)
 
     def find_metric(self, loop: str | None, metric: Metric) -> str | None:
@@ -189,10 +189,10 @@ class EdgeNode:
             if name != MESSAGE_ID:
                 yield name, (value, message.utc_ms)
 
-    def _answering(self, health: Mapping[str, object]) -> set[str]:
+    def _answering(self, health: Mapping[str, object]) -> list[str]:
         loops = health.get("loops")
         assert isinstance(loops, Mapping)
-        return {loop for loop in self._board if loops.get(loop) in ("good", "degraded")}
+        return [loop for loop in self._board if loops.get(loop) in ("good", "degraded")]
 
     def _loop_birth(self, loop: str) -> Outgoing:
         now = _now()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
@@ -47,12 +48,12 @@ host = "127.0.0.1"
 port = {port}
 publish = ["estimates", "writebacks", "events", "health", "samples"]
 """
-START = 1_700_000_000_000
+START = round(1000.0 * time.time())
 
 
 def sample(loop: str, number: int, **changes: Any) -> SampleRecord:
     """A sample whose PV tells its number."""
-    values = {"op": 50.0, "pv": float(number), "sp": None, "auto": None, "quality": 0}
+    values = {"op": -1.0, "pv": float(number), "sp": None, "auto": None, "quality": 0}
     return SampleRecord(loop, START + 1000 * number, number, **values | changes)
 
 
@@ -161,13 +162,16 @@ def bench(make_site: Callable[..., Site]) -> Callable[..., AbstractAsyncContextM
     @asynccontextmanager
     async def run(port: int, extra: str = "") -> AsyncIterator[Bench]:
         found = Bench(make_site(port, extra))
-        async with found.publishing.running():
+        async with found.publishing.running() as tasks:
             yield found
+            for task in tasks:
+                if task.done():
+                    task.result()
 
     return run
 
 
-async def until(condition: Callable[[], object], what: str, tries: int = 3000) -> None:
+async def until(condition: Callable[[], object], what: str, tries: int = 2000) -> None:
     for _ in range(tries):
         if condition():
             return

@@ -40,7 +40,7 @@ async def test_a_dashboard_that_comes_later_sees_the_last_verdict(
             await until(lambda: len(late.received) == 5, "the new messages")
             (_, reading, _), (place, told, _) = late.received[3:]
             found = json.loads(reading)
-            assert (found["op"], found["pv"], found["quality"]) == (50.0, None, 1)
+            assert (found["op"], found["pv"], found["quality"]) == (-1.0, None, 1)
             assert (found["loop"], found["area"], found["id"]) == ("FC101", "U1/east", 5)
             assert place == "fieldlink/mill 4/events"
             assert json.loads(told)["event"] == "device.demoted"
