@@ -32,6 +32,7 @@ from fieldlink.site.models import (
     SiteSettings,
     WebSettings,
 )
+from fieldlink.site.mqtt import MqttSettings, MqttSpool, MqttTls
 from fieldlink.site.register_map import COLUMNS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "site-file.md").read_text(encoding="utf-8")
@@ -54,6 +55,9 @@ MODELS: list[type[BaseModel]] = [
     HistorianTable,
     EstimationSettings,
     WebSettings,
+    MqttSettings,
+    MqttTls,
+    MqttSpool,
 ]
 
 

@@ -74,14 +74,13 @@ async def test_a_full_broker_is_tried_until_there_is_room(
 ) -> None:
     broker = Mosquitto(tmp_path, listener="max_connections 1\n")
     await broker.start()
-    async with Client(broker.port) as other:
-        assert other is not None
-        async with bench(broker.port, JSON_ONLY) as running:
-            running.put(sample("FC101", 0))
-            await until(lambda: "mqtt.lost" in running.kinds(), "the refusal")
-            assert running.waiting == 1
-            await other.__aexit__(None, None, None)
-            await until(lambda: running.waiting == 0, "the delivery")
+    other = await Client(broker.port).__aenter__()
+    async with bench(broker.port, JSON_ONLY) as running:
+        running.put(sample("FC101", 0))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the refusal")
+        assert running.waiting == 1
+        await other.__aexit__(None, None, None)
+        await until(lambda: running.waiting == 0, "the delivery")
     await broker.kill()
 
 
