@@ -84,15 +84,17 @@ def _print_device(console: Console, device: DeviceReport) -> None:
     where = f" {device.address}" if device.address else ""
     console.print()
     _print_line(console, (f"device {device.name}", "bold"), f"  {device.link}{where}")
+    order = f"byte order {device.order}, " if device.order else ""
     _print_line(
         console,
-        f"  {counted(device.tags, 'tag')}, byte order {device.order}, "
+        f"  {counted(device.tags, 'tag')}, {order}"
         f"{counted(len(device.requests), 'request')} per scan",
     )
     for request in device.requests:
+        kind = f"FC{request.function}" if request.function else "Read"
         _print_line(
             console,
-            f"  FC{request.function} {request.table} {request.first}-{request.last}: "
+            f"  {kind} {request.table} {request.first}-{request.last}: "
             f"{', '.join(request.tags)}{_rate(request)}",
         )
 

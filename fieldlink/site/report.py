@@ -29,6 +29,8 @@ BITS_PER_BYTE = 11
 class RequestReport:
     """One read request: Modbus function code, table, first and last address, the tags it brings.
 
+    A Read request of OPC UA has function 0 and table "nodes"; its addresses count the nodes.
+
     ``every`` is the number of seconds between two of them; 0 means that every scan sends it, or
     every ``polls``-th one where its loops have longer periods than others of the device.
     """
@@ -140,12 +142,12 @@ def _device(
         name=name,
         link=device.link,
         address=device.where,
-        order=order_name(device.word_order, device.byte_order),
+        order="" if device.is_opcua else order_name(device.word_order, device.byte_order),
         tags=len(site.maps.get(name, {})),
         requests=tuple(
             RequestReport(
-                function=request.table.read_function,
-                table=request.table.value,
+                function=0 if device.is_opcua else request.table.read_function,
+                table="nodes" if device.is_opcua else request.table.value,
                 first=request.address,
                 last=request.end - 1,
                 tags=tuple(tag.name for tag in request.tags),

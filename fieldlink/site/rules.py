@@ -22,6 +22,7 @@ from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
 from fieldlink.site.mqtt_rules import mqtt_fits
+from fieldlink.site.opcua_rules import opcua_fits
 from fieldlink.site.plant_rules import plant_fits
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
@@ -44,6 +45,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems.extend(_readable(site, source))
     problems.extend(_certificates(site, source))
     problems.extend(mqtt_fits(site, source))
+    problems.extend(opcua_fits(site, source))
     problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))
     return problems
@@ -168,6 +170,8 @@ def _heartbeat_lives(site: Site, source: TomlSource, name: str, loop: Loop) -> I
 
 def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
+        if device.is_opcua:
+            continue
         for tag in site.maps.get(name, {}).values():
             try:
                 plan_reads([tag], device.max_gap, device.max_registers, device.ranges)
@@ -279,7 +283,7 @@ def _area_is_free(
     key = ("loops", name, "writeback", "base")
     mine = site.devices[loop.device]
     for device_name, device in site.devices.items():
-        if _endpoint(device_name, device) != _endpoint(loop.device, mine):
+        if device.is_opcua or _endpoint(device_name, device) != _endpoint(loop.device, mine):
             continue
         for tag in site.maps.get(device_name, {}).values():
             for area in _areas(name, layout):

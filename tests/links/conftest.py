@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import trustme
 
+from fieldlink.site import Site, load_site
 from tests.links.fake_device import FakeDevice
 from tests.serial_lines import serial_line as joined_ends
 
@@ -53,3 +54,23 @@ def certificates(tmp_path: Path) -> Callable[[str], Path]:
 async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
     async with joined_ends(tmp_path) as ends:
         yield ends
+
+
+@pytest.fixture
+def make_opcua_site(tmp_path: Path) -> Callable[..., Site]:
+    def make(port: int, *, opcua: str = "", loop: str = "", rows: str = "", loops: int = 3) -> Site:
+        names = "".join(f"L{n}.OP,ns=1;s=L{n}.OP\nL{n}.PV,ns=1;s=L{n}.PV\n" for n in range(loops))
+        (tmp_path / "nodes.csv").write_text(f"tag,node\n{names}{rows}")
+        parts = [
+            '[site]\nname = "test"\n[devices.plc]\nlink = "opcua"\nhost = "127.0.0.1"\n'
+            f'port = {port}\nregister_map = "nodes.csv"\ntimeout = 2.0\nretry_after_max = 0.05\n'
+            f"[devices.plc.opcua]\n{opcua}\n"
+        ]
+        parts += [
+            f'[loops.L{n}]\ndevice = "plc"\nop = "L{n}.OP"\npv = "L{n}.PV"\nperiod = 0.2\n{loop}\n'
+            for n in range(loops)
+        ]
+        (tmp_path / "site.toml").write_text("\n".join(parts))
+        return load_site(tmp_path / "site.toml")
+
+    return make

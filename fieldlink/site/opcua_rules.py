@@ -1,0 +1,36 @@
+"""What must hold between an OPC UA device, its loops and the files it names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from fieldlink.site.errors import Problem
+from fieldlink.site.resolved import Site
+from fieldlink.site.toml_source import TomlSource
+
+__all__ = ["opcua_fits"]
+
+_FILES = ("cert", "key", "server_cert", "password_file")
+
+
+def opcua_fits(site: Site, source: TomlSource) -> Iterator[Problem]:
+    """Yield what is wrong with the OPC UA devices of a site."""
+    for name, device in site.devices.items():
+        if not device.is_opcua:
+            continue
+        for key in _FILES:
+            path: Path | None = getattr(device.opcua, key)
+            if path is not None and not site.resolve(path).is_file():
+                yield source.problem(
+                    ("devices", name, "opcua", key),
+                    f"there is no file {site.resolve(path)}",
+                    "correct the path",
+                )
+        for loop_name, loop in site.loops_of(name).items():
+            if loop.writeback.exchange is not None and device.opcua.exchange_node is None:
+                yield source.problem(
+                    ("loops", loop_name, "writeback"),
+                    f"device {name!r} names no array for exchange areas",
+                    f"add exchange_node to [devices.{name}.opcua], or remove the exchange area",
+                )
