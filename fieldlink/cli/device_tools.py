@@ -84,6 +84,12 @@ def scan(
         key=key,
         server_name=server_name,
     )
+    if found.device.is_opcua:
+        raise typer.BadParameter(
+            f"{found.name} is an OPC UA server, scan looks at Modbus devices; browse it with an "
+            "OPC UA client and name its nodes in the node map",
+            param_hint="TARGET",
+        )
     settings = SurveySettings(
         units=_unit_ids(units) or ((found.device.unit,) if found.site else _usual_units(found)),
         tables=_tables(tables),
@@ -238,7 +244,9 @@ def _point(target: str, text: str, *, device: str | None, **options: object) -> 
         owners = [
             name
             for name, tags in site.maps.items()
-            if text in tags and site.devices[name].is_modbus and device in (None, name)
+            if text in tags
+            and (site.devices[name].is_modbus or site.devices[name].is_opcua)
+            and device in (None, name)
         ]
         if len(owners) > 1:
             raise typer.BadParameter(
@@ -275,14 +283,19 @@ def _value(point: Point, reading: Reading) -> str:
 
 
 def _as_dict(point: Point, reading: Reading) -> dict[str, object]:
-    return {
-        "value": reading.text if reading.text is not None else reading.value,
-        "quality": reading.quality.name.lower(),
-        "unit": point.tag.unit,
-        "table": point.tag.table.value,
-        "address": point.tag.address,
-        "device": point.name,
-    } | ({} if reading.good else {"value": None})
+    tag = point.tag
+    return (
+        {
+            "value": reading.text if reading.text is not None else reading.value,
+            "quality": reading.quality.name.lower(),
+            "unit": point.tag.unit,
+            "table": point.tag.table.value,
+            "address": point.tag.address,
+            "device": point.name,
+        }
+        | ({} if reading.good else {"value": None})
+        | ({"node": tag.node} if tag.node else {})
+    )
 
 
 def _unit_ids(text: str) -> tuple[int, ...]:
