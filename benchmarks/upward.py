@@ -110,8 +110,8 @@ def percentiles(late: list[float]) -> list[str]:
     return [f"{value:.1f}" for value in found]
 
 
-async def measure(folder: Path, seconds: int) -> str:
-    """Return the page."""
+async def measure(folder: Path, seconds: int) -> tuple[str, dict[str, Any]]:
+    """Return the page and its figures."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -187,7 +187,14 @@ async def measure(folder: Path, seconds: int) -> str:
             [[name, *percentiles(found)] for name, found in lateness.items()],
         ),
     ]
-    return "\n".join(lines)
+    figures = {
+        "put": LOOPS * seconds,
+        "lost": total - len(first_times) + report.dropped,
+        "megabytes": 1e-6 * size,
+        "seconds_to_deliver": drained,
+        "late_ms": {name: percentiles(found) for name, found in lateness.items()},
+    }
+    return "\n".join(lines), figures
 
 
 def main() -> None:
@@ -197,10 +204,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        text = asyncio.run(measure(Path(folder), given.seconds))
+        text, figures = asyncio.run(measure(Path(folder), given.seconds))
     print(text)
-    if given.out is not None:
-        keep(given.out, "upward.md", text)
+    keep(given.out, "upward", text, figures)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import trustme
 
-from fieldlink.site import Site, load_site
+from fieldlink.site import Site
 from tests.links.fake_device import FakeDevice
+from tests.links.opcua_server import write_site
 from tests.serial_lines import serial_line as joined_ends
 
 
@@ -58,19 +60,4 @@ async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
 
 @pytest.fixture
 def make_opcua_site(tmp_path: Path) -> Callable[..., Site]:
-    def make(port: int, *, opcua: str = "", loop: str = "", rows: str = "", loops: int = 3) -> Site:
-        names = "".join(f"L{n}.OP,ns=1;s=L{n}.OP\nL{n}.PV,ns=1;s=L{n}.PV\n" for n in range(loops))
-        (tmp_path / "nodes.csv").write_text(f"tag,node\n{names}{rows}")
-        parts = [
-            '[site]\nname = "test"\n[devices.plc]\nlink = "opcua"\nhost = "127.0.0.1"\n'
-            f'port = {port}\nregister_map = "nodes.csv"\ntimeout = 2.0\nretry_after_max = 0.05\n'
-            f"[devices.plc.opcua]\n{opcua}\n"
-        ]
-        parts += [
-            f'[loops.L{n}]\ndevice = "plc"\nop = "L{n}.OP"\npv = "L{n}.PV"\nperiod = 0.2\n{loop}\n'
-            for n in range(loops)
-        ]
-        (tmp_path / "site.toml").write_text("\n".join(parts))
-        return load_site(tmp_path / "site.toml")
-
-    return make
+    return partial(write_site, tmp_path)

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from fieldlink.site import Site, load_site
 from tests.upward.mosquitto import free_port
 
 NODE = Path(__file__).resolve().parents[1] / "interop" / "node"
@@ -68,3 +69,22 @@ class OpcuaServer:
             self.resume()
             self._process.kill()
         await self._process.communicate()
+
+
+def write_site(
+    folder: Path, port: int, *, opcua: str = "", loop: str = "", rows: str = "", loops: int = 3
+) -> Site:
+    """Write and load a site whose loops are those of the server."""
+    names = "".join(f"L{n}.OP,ns=1;s=L{n}.OP\nL{n}.PV,ns=1;s=L{n}.PV\n" for n in range(loops))
+    (folder / "nodes.csv").write_text(f"tag,node\n{names}{rows}")
+    parts = [
+        '[site]\nname = "test"\n[devices.plc]\nlink = "opcua"\nhost = "127.0.0.1"\n'
+        f'port = {port}\nregister_map = "nodes.csv"\ntimeout = 2.0\nretry_after_max = 0.05\n'
+        f"[devices.plc.opcua]\n{opcua}\n"
+    ]
+    parts += [
+        f'[loops.L{n}]\ndevice = "plc"\nop = "L{n}.OP"\npv = "L{n}.PV"\nperiod = 0.2\n{loop}\n'
+        for n in range(loops)
+    ]
+    (folder / "site.toml").write_text("\n".join(parts))
+    return load_site(folder / "site.toml")
