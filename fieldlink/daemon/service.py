@@ -238,6 +238,7 @@ class Daemon:
                 "estimate_now": lambda loop, _: self.estimate_soon(loop),
             },
             tell=self._assembly.journal.event,
+            defect=self._assembly.journal.defect,
         )
 
     @asynccontextmanager

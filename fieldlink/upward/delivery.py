@@ -47,6 +47,7 @@ class Delivery:
         spool: the messages.
         health: gives the site's health.
         tell: records events: kind, source, message, ``bad``.
+        defect: records an error that nobody foresaw: source, error, consequence.
     """
 
     def __init__(
@@ -56,12 +57,14 @@ class Delivery:
         spool: SpoolThread,
         health: Callable[[], Health],
         tell: Callable[..., None],
+        defect: Callable[[str, Exception, str], object],
     ) -> None:
         self._format = form
         self._settings = settings
         self._spool = spool
         self._health = health
         self._tell = tell
+        self._defect = defect
         self._wake = asyncio.Event()
         self._stopping = False
         self._session: BrokerSession | None = None
@@ -106,6 +109,10 @@ class Delivery:
                 self._note_loss(str(error))
             except sqlite3.Error as error:
                 self._note_loss(f"the spool cannot be used: {error}; check the disk")
+            except Exception as error:  # noqa: BLE001  (told; the other parts go on)
+                name = f"mqtt {self._format.name}"
+                self._defect(name, error, "the connection is opened anew")
+                self._backoff.failed(time.monotonic())
             await self._pause()
 
     async def _pause(self) -> None:

@@ -63,6 +63,7 @@ class Publishing:
         health: gives the site's health.
         actions: carry out the commands from above, by name.
         tell: records events: kind, source, message, ``bad``.
+        defect: records an error that nobody foresaw: source, error, consequence.
 
     Raises:
         UpwardError: a package is missing, or a file of the table cannot be read.
@@ -75,11 +76,12 @@ class Publishing:
         health: Callable[[], Health],
         actions: Mapping[str, Action],
         tell: Callable[..., None],
+        defect: Callable[[str, Exception, str], object],
     ) -> None:
         mqtt = site.file.mqtt
         assert mqtt is not None
         _demand_packages(site, mqtt.formats)
-        self._site, self._health, self._tell = site, health, tell
+        self._site, self._health, self._tell, self._defect = site, health, tell, defect
         self._make = message_maker(mqtt.publish)
         desk = CommandDesk(mqtt.commands, actions, tell)
         self._formats: list[Format] = []
@@ -147,7 +149,14 @@ class Publishing:
             await thread.call(lambda spool: spool.open())
             self._tell_formats()
             self._deliveries = [
-                Delivery(form, self._settings[form.name], thread, self._health, self._tell)
+                Delivery(
+                    form,
+                    self._settings[form.name],
+                    thread,
+                    self._health,
+                    self._tell,
+                    self._defect,
+                )
                 for form in self._formats
             ]
             spooling = asyncio.create_task(self._keep_spooling(thread), name="mqtt spool")
@@ -180,13 +189,17 @@ class Publishing:
             await self._arrived.wait()
             await asyncio.sleep(LINGER)
             self._arrived.clear()
-            if not await self._spool_waiting(thread):
+            try:
+                written = await self._spool_waiting(thread)
+                if written and time.monotonic() >= trim_at:
+                    await self._trim(thread)
+                    trim_at = time.monotonic() + TRIM_EVERY
+            except Exception as error:  # noqa: BLE001  (told; the other parts go on)
+                self._defect("mqtt spool", error, "these messages are left out")
+                continue
+            if not written:
                 await asyncio.sleep(TRY_DISK_EVERY)
                 self._arrived.set()
-                continue
-            if time.monotonic() >= trim_at:
-                await self._trim(thread)
-                trim_at = time.monotonic() + TRIM_EVERY
 
     async def _spool_waiting(self, thread: SpoolThread) -> bool:
         """Write what waits to disk; return whether that worked."""

@@ -12,6 +12,7 @@ import sqlite3
 import time
 import uuid
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from fieldlink.store.damage import is_corruption, set_aside
@@ -31,6 +32,9 @@ CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 
 BUSY = 5.0
 """Seconds to wait for another program that has the file open, such as a backup."""
+
+FILE_MODE = 0o640
+"""For the owner to write and the group to read, like the store."""
 
 SHARE_DROPPED = 0.1
 """Share of the messages that goes at once when the bound is reached: not one at a time."""
@@ -95,7 +99,7 @@ class Spool:
             sqlite3.Error: the file cannot be written; nothing of these is stored.
             UpwardError: a damaged file cannot be replaced.
         """
-        rows = [(m.utc_ms, m.kind, m.source, json.dumps(m.body)) for m in messages]
+        rows = [(m.utc_ms, m.kind, m.source, json.dumps(m.body, default=str)) for m in messages]
         try:
             self._insert(rows)
         except sqlite3.Error as error:
@@ -170,6 +174,9 @@ class Spool:
         return self._open_file
 
     def _try_open(self) -> None:
+        # SQLite gives its companions the same permissions. What prevents this prevents opening it.
+        with suppress(OSError):
+            self._file.touch(mode=FILE_MODE)
         self._open_file = connection = sqlite3.connect(
             self._file, timeout=BUSY, check_same_thread=False
         )

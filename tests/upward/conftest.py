@@ -87,10 +87,14 @@ class Bench:
                 for name in ("estimate_now", "withdraw")
             },
             tell=self.note_event,
+            defect=self.note_defect,
         )
 
     def note_event(self, kind: str, source: str, message: str, *, bad: bool = False) -> None:
         self.events.append((kind, source, f"{'warning: ' if bad else ''}{message}"))
+
+    def note_defect(self, source: str, error: Exception, consequence: str) -> None:
+        self.events.append(("defect", source, f"{error!r}; {consequence}"))
 
     def health(self) -> dict[str, object]:
         return {
@@ -164,9 +168,8 @@ def bench(make_site: Callable[..., Site]) -> Callable[..., AbstractAsyncContextM
         found = Bench(make_site(port, extra))
         async with found.publishing.running() as tasks:
             yield found
-            for task in tasks:
-                if task.done():
-                    task.result()
+            assert "defect" not in found.kinds(), found.events
+            assert not any(task.done() for task in tasks)
 
     return run
 

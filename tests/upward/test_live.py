@@ -62,12 +62,16 @@ async def test_verdicts_reach_the_broker_and_commands_the_loop(
 EVENTS = "fieldlink/test/events"
 
 
+def _ignore(*_: object, **__: object) -> None:
+    """Nothing is told in these tests."""
+
+
 def test_without_the_package_the_daemon_says_what_to_install(
     make_site: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fieldlink.upward.publishing.find_spec", lambda _: None)
     with pytest.raises(UpwardError) as caught:
-        Publishing(make_site(1), health=dict, actions={}, tell=lambda *_, **__: None)
+        Publishing(make_site(1), health=dict, actions={}, tell=_ignore, defect=_ignore)
     assert str(caught.value).endswith(
         "the table [mqtt] needs google.protobuf and paho; "
         "pip install 'fieldlink[mqtt]', or remove the table"
