@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
 from fieldlink.site import Site
-from fieldlink.upward.broker import Incoming, Outgoing
 from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import Incoming, Outgoing
 
 __all__ = ["Format", "Health"]
 

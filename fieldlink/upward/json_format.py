@@ -12,10 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 
 from fieldlink.site import Site
-from fieldlink.upward.broker import Incoming, Outgoing
 from fieldlink.upward.commands import CommandDesk
 from fieldlink.upward.formats import Health
 from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import Incoming, Outgoing
 from fieldlink.upward.topics import JsonTopics
 
 __all__ = ["JsonFormat"]

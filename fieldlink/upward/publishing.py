@@ -22,7 +22,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.site import Site
 from fieldlink.store import Record
-from fieldlink.upward.broker import BrokerSettings
+from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.commands import Action, CommandDesk
 from fieldlink.upward.delivery import Delivery
 from fieldlink.upward.errors import UpwardError

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from fieldlink.site import Site
-from fieldlink.upward.broker import Incoming, Outgoing
 from fieldlink.upward.commands import CommandDesk
 from fieldlink.upward.formats import Health
 from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import Incoming, Outgoing
 from fieldlink.upward.sparkplug_metrics import COMMAND_METRICS
 from fieldlink.upward.sparkplug_node import REBIRTH, EdgeNode
 from fieldlink.upward.sparkplug_payload import PayloadError, decode

@@ -11,8 +11,8 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 
-from fieldlink.upward.broker import Outgoing
 from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import Outgoing
 from fieldlink.upward.sparkplug_metrics import (
     MESSAGE_ID,
     NODE_EVENTS,
