@@ -284,18 +284,19 @@ def _value(point: Point, reading: Reading) -> str:
 
 def _as_dict(point: Point, reading: Reading) -> dict[str, object]:
     tag = point.tag
-    return (
-        {
-            "value": reading.text if reading.text is not None else reading.value,
-            "quality": reading.quality.name.lower(),
-            "unit": point.tag.unit,
-            "table": point.tag.table.value,
-            "address": point.tag.address,
-            "device": point.name,
-        }
-        | ({} if reading.good else {"value": None})
-        | ({"node": tag.node} if tag.node else {})
-    )
+    found: dict[str, object] = {
+        "value": reading.text if reading.text is not None else reading.value,
+        "quality": reading.quality.name.lower(),
+        "unit": tag.unit,
+        "table": tag.table.value,
+        "address": tag.address,
+        "device": point.name,
+    }
+    if tag.node:
+        found["node"] = tag.node
+    if not reading.good:
+        found["value"] = None
+    return found
 
 
 def _unit_ids(text: str) -> tuple[int, ...]:

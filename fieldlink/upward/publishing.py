@@ -43,8 +43,8 @@ LINGER = 0.1
 MEMORY = 20_000
 """Messages held while the disk cannot be written; then the oldest go. A few megabytes."""
 
-MOST_AT_ONCE = 2_000
-"""Messages in one transaction: some ten milliseconds of the spool's thread."""
+MOST_AT_ONCE = 500
+"""Messages in one transaction: some milliseconds of the spool's thread and of the event loop."""
 
 TRIM_EVERY = 10.0
 """Seconds between two applications of the spool's bounds."""

@@ -79,6 +79,7 @@ async def test_one_request_has_op_and_pv_and_slow_loops_rest(
     assert [loop.op_pv_together for loop in report.loops] == [True] * LOOPS
     assert report.devices[0].address == f"opc.tcp://127.0.0.1:{server.port}"
     site = site.with_loop("L1", period=0.8)
+    await server.tell(step=1)
     link = open_link(site, "plc")
     first, second = await link.scan(), await link.scan()
     await link.close()
