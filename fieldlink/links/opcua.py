@@ -15,14 +15,12 @@ from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import AccessRefusedError, LinkError, LinkUnreachableError
-from fieldlink.links.modbus import WRITTEN_PARTS
 from fieldlink.links.opcua_session import NodeValue, OpcuaSession, StatusError
+from fieldlink.links.writable import Ranges, find_writable
 from fieldlink.registers import ReadRequest, Tag
 from fieldlink.site import Site
 
 __all__ = ["OpcuaLink"]
-
-Ranges = tuple[tuple[int, int], ...]
 
 
 class OpcuaLink:
@@ -70,24 +68,12 @@ class OpcuaLink:
         Writable are the elements that Fieldlink has in the exchange areas of loops whose
         write-back is enabled, and nothing else.
         """
-        layouts = [
-            loop.writeback.exchange
-            for loop in site.loops_of(device).values()
-            if loop.writeback.enabled
-        ]
-        writable = tuple(
-            (first, last)
-            for layout in layouts
-            if layout is not None
-            for part, first, last in layout.spans()
-            if part in WRITTEN_PARTS
-        )
         return cls(
             site,
             device,
             site.requests(device),
             clock,
-            writable=writable,
+            writable=find_writable(site, device),
             beat=site.poll_period(device),
         )
 

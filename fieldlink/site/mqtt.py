@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fieldlink.site.device import Model
+from fieldlink.site.base import Model, is_loopback
 
 __all__ = ["MqttSettings", "MqttSpool", "MqttTls"]
 
@@ -92,10 +91,7 @@ class MqttSettings(Model):
     @property
     def is_local(self) -> bool:
         """Whether the broker is on this machine."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        return is_loopback(self.host)
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

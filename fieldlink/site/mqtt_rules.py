@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fieldlink.site.errors import Problem
+from fieldlink.site.named_files import find_missing
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
@@ -20,6 +21,4 @@ def mqtt_fits(site: Site, source: TomlSource) -> Iterator[Problem]:
     files: dict[tuple[str, ...], Path | None] = {("mqtt", "password_file"): mqtt.password_file}
     if mqtt.tls is not None:
         files |= {("mqtt", "tls", key): getattr(mqtt.tls, key) for key in ("ca", "cert", "key")}
-    for key, path in files.items():
-        if path is not None and not site.resolve(path).is_file():
-            yield source.problem(key, f"there is no file {site.resolve(path)}", "correct the path")
+    yield from find_missing(site, source, files)

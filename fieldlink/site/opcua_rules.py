@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 from fieldlink.site.errors import Problem
+from fieldlink.site.named_files import find_missing
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
@@ -19,14 +19,8 @@ def opcua_fits(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
         if not device.is_opcua:
             continue
-        for key in _FILES:
-            path: Path | None = getattr(device.opcua, key)
-            if path is not None and not site.resolve(path).is_file():
-                yield source.problem(
-                    ("devices", name, "opcua", key),
-                    f"there is no file {site.resolve(path)}",
-                    "correct the path",
-                )
+        files = {("devices", name, "opcua", key): getattr(device.opcua, key) for key in _FILES}
+        yield from find_missing(site, source, files)
         for loop_name, loop in site.loops_of(name).items():
             if loop.writeback.exchange is not None and device.opcua.exchange_node is None:
                 yield source.problem(

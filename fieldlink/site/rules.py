@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import (
@@ -22,6 +21,7 @@ from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
 from fieldlink.site.mqtt_rules import mqtt_fits
+from fieldlink.site.named_files import find_missing
 from fieldlink.site.opcua_rules import opcua_fits
 from fieldlink.site.plant_rules import plant_fits
 from fieldlink.site.resolved import Site
@@ -181,14 +181,9 @@ def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
 
 def _certificates(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
-        for key in ("ca", "cert", "key", "plc_cert", "plc_key") if device.tls is not None else ():
-            path: Path | None = getattr(device.tls, key)
-            if path is not None and not site.resolve(path).is_file():
-                yield source.problem(
-                    ("devices", name, "tls", key),
-                    f"there is no file {site.resolve(path)}",
-                    "correct the path",
-                )
+        keys = ("ca", "cert", "key", "plc_cert", "plc_key") if device.tls is not None else ()
+        files = {("devices", name, "tls", key): getattr(device.tls, key) for key in keys}
+        yield from find_missing(site, source, files)
 
 
 def _lines(site: Site, source: TomlSource) -> Iterator[Problem]:
