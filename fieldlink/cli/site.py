@@ -53,6 +53,9 @@ def _print(console: Console, report: CheckReport) -> None:
         _print_device(console, device)
     for loop in report.loops:
         _print_loop(console, loop)
+    if report.upward:
+        console.print()
+        _print_line(console, ("mqtt", "bold"), f"  {report.upward}")
     for warning in report.warnings:
         _print_line(console, ("warning", "yellow"), f" {warning}")
     counts = (

@@ -91,7 +91,10 @@ class LoopReport:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """A site in figures, with warnings about what is allowed and yet unwise."""
+    """A site in figures, with warnings about what is allowed and yet unwise.
+
+    ``upward`` says what is published where, empty when nothing is.
+    """
 
     name: str
     file: str
@@ -100,6 +103,7 @@ class CheckReport:
     devices: tuple[DeviceReport, ...]
     loops: tuple[LoopReport, ...]
     warnings: tuple[str, ...]
+    upward: str = ""
 
     @property
     def requests_per_scan(self) -> int:
@@ -132,6 +136,19 @@ def check(site: Site) -> CheckReport:
             _loop(site, name, loop, requests[loop.device]) for name, loop in site.loops.items()
         ),
         warnings=tuple(warnings),
+        upward=_upward(site),
+    )
+
+
+def _upward(site: Site) -> str:
+    mqtt = site.file.mqtt
+    if mqtt is None:
+        return ""
+    secured = "with TLS" if mqtt.tls is not None else "not encrypted"
+    commands = f"commands {', '.join(mqtt.commands)}" if mqtt.commands else "no commands"
+    return (
+        f"{', '.join(mqtt.publish)} as {' and '.join(mqtt.formats)} to {mqtt.host}:{mqtt.port} "
+        f"({secured}); {commands}"
     )
 
 

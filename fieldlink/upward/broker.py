@@ -41,6 +41,7 @@ class BrokerSession:
         wake: set when a message came in or the connection was lost.
 
     Attributes:
+        was_reached: whether CONNECT may have been sent.
         overrun: messages from the broker that were dropped because too many came at once.
     """
 
@@ -55,6 +56,7 @@ class BrokerSession:
         self._lost: str | None = None
         self._incoming: list[Incoming] = []
         self.overrun = 0
+        self.was_reached = False
         self._unanswered: set[int] = set()
         self._answered = asyncio.Event()
         self._closed = asyncio.Event()
@@ -99,6 +101,7 @@ class BrokerSession:
                 f"no connection to the broker {settings.where}: {reason}; check that it runs, its "
                 "address and its certificates"
             ) from error
+        self.was_reached = True
         self._client.loop_start()
         await asyncio.wait([self._connected], timeout=ANSWER_WITHIN)
         if not self._connected.done():

@@ -71,6 +71,7 @@ class Delivery:
         self._stopping = False
         self._session: BrokerSession | None = None
         self._is_up = False
+        self._unused_birth: int | None = None
         self._backoff = Backoff(PATIENCE)
         self._batch = BATCH
         self._refusals = 0
@@ -131,7 +132,10 @@ class Delivery:
             await self._count_waiting()
 
     async def _connect_and_deliver(self) -> None:
-        number = await self._spool.call(lambda spool: spool.next_birth())
+        number, self._unused_birth = self._unused_birth, None
+        if number is None:
+            name = self._format.name
+            number = await self._spool.call(lambda spool: spool.next_birth(name))
         session = BrokerSession(self._settings, self._format.will(number), self._wake)
         self._session = session
         farewell: tuple[Outgoing, ...] = ()
@@ -145,6 +149,9 @@ class Delivery:
             farewell = tuple(self._format.farewell())
         finally:
             self._is_up, self._session = False, None
+            if not session.was_reached:
+                # tck-id-topics-nbirth-bdseq-increment: one more for each CONNECT that was sent
+                self._unused_birth = number
             await session.close(farewell)
 
     async def _deliver(self, session: BrokerSession) -> None:

@@ -161,11 +161,12 @@ class Spool:
         self.dropped += gone
         return gone
 
-    def next_birth(self) -> int:
-        """Return the next bdSeq of Sparkplug; it goes on where the last process stopped."""
+    def next_birth(self, reader: str) -> int:
+        """Return the number of a reader's next session (bdSeq); a new process goes on counting."""
+        key = f"birth of {reader}"
         with self._connection as connection:
-            number = (int(self._meta("birth", "-1")) + 1) % LARGEST_BIRTH
-            connection.execute("INSERT OR REPLACE INTO meta VALUES ('birth', ?)", (str(number),))
+            number = (int(self._meta(key, "-1")) + 1) % LARGEST_BIRTH
+            connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, str(number)))
         return number
 
     @property

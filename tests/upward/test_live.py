@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from fieldlink.site import SiteError, load_site
+from fieldlink.site import SiteError, check, load_site
 from fieldlink.upward import Publishing, UpwardError
 from tests.daemon import live
 from tests.links.fake_device import FakeDevice
@@ -111,3 +111,11 @@ def test_a_password_does_not_cross_a_network_unencrypted(
     (tmp_path / "site.toml").write_text(f'{text}\nusername = "me"\npassword_file = "pw"\n')
     with pytest.raises(SiteError, match="cross the network unencrypted"):
         load_site(tmp_path / "site.toml")
+
+
+def test_check_says_what_is_published(make_site: Callable[..., Any]) -> None:
+    site = make_site(1883, 'commands = ["withdraw"]')
+    assert check(site).upward == (
+        "estimates, writebacks, events, health, samples as json and sparkplug to 127.0.0.1:1883 "
+        "(not encrypted); commands withdraw"
+    )

@@ -170,7 +170,7 @@ def test_a_message_leaves_when_every_format_has_delivered_it(spool: Callable[...
     both.close()
     again = spool()
     assert again.append(messages(1)) == 5  # numbers never come back
-    assert [again.next_birth() for _ in range(258)] == [*range(256), 0, 1]
+    assert [again.next_birth("a") for _ in range(258)] == [*range(256), 0, 1]
     again.close()
 
 

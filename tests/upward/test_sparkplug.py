@@ -102,6 +102,7 @@ async def test_after_an_outage_history_follows_the_birth_and_nothing_is_missing(
         for number in range(1, 400):
             running.put(sample("FC101", number))
         await until(lambda: running.waiting == 399, "samples on disk")
+        await until(lambda: len(tap.of("-sparkplug")) >= 4, "attempts in vain")
         await broker_process.start()
         await until(lambda: running.waiting == 0, "everything delivered")
         running.put(sample("FC101", 400))

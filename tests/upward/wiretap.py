@@ -55,13 +55,17 @@ class WireTap(LoopbackServer):
         return [found for found in self.connections if found.client_id.endswith(suffix)]
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        connection = Connection()
+        self.connections.append(connection)
         try:
             back_reader, back_writer = await asyncio.open_connection("127.0.0.1", self.broker)
         except ConnectionError:
+            # CONNECT is seen all the same.
+            with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError):
+                _, head, body = await _read(reader)
+                _note(connection, head, body)
             writer.close()
             return
-        connection = Connection()
-        self.connections.append(connection)
         up = asyncio.create_task(_pass_on(reader, back_writer, partial(_note, connection)))
         down = asyncio.create_task(_pass_on(back_reader, writer, partial(_answer, connection)))
         try:
@@ -81,18 +85,24 @@ async def _pass_on(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, note: Callable[[int, bytes], None]
 ) -> None:
     while True:
-        head = await reader.readexactly(1)
-        size, raw = 0, head
-        for shift in range(0, 28, 7):
-            byte = await reader.readexactly(1)
-            raw += byte
-            size |= (byte[0] & 0x7F) << shift
-            if byte[0] < 0x80:
-                break
-        body = await reader.readexactly(size)
-        writer.write(raw + body)
+        raw, head, body = await _read(reader)
+        writer.write(raw)
         await writer.drain()
-        note(head[0], body)
+        note(head, body)
+
+
+async def _read(reader: asyncio.StreamReader) -> tuple[bytes, int, bytes]:
+    """Read one packet: all of it, its first byte, and what follows its length."""
+    raw = head = await reader.readexactly(1)
+    size = 0
+    for shift in range(0, 28, 7):
+        byte = await reader.readexactly(1)
+        raw += byte
+        size |= (byte[0] & 0x7F) << shift
+        if byte[0] < 0x80:
+            break
+    body = await reader.readexactly(size)
+    return raw + body, head[0], body
 
 
 def _answer(connection: Connection, head: int, body: bytes) -> None:
