@@ -202,7 +202,9 @@ class OpcuaSession:
         value = _node_value(found[0])
         words = value.value if isinstance(value.value, list) else None
         if not value.good or words is None or len(words) != count:
-            raise self._refused(f"elements {first} to {first + count - 1} of {node}", value.status)
+            # A range that reaches beyond the array is answered with what there is of it.
+            status = "BadIndexRangeNoData" if value.good else value.status
+            raise self._refused(f"elements {first} to {first + count - 1} of {node}", status)
         return [int(word) for word in words]
 
     async def write_words(self, node: str, first: int, words: Sequence[int]) -> None:

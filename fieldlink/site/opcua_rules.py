@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from fieldlink.site.errors import Problem
 from fieldlink.site.named_files import find_missing
@@ -19,7 +20,9 @@ def opcua_fits(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
         if not device.is_opcua:
             continue
-        files = {("devices", name, "opcua", key): getattr(device.opcua, key) for key in _FILES}
+        files: dict[tuple[str, ...], Path | None] = {
+            ("devices", name, "opcua", key): getattr(device.opcua, key) for key in _FILES
+        }
         yield from find_missing(site, source, files)
         for loop_name, loop in site.loops_of(name).items():
             if loop.writeback.exchange is not None and device.opcua.exchange_node is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import (
@@ -182,7 +183,9 @@ def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
 def _certificates(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
         keys = ("ca", "cert", "key", "plc_cert", "plc_key") if device.tls is not None else ()
-        files = {("devices", name, "tls", key): getattr(device.tls, key) for key in keys}
+        files: dict[tuple[str, ...], Path | None] = {
+            ("devices", name, "tls", key): getattr(device.tls, key) for key in keys
+        }
         yield from find_missing(site, source, files)
 
 

@@ -76,7 +76,8 @@ class Bench:
             if WritebackOutcome.ACCEPTED in self.outcomes[before:]:
                 return
             await self.seconds(1)
-        pytest.fail(f"never accepted: {self.outcomes[before:]}, {self.errors}")
+        said = [(attempt.outcome.code, attempt.reason) for attempt in self.said[before:]]
+        pytest.fail(f"never accepted: {said}, {self.errors}")
 
     async def block(self) -> Any:
         words = await self.server.tell()
@@ -88,7 +89,7 @@ class Bench:
 async def test_a_block_is_written_acknowledged_and_written_again_after_a_restart(
     tmp_path: Path, findings: Callable[..., Findings]
 ) -> None:
-    server = OpcuaServer(loops=1)
+    server = OpcuaServer(loops=1, array=300)
     await server.start()
     bench = Bench(server, tmp_path)
     try:

@@ -143,6 +143,8 @@ async def test_the_exchange_array_is_written_only_where_the_site_allows(
             await link.write_register(layout.enable, 1)
         with pytest.raises(LinkError, match=r"the array is too short|index ranges"):
             await link.read_registers(5000, 2)
+        with pytest.raises(LinkError, match="the array is too short"):
+            await link.read_registers(198, 4)
         assert link.connects == 1
     finally:
         await link.close()
