@@ -101,9 +101,11 @@ class OpcuaSession:
         self._client.name = self._client.description = "fieldlink"
         self._client.session_timeout = SESSION_LIFE
         self._nodes: dict[str, Any] = {}
+        self._text_of: dict[Any, str] = {}
         self._namespaces: list[str] = []
         self._subscription: Any = None
         self._latest: dict[str, NodeValue] = {}
+        self._reported = asyncio.Event()
         self._period = 1.0
 
     async def open(self) -> None:
@@ -164,12 +166,22 @@ class OpcuaSession:
         for node, handle in zip(nodes, handles, strict=True):
             if isinstance(handle, ua.StatusCode):
                 self._latest[node] = NodeValue(None, handle.name, False, handle.name in _NOT_THERE)
+        await self._wait_for_first(nodes)
+
+    async def _wait_for_first(self, nodes: Sequence[str]) -> None:
+        """Wait until the server has reported every node once, at most for a time-out."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self._device.timeout):
+                while not all(node in self._latest for node in nodes):
+                    self._reported.clear()
+                    await self._reported.wait()
 
     def datachange_notification(self, node: Any, _: Any, data: Any) -> None:
         """Take a value that the server reports; called by asyncua."""
-        key = next((text for text, known in self._nodes.items() if known == node), None)
+        key = self._text_of.get(node.nodeid)
         if key is not None:
             self._latest[key] = _node_value(data.monitored_item.Value)
+            self._reported.set()
 
     def status_change_notification(self, status: Any) -> None:  # noqa: ARG002
         """Note that the server has ended the subscription; called by asyncua."""
@@ -271,6 +283,7 @@ class OpcuaSession:
         node = self._nodes.get(text)
         if node is None:
             node = self._nodes[text] = self._client.get_node(self._numbered(text))
+            self._text_of[node.nodeid] = text
         return node
 
     def _numbered(self, text: str) -> str:
