@@ -15,7 +15,8 @@ from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import AccessRefusedError, LinkError, LinkUnreachableError
-from fieldlink.links.opcua_session import NodeValue, OpcuaSession, StatusError
+from fieldlink.links.opcua_session import OpcuaSession, StatusError
+from fieldlink.links.opcua_values import NodeValue
 from fieldlink.links.writable import Ranges, find_writable
 from fieldlink.registers import ReadRequest, Tag
 from fieldlink.site import Site

@@ -10,7 +10,6 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from asyncua import Client, ua
@@ -18,12 +17,13 @@ from asyncua.crypto import security_policies
 from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
+from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
 
 if TYPE_CHECKING:
     from fieldlink.links.clock import Clock
     from fieldlink.site import Device, Site
 
-__all__ = ["NodeValue", "OpcuaSession", "StatusError"]
+__all__ = ["OpcuaSession", "StatusError"]
 
 CONNECT_ROUND_TRIPS = 6
 """Hello, channel, endpoints, session, activation and namespaces: each may take a time-out."""
@@ -35,28 +35,6 @@ power must not use up the server's sessions for an hour."""
 KEEPALIVES_MISSED = 3
 """Keep-alives of a subscription that may be missing before its values count as old."""
 
-_STATUS_HELP = {
-    "BadNodeIdUnknown": "check the node id, and that the server has loaded its project",
-    "BadNodeIdInvalid": "check the node id",
-    "BadUserAccessDenied": "give the user the right to it",
-    "BadNotReadable": "give the user the right to read it",
-    "BadNotWritable": "give the user the right to write it",
-    "BadWriteNotSupported": "this server cannot write a part of an array",
-    "BadIndexRangeInvalid": "the array is too short or the server does not support index ranges",
-    "BadIndexRangeNoData": "the array is too short for the exchange area: lengthen it",
-    "BadTypeMismatch": "make exchange_node an array of UInt16",
-}
-_NOT_THERE = frozenset(
-    {
-        "BadNodeIdUnknown",
-        "BadNodeIdInvalid",
-        "BadAttributeIdInvalid",
-        "BadNotReadable",
-        "BadUserAccessDenied",
-    }
-)
-"""Status codes that say that a node cannot be read, now or later, not that its value is bad."""
-
 # asyncua logs what it raises too; the daemon tells it once, in its own words.
 for _name in ("asyncua", "asyncua.client", "asyncua.common"):
     logging.getLogger(_name).addHandler(logging.NullHandler())
@@ -65,23 +43,6 @@ logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
 class StatusError(LinkError):
     """The server answered a request with a bad status code."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeValue:
-    """What the server says about a node.
-
-    Attributes:
-        value: as it came; None with a bad status.
-        status: name of the status code.
-        good: whether the status is good.
-        refused: whether the node cannot be read at all.
-    """
-
-    value: Any
-    status: str
-    good: bool
-    refused: bool
 
 
 class OpcuaSession:
@@ -121,7 +82,7 @@ class OpcuaSession:
         except TimeoutError as error:
             raise self._unreachable(f"no answer within {limit:g} s") from error
         except UaError as error:
-            raise self._unreachable(_status_of(error)) from error
+            raise self._unreachable(status_of(error)) from error
         except (OSError, ValueError) as error:
             raise self._unreachable(getattr(error, "strerror", None) or str(error)) from error
 
@@ -139,7 +100,7 @@ class OpcuaSession:
                 f"{self._device.where} gave {len(values)} values for {len(nodes)} nodes",
                 "look at the server",
             )
-        return [_node_value(value) for value in values]
+        return [node_value(value) for value in values]
 
     async def subscribe(self, nodes: Sequence[str], period: float) -> None:
         """Have the server report values when they change, at most ``period`` seconds old."""
@@ -165,7 +126,7 @@ class OpcuaSession:
         handles = await self._ask("subscribing", begin())
         for node, handle in zip(nodes, handles, strict=True):
             if isinstance(handle, ua.StatusCode):
-                self._latest[node] = NodeValue(None, handle.name, False, handle.name in _NOT_THERE)
+                self._latest[node] = NodeValue(None, handle.name, False, handle.name in NOT_THERE)
         await self._wait_for_first(nodes)
 
     async def _wait_for_first(self, nodes: Sequence[str]) -> None:
@@ -180,7 +141,7 @@ class OpcuaSession:
         """Take a value that the server reports; called by asyncua."""
         key = self._text_of.get(node.nodeid)
         if key is not None:
-            self._latest[key] = _node_value(data.monitored_item.Value)
+            self._latest[key] = node_value(data.monitored_item.Value)
             self._reported.set()
 
     def status_change_notification(self, status: Any) -> None:  # noqa: ARG002
@@ -211,7 +172,7 @@ class OpcuaSession:
         )
         parameters = ua.ReadParameters(NodesToRead=[item])
         found = await self._ask("reading", self._client.uaclient.read(parameters))
-        value = _node_value(found[0])
+        value = node_value(found[0])
         words = value.value if isinstance(value.value, list) else None
         if not value.good or words is None or len(words) != count:
             # A range that reaches beyond the array is answered with what there is of it.
@@ -251,7 +212,7 @@ class OpcuaSession:
                 "raise the timeout, or look at the server's load",
             ) from error
         except UaError as error:
-            raise self._unreachable(f"{what}: {_status_of(error)}") from error
+            raise self._unreachable(f"{what}: {status_of(error)}") from error
         except OSError as error:
             raise self._unreachable(f"{what}: {error.strerror or error}") from error
 
@@ -298,7 +259,7 @@ class OpcuaSession:
         return f"ns={self._namespaces.index(uri)};{rest}"
 
     def _refused(self, what: str, status: str) -> StatusError:
-        help_text = _STATUS_HELP.get(status, "look at the server's diagnostics")
+        help_text = help_for(status)
         return StatusError(self._name, f"{what}: status {status}", help_text)
 
     def _unreachable(self, why: str) -> LinkUnreachableError:
@@ -309,20 +270,5 @@ class OpcuaSession:
         )
 
 
-def _node_value(data: Any) -> NodeValue:
-    status = data.StatusCode or ua.StatusCode(ua.StatusCodes.Good)
-    name = str(status.name)
-    value = None if data.Value is None else data.Value.Value
-    return NodeValue(value, name, bool(status.is_good()), name in _NOT_THERE)
-
-
 def _index_range(first: int, count: int) -> str:
     return str(first) if count == 1 else f"{first}:{first + count - 1}"
-
-
-def _status_of(error: Exception) -> str:
-    """Return the name of the status code behind an error, in one line."""
-    code = getattr(error, "code", None)
-    if code is None:
-        return " ".join(str(error).split()) or "the server's answer makes no sense"
-    return str(ua.StatusCode(code).name)

@@ -102,7 +102,7 @@ async def test_a_block_is_written_acknowledged_and_written_again_after_a_restart
         await bench.enable()
         await bench.until_accepted()
         block = await bench.block()
-        assert (block.stick_band, block.slip_jump, block.seq) == (7.0, 4.0, 1)
+        assert (block.stick_band.value, block.slip_jump.value, block.seq) == (7.0, 4.0, 1)
 
         # the server loses everything; nothing is written until its operator allows it again
         await server.kill()
@@ -118,7 +118,7 @@ async def test_a_block_is_written_acknowledged_and_written_again_after_a_restart
         await bench.enable()
         await bench.until_accepted()
         block = await bench.block()
-        assert (block.stick_band, block.seq) == (7.5, 2)
+        assert (block.stick_band.value, block.seq) == (7.5, 2)
     finally:
         await bench.link.close()
         await server.kill()
