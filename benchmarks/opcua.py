@@ -4,7 +4,9 @@
 
 The server is node-opcua (tests/interop/node), a process of its own. With every step it sets OP of
 loop n to k + n and PV to -(k + n) at one time, so that an OP and a PV of two moments or loops are
-found. The daemon runs with its store; no window is full, so that nothing but sampling is measured.
+found; OP changes four times a second, so that a value of before is found too (stale). The daemon
+runs with its store; no window is full, so that nothing but sampling is measured. In the runs with
+a fault the server is paused for five seconds in the middle.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import signal
 import socket
 import tempfile
 import time
@@ -25,6 +28,9 @@ from fieldlink.site import Site, load_site
 from fieldlink.store import read_samples
 
 NODE = Path(__file__).resolve().parents[1] / "tests" / "interop" / "node"
+PAUSE = 5.0
+"""Seconds for which the server is paused."""
+
 STEP = 0.25
 """Seconds between two steps of the server: several in a period, so that a stale pair shows."""
 
@@ -58,7 +64,17 @@ async def drive(process: asyncio.subprocess.Process) -> None:
         await asyncio.sleep(STEP)
 
 
-async def measure(folder: Path, loops: int, seconds: float, mode: str) -> dict[str, Any]:
+async def pause(process: asyncio.subprocess.Process, after: float) -> None:
+    """Stop the server for a while."""
+    await asyncio.sleep(after)
+    process.send_signal(signal.SIGSTOP)
+    await asyncio.sleep(PAUSE)
+    process.send_signal(signal.SIGCONT)
+
+
+async def measure(
+    folder: Path, loops: int, seconds: float, mode: str, *, fault: bool
+) -> dict[str, Any]:
     """Run the daemon on the server; return its counts."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -76,13 +92,18 @@ async def measure(folder: Path, loops: int, seconds: float, mode: str) -> dict[s
     driving = asyncio.create_task(drive(process))
     site = make_site(folder, port, loops, mode)
     daemon = Daemon(site)
+    pausing: asyncio.Task[None] | None = None
     try:
         running = asyncio.create_task(daemon.run(duration=seconds))
         await daemon.started.wait()
+        if fault:
+            pausing = asyncio.create_task(pause(process, 0.4 * seconds))
         cpu, began = time.process_time(), time.monotonic()
         status = await running
         cpu, passed = time.process_time() - cpu, time.monotonic() - began
     finally:
+        if pausing is not None:
+            await pausing
         driving.cancel()
         with suppress(asyncio.CancelledError):
             await driving
@@ -92,12 +113,16 @@ async def measure(folder: Path, loops: int, seconds: float, mode: str) -> dict[s
     good = samples[samples["quality"] == 0]
     # A loop's PV is its OP with the other sign, at every moment; values before the first step too.
     wrong = int((good["op"] + good["pv"]).abs().gt(1e-9).sum())
+    ordered = good.sort_values(["loop", "slot"])
+    follows = (ordered["loop"] == ordered["loop"].shift()) & (ordered["slot"].diff() == 1)
+    stale = int((follows & (ordered["op"].diff() == 0)).sum())
     counts = [loop.counts for loop in status.loops.values()]
     return {
         "expected": sum(found.expected for found in counts),
         "missed": sum(found.missed for found in counts),
         "bad": sum(found.bad for found in counts),
         "wrong": wrong,
+        "stale": stale,
         "core_percent": 100.0 * cpu / passed,
         "latest_ms": 1000.0 * status.devices["plc"].lateness.largest,
     }
@@ -113,10 +138,12 @@ def main() -> None:
     found: dict[str, dict[str, Any]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for mode in ("read", "subscribe"):
-            found[mode] = asyncio.run(
-                measure(Path(folder) / mode, given.loops, given.seconds, mode)
-            )
-    columns = ["mode", "slots", "missed", "bad", "wrong values", "% of a core", "latest reply, ms"]
+            for fault in (False, True):
+                name = f"{mode}, server paused" if fault else mode
+                found[name] = asyncio.run(
+                    measure(Path(folder) / name, given.loops, given.seconds, mode, fault=fault)
+                )
+    columns = ["run", "slots", "missed", "bad", "wrong", "stale", "% of a core", "latest, ms"]
     rows = [
         [
             mode,
@@ -124,6 +151,7 @@ def main() -> None:
             f"{figures['missed']}",
             f"{figures['bad']}",
             f"{figures['wrong']}",
+            f"{figures['stale']}",
             f"{figures['core_percent']:.1f}",
             f"{figures['latest_ms']:.0f}",
         ]

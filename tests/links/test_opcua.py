@@ -12,6 +12,7 @@ import pytest
 import pytest_asyncio
 
 from fieldlink.links import LinkState, Quality, SystemClock, open_link
+from fieldlink.links.by_hand import Point, read_points
 from fieldlink.links.errors import AccessRefusedError, LinkError
 from fieldlink.site import Site, check
 from tests.links.opcua_server import OpcuaServer
@@ -119,6 +120,16 @@ async def test_a_server_that_is_paused_killed_and_started_again(
     finally:
         await link.close()
         await own.kill()
+
+
+async def test_a_tag_is_read_by_hand(
+    server: OpcuaServer, make_opcua_site: Callable[..., Site]
+) -> None:
+    site = make_opcua_site(server.port, opcua='mode = "subscribe"')
+    await server.tell(step=20)
+    point = Point("plc", site.devices["plc"], site.maps["plc"]["L1.PV"], site)
+    assert [reading.value for reading in await read_points([point])] == [-21.0]
+    assert point.where == f"ns=1;s=L1.PV of plc (opc.tcp://127.0.0.1:{server.port})"
 
 
 async def test_the_exchange_array_is_written_only_where_the_site_allows(
