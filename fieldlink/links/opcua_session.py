@@ -32,8 +32,9 @@ SESSION_LIFE = 60_000.0
 """Milliseconds after which a server may forget a session that is silent: an edge box that loses
 power must not use up the server's sessions for an hour."""
 
-KEEPALIVES_MISSED = 3
-"""Keep-alives of a subscription that may be missing before its values count as old."""
+PERIODS_SILENT = 3.0
+"""Periods without a report, and a second, after which a subscription is given up. The server sends a
+sign of life twice a period."""
 
 # asyncua logs what it raises too; the daemon tells it once, in its own words.
 for _name in ("asyncua", "asyncua.client", "asyncua.common"):
@@ -109,7 +110,7 @@ class OpcuaSession:
         settings = ua.CreateSubscriptionParameters(
             RequestedPublishingInterval=milliseconds,
             RequestedLifetimeCount=100,
-            RequestedMaxKeepAliveCount=2,
+            RequestedMaxKeepAliveCount=1,
             PublishingEnabled=True,
         )
 
@@ -153,15 +154,21 @@ class OpcuaSession:
         return self._latest.get(node)
 
     def check_reports(self) -> None:
-        """Raise when the server reports nothing any more, not even that it is alive."""
+        """Raise when the server has not been heard since the scan before.
+
+        Raises:
+            StatusError: for a period; what it reported before may be old, the session goes on.
+            LinkTimeoutError: for so long that the session is given up.
+        """
         heard = None if self._subscription is None else self._subscription.last_publish_at
         silent = 0.0 if heard is None else self._clock.monotonic() - heard
-        if self._subscription is None or silent > KEEPALIVES_MISSED * self._period + 1.0:
-            raise LinkTimeoutError(
-                self._name,
-                f"{self._device.where} has reported nothing for {silent:.1f} s",
-                "look at the server; the values it reported before are not used",
-            )
+        if self._subscription is not None and silent <= self._period:
+            return
+        what = f"{self._device.where} has reported nothing for {silent:.1f} s"
+        advice = "look at the server; the values it reported before are not used"
+        if self._subscription is None or silent > PERIODS_SILENT * self._period + 1.0:
+            raise LinkTimeoutError(self._name, what, advice)
+        raise StatusError(self._name, what, advice)
 
     async def read_words(self, node: str, first: int, count: int) -> list[int]:
         """Read a part of an array of UInt16."""
