@@ -33,8 +33,8 @@ SESSION_LIFE = 60_000.0
 power must not use up the server's sessions for an hour."""
 
 PERIODS_SILENT = 3.0
-"""Periods without a report, and a second, after which a subscription is given up. The server sends a
-sign of life twice a period."""
+"""Periods without a report, and a second more, after which a subscription is given up; the server
+sends a sign of life twice a period."""
 
 # asyncua logs what it raises too; the daemon tells it once, in its own words.
 for _name in ("asyncua", "asyncua.client", "asyncua.common"):
