@@ -116,7 +116,8 @@ async def test_a_server_that_is_paused_killed_and_started_again(
         await own.start()
         await own.tell(step=9)
         await scan_until(link, lambda s: s["L0.PV"].value == -9.0, "the value after the restart")
-        assert link.connects >= 3
+        # a short pause need not cost the session, the restart does
+        assert link.connects >= 2
     finally:
         await link.close()
         await own.kill()
