@@ -122,7 +122,9 @@ def _point(target: str, text: str, connect: Connect) -> Point:
         owners = [
             name
             for name, tags in site.maps.items()
-            if text in tags and site.devices[name].is_modbus and connect.device in (None, name)
+            if text in tags
+            and (site.devices[name].is_modbus or site.devices[name].is_opcua)
+            and connect.device in (None, name)
         ]
         if len(owners) > 1:
             raise typer.BadParameter(
@@ -177,11 +179,17 @@ def _value(point: Point, reading: Reading) -> str:
 
 
 def _as_dict(point: Point, reading: Reading) -> dict[str, object]:
-    return {
+    tag = point.tag
+    found: dict[str, object] = {
         "value": reading.text if reading.text is not None else reading.value,
         "quality": reading.quality.name.lower(),
-        "unit": point.tag.unit,
-        "table": point.tag.table.value,
-        "address": point.tag.address,
+        "unit": tag.unit,
+        "table": tag.table.value,
+        "address": tag.address,
         "device": point.name,
-    } | ({} if reading.good else {"value": None})
+    }
+    if tag.node:
+        found["node"] = tag.node
+    if not reading.good:
+        found["value"] = None
+    return found

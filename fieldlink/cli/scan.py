@@ -50,6 +50,12 @@ def scan(
     if last < first:
         raise typer.BadParameter(f"{last} is before --first {first}", param_hint="--last")
     found = find_target(target, connect)
+    if found.device.is_opcua:
+        raise typer.BadParameter(
+            f"{found.name} is an OPC UA server, scan looks at Modbus devices; browse it with an "
+            "OPC UA client and name its nodes in the node map",
+            param_hint="TARGET",
+        )
     settings = SurveySettings(
         units=_unit_ids(units) or ((found.device.unit,) if found.site else _usual_units(found)),
         tables=_tables(tables),

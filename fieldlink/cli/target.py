@@ -162,14 +162,14 @@ def find_target(target: str, connect: Connect) -> Target:
 
 
 def _device_of(site: Site, device: str | None) -> str:
-    names = [name for name, found in site.devices.items() if found.is_modbus]
+    names = [name for name, found in site.devices.items() if found.is_modbus or found.is_opcua]
     if device is None and len(names) == 1:
         return names[0]
     if device not in names:
         asked = "name one" if device is None else f"{device!r} is none of them"
         known = ", ".join(names) or "none"
         raise typer.BadParameter(
-            f"the site's Modbus devices are: {known}; {asked}", param_hint="--device"
+            f"the site's devices on a network are: {known}; {asked}", param_hint="--device"
         )
     return device
 

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fieldlink.errors import FieldlinkError
-from fieldlink.links.base import Reading
+from fieldlink.links.base import Link, Reading
 from fieldlink.links.clock import SystemClock
 from fieldlink.links.errors import AccessRefusedError
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.links.registry import open_link
 from fieldlink.registers import DataType, RegisterValueError, Table, Tag, plan_reads
 from fieldlink.site import Device, Site
 
@@ -54,6 +55,8 @@ class Point:
     def where(self) -> str:
         """The place as people write it: table, registers, device."""
         tag = self.tag
+        if tag.node:
+            return f"{tag.node} of {self.name} ({self.device.where})"
         last = f" to {tag.end - 1}" if tag.count > 1 else ""
         place = self.device.where
         # A host is its own name.
@@ -82,6 +85,8 @@ def parse_point(text: str, device: Device) -> Tag:
     Raises:
         ByHandError: it describes none.
     """
+    if device.is_opcua:
+        raise ByHandError(f"{text!r} is no tag of an OPC UA device; add its node to the node map")
     parts = text.split(":")
     table = Table.HOLDING
     if parts[0] in list(Table):
@@ -122,7 +127,7 @@ async def read_points(points: Sequence[Point]) -> list[Reading]:
         LinkError: the device gave none of them.
     """
     first = points[0]
-    link = _link(first, [point.tag for point in points])
+    link = _reader(first, [point.tag for point in points])
     try:
         scan = await link.scan()
     finally:
@@ -187,6 +192,14 @@ async def write_point(point: Point, words: Sequence[int]) -> Reading:
     if scan.failures:
         raise scan.failures[0]
     return scan[tag.name]
+
+
+def _reader(point: Point, tags: Sequence[Tag]) -> Link:
+    if not point.device.is_opcua or point.site is None:
+        return _link(point, tags)
+    asked = point.device.opcua.model_copy(update={"mode": "read"})
+    site = point.site.with_device(point.name, opcua=asked)
+    return open_link(site, point.name)
 
 
 def _link(point: Point, tags: Sequence[Tag]) -> ModbusLink:

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.mqtt import MqttSettings
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 from fieldlink.site.upkeep import (
     EstimationSettings,
@@ -172,6 +173,8 @@ class Loop(Model):
 
     device: str
     """Name of the device that has the loop's tags."""
+    area: str = Field(default="plant", min_length=1)
+    """Part of the plant that the loop belongs to, for topics and reports."""
     op: str
     """Tag of the controller output."""
     pv: str
@@ -228,3 +231,5 @@ class SiteFile(Model):
     """The endpoints for health and metrics."""
     report: ReportSettings = ReportSettings()
     """The work list and its schedule."""
+    mqtt: MqttSettings | None = None
+    """Publishing to an MQTT broker."""

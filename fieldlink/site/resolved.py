@@ -14,6 +14,7 @@ from fieldlink.registers import ReadRequest, Tag, plan_reads
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
+from fieldlink.site.node_plan import plan_nodes
 from fieldlink.site.polling import poll_period, polls_by_tag
 from fieldlink.site.upkeep import EstimationSettings, HistorianTable, ReportSettings, WebSettings
 
@@ -126,6 +127,8 @@ class Site:
         tags = self.maps.get(device, {})
         if not tags:
             return ()
+        if settings.is_opcua:
+            return plan_nodes(tags, self.loops_of(device).values(), settings.opcua.max_nodes)
         return plan_reads(
             tags.values(),
             settings.max_gap,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from fieldlink.site.base import is_loopback
 from fieldlink.site.device import Model, Seconds
 
 __all__ = ["EstimationSettings", "HistorianTable", "ReportSettings", "WebSettings"]
@@ -91,10 +91,7 @@ class WebSettings(Model):
     @property
     def is_local(self) -> bool:
         """Whether only this machine can reach it."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        return is_loopback(self.host)
 
     @model_validator(mode="after")
     def _guarded(self) -> Self:
