@@ -6,6 +6,7 @@ from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.last_blocks import last_blocks
+from fieldlink.store.last_events import last_events
 from fieldlink.store.queries import (
     read_averages,
     read_estimates,
@@ -42,6 +43,7 @@ __all__ = [
     "back_up",
     "export",
     "last_blocks",
+    "last_events",
     "read_averages",
     "read_estimates",
     "read_events",
