@@ -218,7 +218,10 @@ class Daemon:
                 f"the window of loop {loop.name} is {loop.pipeline.filled:.0%} full; it is judged "
                 "when it is full"
             )
-        spawn(self._judge_window(loop.name, loop, by_hand=True), f"estimate {loop.name} by hand")
+        name = f"{_job(loop.name)} by hand"
+        if any(task.get_name() == name for task in self._judging):
+            raise OrderError(f"the window of loop {loop.name} is being judged already")
+        self._judging.add(spawn(self._judge_window(loop.name, loop, by_hand=True), name))
 
     def _answer(self, request: Mapping[str, object]) -> Mapping[str, object]:
         """Answer a request that came through the control socket."""

@@ -247,14 +247,12 @@ def estimate(request: EstimateRequest) -> Estimate:
     except EstimatorError as error:
         return Estimate.failed(request, EstimateOutcome.REFUSED, str(error))
     findings = Findings.of(result)
+    figures = window_figures(window, request.period)
     return Estimate(
         request.loop,
         window.first_slot,
         window.last_slot,
         window.end_utc,
         EstimateOutcome.ESTIMATED,
-        findings=replace(
-            findings,
-            document={**findings.document, "window": window_figures(window, request.period)},
-        ),
+        findings=replace(findings, document={**findings.document, "window": figures}),
     )

@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator import EstimatorError
 from estimator.monitoring.indices import oscillation, valve_wear
 from fieldlink.daemon.windows.window import WindowData
 
 __all__ = ["window_figures"]
+
+Floats = NDArray[np.float64]
 
 REGULAR = 1.0
 """Regularity from which an oscillation has a period: Thornhill, Huang and Zhang (2003)."""
@@ -35,8 +38,8 @@ def window_figures(window: WindowData, period: float) -> dict[str, float | None]
 
     Returns:
         ``swing_period_s``: period of a regular oscillation of the control error (of PV without a
-        set-point); ``travel_per_day`` and ``reversals_per_day``: of OP, per plant day; ``automatic``
-        and ``saturated``: shares of the window; ``good``: share of slots with good OP and PV;
+        set-point); ``travel_per_day``, ``reversals_per_day``: of OP, per plant day; ``automatic``,
+        ``saturated``: shares of the window; ``good``: share of slots with good OP and PV;
         ``pv_std``: standard deviation of the control error (of PV).
     """
     error = window.pv if window.sp is None else window.pv - window.sp
@@ -61,12 +64,12 @@ def window_figures(window: WindowData, period: float) -> dict[str, float | None]
     return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
 
-def _mean(values: np.ndarray) -> float:
+def _mean(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return float(np.mean(known)) if known.size else math.nan
 
 
-def _saturated(op: np.ndarray) -> float:
+def _saturated(op: Floats) -> float:
     """Share of the samples in flat runs at OP's highest or lowest value."""
     known = op[np.isfinite(op)]
     span = float(np.ptp(known)) if known.size else 0.0
@@ -78,4 +81,4 @@ def _saturated(op: np.ndarray) -> float:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
         runs = edges[1::2] - edges[::2]
         flat += int(runs[runs >= LEAST_AT_LIMIT].sum())
-    return flat / known.size
+    return flat / int(known.size)
