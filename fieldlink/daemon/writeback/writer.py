@@ -4,7 +4,8 @@ Every two plant seconds `BlockWriter.service` reads the exchange area, beats the
 for the PLC's acknowledgement, and makes at most one attempt:
 
     sole writer? - no operator's order against it? - enable bit set? - minimum interval over?
-    do banks and acknowledgement agree? - do the rules (`rules`) allow it now? - may it replace what is in force?
+    do banks and acknowledgement agree? - do the rules (`rules`) allow it now?
+    may it replace what is in force?
     store what is about to be written - once that is stored, and the rules still allow it: write,
     read back, read enable and acknowledgement again, commit (`handover`)
 
