@@ -24,6 +24,7 @@ from fieldlink.cli import (
     simulate,
     site,
     standing,
+    web,
 )
 
 __all__ = ["app", "main"]
@@ -44,6 +45,7 @@ app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("simulate")(simulate.simulate)
 app.command("compensate")(compensate.compensate)
+app.command("web")(web.web)
 app.command("status")(standing.status)
 app.command("events")(standing.events)
 app.command("withdraw")(standing.withdraw)

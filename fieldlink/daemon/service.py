@@ -115,6 +115,16 @@ class Daemon:
         self._reloads = self._refused = 0
         self.started = asyncio.Event()
 
+    @property
+    def site(self) -> Site:
+        """The site that is in force now."""
+        return self._site
+
+    @property
+    def since(self) -> float:
+        """When the daemon began, seconds since 1970; 0 before that."""
+        return self._since
+
     def status(self) -> DaemonStatus:
         """Return a snapshot; may be called at any time."""
         return self._assembly.status(

@@ -74,9 +74,7 @@ def _live(name: str, device: DeviceStatus | None, status: DaemonStatus | None) -
         "polls": device.polls,
         "skipped_polls": device.late,
         "requests": device.requests,
-        "requests_per_second": round(device.requests / device.plant_time, 2)
-        if device.plant_time > 1.0
-        else None,
+        "requests_per_poll": round(device.requests / device.polls, 1) if device.polls else None,
         "exceptions": device.failures,
         "connects": device.connects,
         "late_replies": device.late_replies,

@@ -19,6 +19,9 @@ __all__ = ["ATTEMPTS", "loop_document"]
 ATTEMPTS = 60
 """Write-back attempts and decisions that a loop's page lists."""
 
+WINDOW = 800
+"""Samples of a window where no site file tells: the site file's own default."""
+
 ORDERS = 30
 """Orders of operators that a loop's page lists."""
 
@@ -43,11 +46,11 @@ def loop_document(
     return {
         **row,
         "estimate": _estimate(judged),
-        "why": why(row, judged, last),
+        "why": why(judged, last),
         "surer": what_would_help(row, judged, settings),
         "course": _course(view, name),
         "compensation": before_and_after(
-            queries, name, 800 if settings is None else settings.window
+            queries, name, WINDOW if settings is None else settings.window
         ),
         "written": [_attempt(one) for one in queries.attempts(name, ATTEMPTS)],
         "orders": [

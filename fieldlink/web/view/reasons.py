@@ -24,11 +24,10 @@ WIDE = 0.25
 """Half width of an interval over its value from which a longer window is worth its time."""
 
 
-def why(row: Mapping[str, Any], judged: Row | None, last: Row | None) -> list[str]:
+def why(judged: Row | None, last: Row | None) -> list[str]:
     """Return the reasons of the newest verdict as sentences.
 
     Args:
-        row: the loop's row of the fleet.
         judged: the newest estimate with a verdict.
         last: the newest estimate of all.
     """
