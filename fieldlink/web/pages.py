@@ -127,7 +127,8 @@ class _Pages:
 
     def fleet_changes(self, request: Request, status: DaemonStatus | None) -> Response:
         _, fleet = self._source.fleet(status)
-        known = _number(request, "revision", -1)
+        known = _number(request, "revision", None)
+        known = -1.0 if known is None else known
         largest = _largest(fleet.rows)
         return json_answer(
             request,

@@ -58,7 +58,7 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
         yield None
         return
     source = Source.of_daemon(daemon)
-    access = _access_of(site, source)
+    access = _access_of(site)
     config = _configure(make_app(daemon, source, access), site)
     try:
         listener = _listen(settings.host, settings.port)
@@ -126,7 +126,7 @@ def page_address(site: Site, port: int) -> str:
     return f"{scheme}://{host}:{port}/"
 
 
-def _access_of(site: Site, source: Source) -> Access:
+def _access_of(site: Site) -> Access:
     """Return who may look and act: by the site file's token, or by one drawn for actions."""
     settings = site.web
     if settings.token_file is not None:
