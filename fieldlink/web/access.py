@@ -20,7 +20,14 @@ from starlette.requests import Request
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["COOKIE", "SESSION_SECONDS", "Access", "is_local_name", "make_operator_token"]
+__all__ = [
+    "COOKIE",
+    "SESSION_SECONDS",
+    "TOKEN_FILE",
+    "Access",
+    "is_local_name",
+    "make_operator_token",
+]
 
 COOKIE = "fieldlink_session"
 

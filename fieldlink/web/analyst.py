@@ -7,12 +7,13 @@ and memory, and is replaced when it ends.
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import math
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any
@@ -31,8 +32,11 @@ LIMIT = 60.0
 MEMORY = 1_500_000_000
 """Bytes for the process: what the daemon gives a worker."""
 
-BATCH = 10
-"""Courses in one task: about half a second, for which a map that is asked for has to wait."""
+BATCH = 3
+"""Courses in one task: about a second, for which a map that is asked for has to wait."""
+
+KEPT = 8
+"""Explanations that are kept: those of the loops that somebody looks at now."""
 
 Point = tuple[float, float, float, float, float, float, float]
 """Seconds, then S and J, each with the bounds of its interval; NaN for what is unknown."""
@@ -81,25 +85,32 @@ class Explanation:
 
 
 class Analyst:
-    """Runs the pages' computations; every method may be called from any thread."""
+    """Runs the pages' computations; every method may be called from any thread.
+
+    One thread hands the tasks over, each when the one before is done: starting the process takes
+    seconds, and no request waits for that.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
+        self._hands = ThreadPoolExecutor(1, thread_name_prefix="analyst")
         self._waiting: deque[tuple[str, list[Point], float | None]] = deque()
         self._courses: dict[str, Course | None] = {}
-        self._batch: Future[Any] | None = None
+        self._at_work = False
         self._explained: dict[tuple[str, int], Future[Explanation]] = {}
 
     def close(self) -> None:
         """End the process; what it is doing is lost."""
+        self._hands.shutdown(wait=False, cancel_futures=True)
         with self._lock:
-            pool, self._pool = self._pool, None
+            pool = self._pool
             self._waiting.clear()
         if pool is not None:
             for process in dict(getattr(pool, "_processes", None) or {}).values():
                 process.kill()
             pool.shutdown(wait=True, cancel_futures=True)
+        self._hands.shutdown(wait=True)
 
     def course(
         self, key: str, points: Callable[[], list[Point]], limit: float | None
@@ -115,7 +126,9 @@ class Analyst:
             if key not in self._courses:
                 self._courses[key] = None
                 self._waiting.append((key, points(), limit))
-                self._begin_batch()
+                if not self._at_work:
+                    self._at_work = True
+                    self._hands.submit(self._follow_batch)
             return self._courses[key]
 
     def forget(self, key: str) -> None:
@@ -128,38 +141,36 @@ class Analyst:
         with self._lock:
             known = self._explained.get((loop, number))
             if known is None or (known.done() and known.exception() is not None):
-                while len(self._explained) >= 8:
+                while len(self._explained) >= KEPT:
                     del self._explained[next(iter(self._explained))]
-                known = self._submit(explain_window, samples)
+                known = self._hands.submit(self._run, explain_window, samples)
                 self._explained[loop, number] = known
             return known
 
-    def _submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    def _follow_batch(self) -> None:
+        with self._lock:
+            batch = [self._waiting.popleft() for _ in range(min(BATCH, len(self._waiting)))]
+        try:
+            found = self._run(follow_valves, batch)
+        except Exception as error:  # noqa: BLE001  (told; the table goes on without these trends)
+            _log.warning("web.course_failed", error=str(error) or "the process ended")
+            found = {}
+        with self._lock:
+            self._courses |= {key: value for key, value in found.items() if key in self._courses}
+            self._at_work = bool(self._waiting)
+            if self._at_work:
+                with contextlib.suppress(RuntimeError):  # the server is ending
+                    self._hands.submit(self._follow_batch)
+
+    def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Run a task in the process, which is replaced when it has ended."""
         if self._pool is None:
             self._pool = _new_pool()
         try:
-            return self._pool.submit(_bounded, LIMIT, function, *arguments)
+            return self._pool.submit(_bounded, LIMIT, function, *arguments).result()
         except BrokenProcessPool:
             self._pool = _new_pool()
-            return self._pool.submit(_bounded, LIMIT, function, *arguments)
-
-    def _begin_batch(self) -> None:
-        if self._batch is not None or not self._waiting:
-            return
-        batch = [self._waiting.popleft() for _ in range(min(BATCH, len(self._waiting)))]
-        self._batch = self._submit(follow_valves, batch)
-        self._batch.add_done_callback(self._end_batch)
-
-    def _end_batch(self, done: Future[dict[str, Course | None]]) -> None:
-        with self._lock:
-            self._batch = None
-            error = None if done.cancelled() else done.exception()
-            if error is not None:
-                _log.warning("web.course_failed", error=str(error) or type(error).__name__)
-            elif not done.cancelled():
-                self._courses |= {k: v for k, v in done.result().items() if k in self._courses}
-            if self._pool is not None:
-                self._begin_batch()
+            raise
 
 
 def _new_pool() -> ProcessPoolExecutor:

@@ -176,11 +176,14 @@ async def _serving(
     quiet = QuietLog()
     logging.getLogger("uvicorn.error").addFilter(quiet)
     task = asyncio.create_task(server.serve([listener]), name="web")
+    # The store is read once in full: that has begun when the first page is asked for.
+    reading = asyncio.create_task(asyncio.to_thread(source.read_ahead), name="web store")
     try:
         yield
     finally:
         server.should_exit = True
         await task
+        await reading
         listener.close()
         await asyncio.to_thread(source.close)
         logging.getLogger("uvicorn.error").removeFilter(quiet)

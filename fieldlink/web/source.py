@@ -8,15 +8,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import structlog
+
 from fieldlink.daemon import Daemon, DaemonStatus
 from fieldlink.daemon.orders import Order
 from fieldlink.site import Site
+from fieldlink.store import StoreError
 from fieldlink.store.database import file_of
 from fieldlink.web.analyst import Analyst
 from fieldlink.web.view.fleet import Fleet, FleetView
 from fieldlink.web.view.store_queries import StoreQueries
 
 __all__ = ["Source"]
+
+_log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +114,20 @@ class Source:
         view = self._open().view
         return view, view.look(status)
 
+    def read_ahead(self) -> None:
+        """Read the store before anybody asks; a store that is not there yet is read later."""
+        try:
+            self._open().view.read_ahead()
+        except StoreError as error:
+            _log.info("web.store_later", error=str(error))
+
     def close(self) -> None:
         """Close the store and end the computations."""
         self.analyst.close()
         with self._lock:
             opened, self._opened = self._opened, None
         if opened is not None:
+            opened.view.close()
             opened.queries.close()
 
     def _open(self) -> _Opened:
@@ -124,6 +137,7 @@ class Source:
             if opened is not None and opened.identity == identity:
                 return opened
             if opened is not None:
+                opened.view.close()
                 opened.queries.close()
                 self._opened = None
             queries = StoreQueries(self._url)

@@ -13,8 +13,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import structlog
+
 from fieldlink.daemon import DaemonStatus, LoopStatus
 from fieldlink.site import Site
+from fieldlink.store import StoreError
 from fieldlink.store.schema import ESTIMATES, WRITEBACKS
 from fieldlink.web.analyst import Analyst, Course, Point
 from fieldlink.web.view.block_state import block_document
@@ -22,6 +25,8 @@ from fieldlink.web.view.store_queries import DAY_MS, Row, StoreQueries
 from fieldlink.web.view.words import iso_time, verdict_of
 
 __all__ = ["Document", "Fleet", "FleetView"]
+
+_log = structlog.get_logger(__name__)
 
 Document = dict[str, Any]
 
@@ -31,8 +36,9 @@ REFRESH_EVERY = 1.0
 SERIES_MS = 400 * DAY_MS
 """How far back the trend looks: a year and the weeks around it."""
 
-DAILY_MS = 42 * DAY_MS
-"""The newest part of the trend, in which every day counts; before that every week."""
+BUCKETS = ((DAY_MS, DAY_MS // 24), (21 * DAY_MS, DAY_MS), (SERIES_MS, 7 * DAY_MS))
+"""How the trend is thinned: the last estimate of each hour of a day, of each day of three weeks, of
+each week before that."""
 
 NEWEST = 40
 """Points of a trend that are younger than a day: half-hourly windows of a shift or two."""
@@ -90,6 +96,7 @@ class FleetView:
         self._site = site
         self._analyst = analyst
         self._lock = threading.Lock()
+        self._reader: threading.Thread | None = None
         self._known: dict[str, _Known] = {}
         self._seen = {"estimates": 0, "writebacks": 0}
         self._courses: dict[str, str] = {}
@@ -113,6 +120,22 @@ class FleetView:
                 self._fleet = self._refresh(status)
                 self._due = time.monotonic() + REFRESH_EVERY
             return self._fleet
+
+    def read_ahead(self) -> None:
+        """Read what the store has of every loop, before somebody looks.
+
+        Raises:
+            StoreError: the store cannot be read.
+        """
+        with self._lock:
+            names = [name for name in self._names(self._site()) if name not in self._known]
+            if names:
+                self._load(names, round(time.time() * 1000.0))
+
+    def close(self) -> None:
+        """Wait for what is being read."""
+        if self._reader is not None:
+            self._reader.join()
 
     def points_of(self, loop: str) -> list[Row]:
         """Return the estimates that make a loop's trend, oldest first, without documents."""
@@ -166,14 +189,28 @@ class FleetView:
         for name, row in judged.items():
             if row["verdict"] is not None:
                 self._known[name].judged = row
-        one = names[0] if len(names) == 1 else ""
-        for since, bucket in ((SERIES_MS, 7 * DAY_MS), (DAILY_MS, DAY_MS), (DAY_MS, DAY_MS // 24)):
-            for row in self._queries.thinned_estimates(now_ms - since, bucket, one):
-                self._add_point(row)
+        # Points of trends are many: they come after the first view, not before it.
+        self._reader = threading.Thread(
+            target=self._read_points, args=(now_ms,), name="trend points", daemon=True
+        )
+        self._reader.start()
         for event in self._queries.events("operator.annotate", now_ms - SERIES_MS, 10_000):
             known = self._known.get(event["source"])
             if known is not None and known.annotated_ms is None:
                 known.annotated_ms = event["utc_ms"]
+
+    def _read_points(self, now_ms: int) -> None:
+        """Read the points of every loop's trend, the newest first."""
+        try:
+            for since, bucket in BUCKETS:
+                rows = self._queries.thinned_estimates(now_ms - since, bucket)
+                with self._lock:
+                    for row in rows:
+                        known = self._known.get(row["loop"])
+                        if known is not None and row["verdict"] is not None:
+                            known.points[row["window_end_ms"]] = row
+        except StoreError as error:
+            _log.warning("web.no_trends", error=str(error))
 
     def _read_new(self, now_ms: int) -> None:
         for row in self._queries.estimates_after(self._seen["estimates"]):
@@ -210,6 +247,8 @@ class FleetView:
         return [known.points[key] for key in sorted(known.points) if key > since]
 
     def _course(self, name: str, known: _Known) -> Course | None:
+        if known.judged is None or known.judged["verdict"] != "stiction":
+            return None
         points = self._trend_points(known)
         if len(points) < 3:
             return None

@@ -22,7 +22,22 @@ Row = dict[str, Any]
 
 DAY_MS = 86_400_000
 
-_PLAIN = [column for column in ESTIMATES.c if column.name != "document"]
+_PLAIN = [
+    ESTIMATES.c[name]
+    for name in (
+        "id",
+        "loop",
+        "window_end_ms",
+        "verdict",
+        "stick_band",
+        "stick_band_low",
+        "stick_band_high",
+        "slip_jump",
+        "slip_jump_low",
+        "slip_jump_high",
+    )
+]
+"""What a trend needs of an estimate."""
 _CHUNK = 500
 """Keys in one IN list: SQLite takes 32,766, older ones 999."""
 
@@ -107,7 +122,7 @@ class StoreQueries:
         return int(next(iter(self._rows(select(func.max(table.c.id)))[0].values())) or 0)
 
     def thinned_estimates(self, since_ms: int, bucket_ms: int, loop: str = "") -> list[Row]:
-        """Return the last estimate of each loop in each bucket of time, without documents.
+        """Return the last estimate of each loop in each bucket of time: what a trend needs of it.
 
         Args:
             since_ms: from when on.
@@ -122,20 +137,8 @@ class StoreQueries:
             .group_by(c.loop, c.utc_ms // bucket_ms)
             .subquery()
         )
-        query = select(*_PLAIN).join(last, c.id == last.c.id).order_by(c.utc_ms, c.id)
+        query = select(*_PLAIN).join(last, c.id == last.c.id).order_by(c.id)
         return self._rows(query)
-
-    def newest_estimates(self, loop: str, most: int) -> list[Row]:
-        """Return the newest estimates of a loop, oldest first, without documents."""
-        c = ESTIMATES.c
-        query = select(*_PLAIN).where(c.loop == loop).order_by(c.utc_ms.desc(), c.id.desc())
-        return self._rows(query.limit(most))[::-1]
-
-    def estimate(self, loop: str, number: int) -> Row | None:
-        """Return one estimate of a loop, None when there is none of that number."""
-        c = ESTIMATES.c
-        found = self._rows(select(ESTIMATES).where(c.loop == loop, c.id == number))
-        return found[0] if found else None
 
     def attempts(self, loop: str, most: int) -> list[Row]:
         """Return the newest write-back attempts and decisions of a loop, newest first."""
