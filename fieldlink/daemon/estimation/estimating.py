@@ -223,9 +223,14 @@ class InlineEstimator:
 
 def warm_up() -> None:
     """Load the estimator's kernels."""
+    import numpy as np
+
     from estimator import warm_up as load
+    from fieldlink.daemon.estimation.window_figures import window_figures
 
     load()
+    ramp = np.arange(64.0)
+    window_figures(WindowData(ramp, ramp, None, None, 0, 63, 0.0), 1.0)
 
 
 def estimate(request: EstimateRequest) -> Estimate:

@@ -43,6 +43,9 @@ each week before that."""
 NEWEST = 40
 """Points of a trend that are younger than a day: half-hourly windows of a shift or two."""
 
+ACCEPTED_MS = 35 * DAY_MS
+"""How far back an accepted block is looked for: blocks are valid for a day and renewed before."""
+
 STALE_AFTER_MS = 600_000
 """A store whose newest sample is older than this is not being written."""
 
@@ -53,7 +56,9 @@ class _Known:
 
     last: Row | None = None
     judged: Row | None = None
+    sticky: Row | None = None
     attempt: Row | None = None
+    accepted: Row | None = None
     points: dict[int, Row] = field(default_factory=dict)
     annotated_ms: int | None = None
 
@@ -142,13 +147,27 @@ class FleetView:
         known = self._known.get(loop)
         return [] if known is None else [known.points[key] for key in sorted(known.points)]
 
+    def judged_of(self, loop: str, status: DaemonStatus | None) -> Row | None:
+        """Return the estimate that a loop's verdict rests on, None before the first.
+
+        While the PLC's controller uses a model, its windows cannot show the valve: the verdict is
+        that of the window in which the valve was last seen to stick.
+        """
+        known = self._known.get(loop)
+        if known is None:
+            return None
+        live = None if status is None else status.loops.get(loop)
+        if known.sticky is not None and _compensates(known, live):
+            return known.sticky
+        return known.judged
+
     def course_of(self, loop: str) -> tuple[list[Row], Course | None]:
         """Return the points of a loop since its last annotation, and its course through them."""
         known = self._known.get(loop)
         if known is None:
             return [], None
         points = self._trend_points(known)
-        return points, self._course(loop, known)
+        return points, self._course(loop, known, known.sticky or known.judged)
 
     def _refresh(self, status: DaemonStatus | None) -> Fleet:
         now_ms = round(time.time() * 1000.0)
@@ -180,6 +199,15 @@ class FleetView:
         for name in names:
             self._known[name] = _Known()
         last = self._queries.last_estimates(names)
+        recent = WRITEBACKS.c.utc_ms > now_ms - ACCEPTED_MS
+        accepted = self._queries.last_of(
+            WRITEBACKS, names, WRITEBACKS.c.outcome == "accepted", recent
+        )
+        valid = [name for name, row in accepted.items() if row["status"] == "valid"]
+        sticky = self._queries.last_of(ESTIMATES, valid, ESTIMATES.c.verdict == "stiction")
+        for name in names:
+            self._known[name].accepted = accepted.get(name)
+            self._known[name].sticky = sticky.get(name)
         doubtful = [name for name, row in last.items() if row["verdict"] is None]
         judged = {**last, **self._queries.last_judged(doubtful)}
         for name, row in self._queries.last_attempts(names).items():
@@ -219,14 +247,21 @@ class FleetView:
             if known is None:
                 continue
             known.last = row
+            if row["verdict"] == "stiction":
+                known.sticky = row
             if row["verdict"] is not None:
                 known.judged = row
                 self._add_point({key: row[key] for key in row if key != "document"})
         newest = self._queries.newest_id(WRITEBACKS)
         if newest != self._seen["writebacks"]:
-            self._seen["writebacks"] = newest
-            for name, row in self._queries.last_attempts(list(self._known)).items():
-                self._known[name].attempt = row
+            before, self._seen["writebacks"] = self._seen["writebacks"], newest
+            for row in self._queries.attempts_after(before):
+                known = self._known.get(row["loop"])
+                if known is None:
+                    continue
+                known.attempt = row
+                if row["outcome"] == "accepted":
+                    known.accepted = row
         for event in self._queries.events("operator.annotate", now_ms - 60_000, 1000)[::-1]:
             if (known := self._known.get(event["source"])) is not None:
                 known.annotated_ms = event["utc_ms"]
@@ -246,8 +281,8 @@ class FleetView:
         since = known.annotated_ms or 0
         return [known.points[key] for key in sorted(known.points) if key > since]
 
-    def _course(self, name: str, known: _Known) -> Course | None:
-        if known.judged is None or known.judged["verdict"] != "stiction":
+    def _course(self, name: str, known: _Known, judged: Row | None) -> Course | None:
+        if judged is None or judged["verdict"] != "stiction":
             return None
         points = self._trend_points(known)
         if len(points) < 3:
@@ -279,13 +314,14 @@ class FleetView:
     ) -> Document:
         known = self._known[name]
         live = None if status is None else status.loops.get(name)
-        judged = known.judged
+        judged = self.judged_of(name, status)
         document: Mapping[str, Any] = {} if judged is None else judged["document"] or {}
-        window = document.get("window") or {}
+        newest = known.judged["document"] or {} if known.judged is not None else {}
+        window = newest.get("window") or {}
         verdict = None if judged is None else judged["verdict"]
         looks = verdict_of(verdict, uncertain=bool(document.get("uncertain")))
         limit = self._limit(name)
-        course = self._course(name, known)
+        course = self._course(name, known, judged)
         stick_band = _interval(judged, "stick_band")
         effect = (document.get("evidence") or {}).get("effect") if verdict == "stiction" else None
         device = _device_of(name, site, live)
@@ -295,6 +331,7 @@ class FleetView:
             "device": device,
             "verdict": verdict,
             "uncertain": bool(document.get("uncertain")),
+            "compensated": _compensates(known, live),
             "order": looks.order,
             "urgency": _urgency(effect, stick_band["value"], limit),
             "score": None if judged is None else judged["score"],
@@ -306,7 +343,7 @@ class FleetView:
             "trend_low": None if course is None else course.trend_per_week[1],
             "trend_high": None if course is None else course.trend_per_week[2],
             "days_to_limit": days,
-            "since": iso_time(self._since(known)),
+            "since": iso_time(_since(known, judged)),
             "annotated": iso_time(known.annotated_ms),
             "swing_period_s": window.get("swing_period_s"),
             "avoidable": None if effect is None else min(1.0, max(0.0, effect)),
@@ -322,15 +359,6 @@ class FleetView:
             "message": _message(known),
         }
 
-    def _since(self, known: _Known) -> int | None:
-        """End of the first window of the newest run of windows with the same verdict."""
-        begin: int | None = None
-        for key in sorted(known.points, reverse=True):
-            if known.judged is None or known.points[key]["verdict"] != known.judged["verdict"]:
-                break
-            begin = key
-        return begin
-
     def _note_changes(self, rows: list[Document]) -> None:
         changed = [row for row in rows if self._rows.get(row["name"]) != row]
         if changed or len(rows) != len(self._rows):
@@ -339,6 +367,27 @@ class FleetView:
             self._revisions[row["name"]] = self._revision
         self._rows = {row["name"]: row for row in rows}
         self._revisions = {row["name"]: self._revisions[row["name"]] for row in rows}
+
+
+def _since(known: _Known, judged: Row | None) -> int | None:
+    """End of the first window of the run of windows with the verdict, up to the judged one."""
+    begin: int | None = None
+    if judged is None:
+        return None
+    for key in sorted(known.points, reverse=True):
+        if key > judged["window_end_ms"]:
+            continue
+        if known.points[key]["verdict"] != judged["verdict"]:
+            break
+        begin = key
+    return begin
+
+
+def _compensates(known: _Known, live: LoopStatus | None) -> bool:
+    """Whether the PLC's controller uses a model of a sticky valve, as far as known."""
+    if live is not None and live.in_use is not None:
+        return live.in_use
+    return known.accepted is not None and known.accepted["status"] == "valid"
 
 
 def _urgency(effect: float | None, stick_band: float | None, limit: float | None) -> float:
@@ -362,7 +411,8 @@ def _points(rows: list[Row]) -> list[Point]:
     made: list[Point] = []
     for row in rows:
         S, J = ([number(row[name]) for name in three] for three in (names, jumps))
-        if row["verdict"] == "not_assessable":
+        if row["verdict"] != "stiction":
+            # A healthy window may be one under compensation: neither tells how much it sticks.
             S, J = [math.nan] * 3, [math.nan] * 3
         made.append((row["window_end_ms"] / 1000.0, S[0], S[1], S[2], J[0], J[1], J[2]))
     return made
