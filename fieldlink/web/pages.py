@@ -28,6 +28,7 @@ from fieldlink.web.view.cost_map import cost_map
 from fieldlink.web.view.curves import RAW, curves, phase
 from fieldlink.web.view.devices import devices_document
 from fieldlink.web.view.loop_page import loop_document
+from fieldlink.web.view.store_queries import Row
 
 __all__ = ["page_routes"]
 
@@ -196,7 +197,7 @@ class _Pages:
         found = curves(
             queries,
             name,
-            queries.last_judged([name]).get(name),
+            self._judged(name, status),
             since_ms=None if since is None else round(since * 1000.0),
             until_ms=None if until is None else round(until * 1000.0),
             points=round(_number(request, "points", RAW) or RAW),
@@ -205,7 +206,7 @@ class _Pages:
 
     def api_window(self, request: Request, status: DaemonStatus | None) -> Response:
         name, queries = self._known(request, status), self._source.queries()
-        judged = None if name is None else queries.last_judged([name]).get(name)
+        judged = None if name is None else self._judged(name, status)
         if judged is None:
             return self._missing(request, status)
         return json_answer(
@@ -214,7 +215,7 @@ class _Pages:
 
     def api_map(self, request: Request, status: DaemonStatus | None) -> Response:
         name, queries = self._known(request, status), self._source.queries()
-        judged = None if name is None else queries.last_judged([name]).get(name)
+        judged = None if name is None else self._judged(name, status)
         if judged is None:
             return self._missing(request, status)
         found = cost_map(queries, self._source.analyst, judged, self._source.site)
@@ -300,6 +301,10 @@ class _Pages:
         _, fleet = self._source.fleet(status)
         name = str(request.path_params["name"])
         return name if any(row["name"] == name for row in fleet.rows) else None
+
+    def _judged(self, name: str, status: DaemonStatus | None) -> Row | None:
+        view, _ = self._source.fleet(status)
+        return view.judged_of(name, status)
 
     def _frame(self, status: DaemonStatus | None, page: str) -> dict[str, Any]:
         return {

@@ -28,6 +28,13 @@ const TIME_AXIS = {
 
 const digits = (value) => value == null ? "\u2013" : Number(value.toPrecision(4)).toString();
 
+// A flat line is drawn in the middle of one unit.
+function spread(low, high) {
+  if (low == null) return [0, 1];
+  const margin = Math.max(0.05 * (high - low), high - low < 1e-9 ? 0.5 : 0);
+  return [low - margin, high + margin];
+}
+
 class Trend {
   constructor(name) {
     this.name = name;
@@ -44,7 +51,7 @@ class Trend {
       return new uPlot({
         width: holder.clientWidth, height, legend: { show: false }, pxAlign: 0,
         cursor: { sync: { key: sync.key, setSeries: false }, drag: { x: true, y: false, setScale: false } },
-        scales: { x: { time: true } },
+        scales: { x: { time: true }, y: { range: (_, low, high) => spread(low, high) } },
         axes: [TIME_AXIS, axis(label)],
         series: [{}, ...lines],
         hooks: {

@@ -40,7 +40,9 @@ def devices_document(
         devices.append(
             {
                 "name": name,
-                "address": "" if site is None or name not in site.devices else _where(site, name),
+                "address": ""
+                if site is None or name not in site.devices
+                else site.devices[name].where,
                 "loops": [] if site is None else list(site.loops_of(name)),
                 "events": last,
                 **_live(name, live, status),
@@ -53,11 +55,6 @@ def _named(site: Site | None) -> list[str]:
     if site is None:
         return []
     return list(dict.fromkeys(loop.device for loop in site.loops.values()))
-
-
-def _where(site: Site, name: str) -> str:
-    device = site.devices[name]
-    return f"{device.where}, unit {device.unit}" if device.is_modbus else device.where
 
 
 def _live(name: str, device: DeviceStatus | None, status: DaemonStatus | None) -> dict[str, Any]:

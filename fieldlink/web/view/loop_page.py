@@ -16,8 +16,8 @@ from fieldlink.web.view.words import iso_time
 
 __all__ = ["ATTEMPTS", "loop_document"]
 
-ATTEMPTS = 60
-"""Write-back attempts and decisions that a loop's page lists."""
+ATTEMPTS = 200
+"""Write-back attempts and decisions that a loop's page looks back."""
 
 WINDOW = 800
 """Samples of a window where no site file tells: the site file's own default."""
@@ -37,7 +37,7 @@ def loop_document(
     row = next((row for row in fleet.rows if row["name"] == name), None)
     if row is None:
         return None
-    judged = queries.last_judged([name]).get(name)
+    judged = view.judged_of(name, fleet.status)
     last = queries.last_estimates([name]).get(name)
     settings = None if site is None else site.loops.get(name)
     live = None if fleet.status is None else fleet.status.loops.get(name)
@@ -46,13 +46,13 @@ def loop_document(
     return {
         **row,
         "estimate": _estimate(judged),
-        "why": why(judged, last),
+        "why": why(judged, last, compensated=row["compensated"]),
         "surer": what_would_help(row, judged, settings),
         "course": _course(view, name),
         "compensation": before_and_after(
             queries, name, WINDOW if settings is None else settings.window
         ),
-        "written": [_attempt(one) for one in queries.attempts(name, ATTEMPTS)],
+        "written": _written(queries.attempts(name, ATTEMPTS)),
         "orders": [
             _order(one)
             for one in queries.events("operator.", now_ms - 400 * DAY_MS, ORDERS, source=name)
@@ -112,6 +112,24 @@ def _course(view: FleetView, name: str) -> Document:
     }
 
 
+def _written(rows: list[Row]) -> list[Document]:
+    """The attempts, newest first; the same decision many times in a row is one with a count."""
+    found: list[Document] = []
+    for row in rows:
+        one = _attempt(row)
+        last = found[-1] if found else None
+        if last is not None and not one["written"] and _same(one, last):
+            last["times"] += 1
+            last["first_ms"], last["first"] = one["time_ms"], one["time"]
+        else:
+            found.append(one)
+    return found
+
+
+def _same(one: Document, other: Document) -> bool:
+    return all(one[key] == other[key] for key in ("outcome", "reason", "written"))
+
+
 def _attempt(row: Row) -> Document:
     outcome = WritebackOutcome.of(row["outcome"])
     return {
@@ -126,6 +144,9 @@ def _attempt(row: Row) -> Document:
         "stick_band": row["stick_band"],
         "slip_jump": row["slip_jump"],
         "written": row["words"] is not None,
+        "times": 1,
+        "first_ms": row["utc_ms"],
+        "first": iso_time(row["utc_ms"]),
     }
 
 

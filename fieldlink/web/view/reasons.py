@@ -24,14 +24,20 @@ WIDE = 0.25
 """Half width of an interval over its value from which a longer window is worth its time."""
 
 
-def why(judged: Row | None, last: Row | None) -> list[str]:
+def why(judged: Row | None, last: Row | None, *, compensated: bool) -> list[str]:
     """Return the reasons of the newest verdict as sentences.
 
     Args:
         judged: the newest estimate with a verdict.
         last: the newest estimate of all.
+        compensated: whether the PLC's controller uses a model of this valve.
     """
     said: list[str] = []
+    if compensated and judged is not None and last is not None and last["id"] != judged["id"]:
+        said.append(
+            "The PLC's compensator uses the model, so the newest windows cannot show the valve. "
+            "The verdict is that of the window in which it was last seen to stick."
+        )
     if last is not None and last["verdict"] is None:
         said.append(f"The newest window gave no result: {last['message'].strip(' ;')}.")
     if judged is None:

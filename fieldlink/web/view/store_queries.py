@@ -117,6 +117,12 @@ class StoreQueries:
             select(ESTIMATES).where(ESTIMATES.c.id > last_id).order_by(ESTIMATES.c.id)
         )
 
+    def attempts_after(self, last_id: int) -> list[Row]:
+        """Return the write-back attempts and decisions stored after a row, oldest first."""
+        return self._rows(
+            select(WRITEBACKS).where(WRITEBACKS.c.id > last_id).order_by(WRITEBACKS.c.id)
+        )
+
     def newest_id(self, table: Table) -> int:
         """Return the highest row number of a table, 0 when it is empty."""
         return int(next(iter(self._rows(select(func.max(table.c.id)))[0].values())) or 0)
