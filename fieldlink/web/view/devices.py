@@ -57,6 +57,10 @@ def _named(site: Site | None) -> list[str]:
     return list(dict.fromkeys(loop.device for loop in site.loops.values()))
 
 
+def _address(site: Site | None, name: str) -> str:
+    return "" if site is None or name not in site.devices else site.devices[name].where
+
+
 def _live(name: str, device: DeviceStatus | None, status: DaemonStatus | None) -> dict[str, Any]:
     if device is None or status is None:
         return {"state": "unknown", "style": "unknown", "advice": "no daemon runs on this store"}

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import structlog
@@ -39,6 +40,9 @@ SERIES_MS = 400 * DAY_MS
 BUCKETS = ((DAY_MS, DAY_MS // 24), (21 * DAY_MS, DAY_MS), (SERIES_MS, 7 * DAY_MS))
 """How the trend is thinned: the last estimate of each hour of a day, of each day of three weeks, of
 each week before that."""
+
+NEWEST_ROWS = 2000
+"""Newest estimates of all loops that are read one by one: all of a small site's last day."""
 
 NEWEST = 40
 """Points of a trend that are younger than a day: half-hourly windows of a shift or two."""
@@ -230,8 +234,13 @@ class FleetView:
     def _read_points(self, now_ms: int) -> None:
         """Read the points of every loop's trend, the newest first."""
         try:
-            for since, bucket in BUCKETS:
-                rows = self._queries.thinned_estimates(now_ms - since, bucket)
+            parts = [partial(self._queries.newest_estimates, NEWEST_ROWS)]
+            parts += [
+                partial(self._queries.thinned_estimates, now_ms - since, bucket)
+                for since, bucket in BUCKETS
+            ]
+            for part in parts:
+                rows = part()
                 with self._lock:
                     for row in rows:
                         known = self._known.get(row["loop"])

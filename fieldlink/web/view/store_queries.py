@@ -146,6 +146,11 @@ class StoreQueries:
         query = select(*_PLAIN).join(last, c.id == last.c.id).order_by(c.id)
         return self._rows(query)
 
+    def newest_estimates(self, most: int) -> list[Row]:
+        """Return the newest estimates of all loops: what a trend needs of them."""
+        c = ESTIMATES.c
+        return self._rows(select(*_PLAIN).where(c.id > self.newest_id(ESTIMATES) - most))
+
     def attempts(self, loop: str, most: int) -> list[Row]:
         """Return the newest write-back attempts and decisions of a loop, newest first."""
         c = WRITEBACKS.c
