@@ -193,13 +193,17 @@ class _Pages:
         name, queries = self._known(request, status), self._source.queries()
         if name is None:
             return self._missing(request, status)
-        since, until = (_number(request, key, None) for key in ("since", "until"))
+        since, until, last = (
+            _milliseconds(_number(request, key, None)) for key in ("since", "until", "last")
+        )
         found = curves(
             queries,
             name,
             self._judged(name, status),
-            since_ms=None if since is None else round(since * 1000.0),
-            until_ms=None if until is None else round(until * 1000.0),
+            since_ms=since,
+            until_ms=until,
+            last_ms=last,
+            live=self._source.has_daemon,
             points=round(_number(request, "points", RAW) or RAW),
         )
         return json_answer(request, found)
@@ -368,6 +372,10 @@ def _number(request: Request, key: str, default: float | None) -> float | None:
     if not abs(value) < 1e12:
         raise BadRequestError(f"{key} is {text[:40]!r}; give a number")
     return value
+
+
+def _milliseconds(seconds: float | None) -> int | None:
+    return None if seconds is None else round(seconds * 1000.0)
 
 
 async def _body(request: Request) -> bytes:

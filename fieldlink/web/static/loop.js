@@ -15,6 +15,7 @@ function axis(label, extra = {}) {
 }
 
 const TIME_AXIS = {
+  space: 90,
   stroke: COLOUR.ink, grid: { stroke: COLOUR.grid, width: 1 }, ticks: { stroke: COLOUR.grid },
   font: "13px system-ui, sans-serif",
   values: [
@@ -102,20 +103,16 @@ class Trend {
   }
 
   span() {
-    if (this.zoom !== null) return { since: this.zoom[0], until: this.zoom[1] };
-    const now = Date.now() / 1000;
-    if (this.range !== "window") return { since: now - Number(this.range), until: null };
-    return { since: now - (this.wall ?? 3600), until: null };
+    if (this.zoom !== null) return `since=${this.zoom[0].toFixed(3)}&until=${this.zoom[1].toFixed(3)}`;
+    return `last=${this.range === "window" ? (this.wall ?? 3600).toFixed(3) : this.range}`;
   }
 
   async look(forced = false) {
     if (!forced && (this.paused || this.zoom !== null || this.busy)) return;
     this.busy = true;
     try {
-      const { since, until } = this.span();
       const wide = 4 * Math.max(500, Math.min(2500, document.getElementById("trend-op").clientWidth));
-      const query = `/samples?since=${since.toFixed(3)}&points=${wide}` + (until === null ? "" : `&until=${until.toFixed(3)}`);
-      const found = await ask(api(this.name, query));
+      const found = await ask(api(this.name, `/samples?${this.span()}&points=${wide}`));
       this.show(found);
     } finally {
       this.busy = false;
@@ -372,8 +369,6 @@ document.addEventListener("DOMContentLoaded", () => {
   let estimate = holder.dataset.estimate, seen = false;
   const later = (work) => work.catch((error) => console.info(`not drawn: ${error.message}`));
   trend.look(true).then(() => trend.look(true)).catch((error) => console.info(error.message));
-  later(drawPhase(name));
-  later(drawCourse(name));
   new IntersectionObserver((entries, observer) => {
     if (!entries.some((entry) => entry.isIntersecting)) return;
     observer.disconnect();
@@ -388,5 +383,14 @@ document.addEventListener("DOMContentLoaded", () => {
     await Promise.all([drawPhase(name), drawCourse(name)]);
     if (seen) later(drawMap(name));
   });
+  let redraw = null;
+  new ResizeObserver(() => {
+    clearTimeout(redraw);
+    redraw = setTimeout(() => {
+      later(drawPhase(name));
+      later(drawCourse(name));
+      if (seen) later(drawMap(name));
+    }, 200);
+  }).observe(holder);
   actions(name);
 });

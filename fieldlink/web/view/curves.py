@@ -36,6 +36,8 @@ def curves(
     *,
     since_ms: int | None,
     until_ms: int | None,
+    last_ms: int | None = None,
+    live: bool = True,
     points: int = RAW,
 ) -> dict[str, Any]:
     """Return the trend of a loop.
@@ -45,6 +47,8 @@ def curves(
         loop: the loop's name.
         judged: the last estimate with a verdict, for the stem; None without one.
         since_ms, until_ms: the range; until now, and from an hour before, where None.
+        last_ms: instead of a range, so many milliseconds up to its end.
+        live: whether the end is now; in a store that nobody writes it is the newest sample.
         points: the most points for each signal.
 
     Returns:
@@ -55,8 +59,8 @@ def curves(
         StoreError: the store cannot be read.
     """
     points = max(100, min(points, MOST))
-    until = round(time.time() * 1000.0) if until_ms is None else until_ms
-    since = until - 3_600_000 if since_ms is None else since_ms
+    until = _end(queries, loop, live=live) if until_ms is None else until_ms
+    since = until - (last_ms or 3_600_000) if since_ms is None else since_ms
     since = max(since, until - LONGEST_MS)
     count = queries.sample_count(loop, since, until)
     if count <= points:
@@ -96,6 +100,11 @@ def phase(rows: list[Row], judged: Row | None) -> dict[str, Numbers]:
     """Return PV, OP and stem of a window, sample by sample, for PV over OP."""
     op = [row["op"] for row in rows]
     return {"op": op, "pv": [row["pv"] for row in rows], "stem": stem_of(op, judged) or []}
+
+
+def _end(queries: StoreQueries, loop: str, *, live: bool) -> int:
+    newest = None if live else queries.last_samples([loop]).get(loop)
+    return round(time.time() * 1000.0) if newest is None else int(newest["utc_ms"])
 
 
 def _raw(rows: list[Row], judged: Row | None) -> dict[str, Any]:
