@@ -16,7 +16,7 @@ from starlette.responses import Response
 
 from fieldlink.web.view import words
 
-__all__ = ["STATIC", "json_answer", "page_answer", "render", "static_answer"]
+__all__ = ["STATIC", "json_answer", "load_templates", "page_answer", "render", "static_answer"]
 
 HEADERS = {
     "Content-Security-Policy": (
@@ -49,6 +49,13 @@ STATIC = {
 def render(template: str, **values: Any) -> str:
     """Return a page or a part of one."""
     return _environment().get_template(template).render(**values)
+
+
+def load_templates() -> None:
+    """Compile every template, so that the first page need not."""
+    environment = _environment()
+    for name in environment.list_templates():
+        environment.get_template(name)
 
 
 def page_answer(request: Request, text: str, status: int = 200) -> Response:

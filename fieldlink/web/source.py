@@ -16,6 +16,7 @@ from fieldlink.site import Site
 from fieldlink.store import StoreError
 from fieldlink.store.database import file_of
 from fieldlink.web.analyst import Analyst
+from fieldlink.web.answers import load_templates
 from fieldlink.web.view.fleet import Fleet, FleetView
 from fieldlink.web.view.store_queries import StoreQueries
 
@@ -116,10 +117,11 @@ class Source:
 
     def read_ahead(self) -> None:
         """Read the store before anybody asks; a store that is not there yet is read later."""
+        load_templates()
         try:
             self._open().view.read_ahead()
         except StoreError as error:
-            _log.info("web.store_later", error=str(error))
+            _log.debug("web.store_later", error=str(error))
 
     def close(self) -> None:
         """Close the store and end the computations."""

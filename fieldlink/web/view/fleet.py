@@ -106,6 +106,7 @@ class FleetView:
         self._analyst = analyst
         self._lock = threading.Lock()
         self._reader: threading.Thread | None = None
+        self._lacks_points = False
         self._known: dict[str, _Known] = {}
         self._seen = {"estimates": 0, "writebacks": 0}
         self._courses: dict[str, str] = {}
@@ -181,6 +182,13 @@ class FleetView:
         if fresh:
             self._load(fresh, now_ms)
         self._read_new(now_ms)
+        if self._lacks_points and self._fleet is not None:
+            # Points of trends are many: they come after the first view, not before it.
+            self._lacks_points = False
+            self._reader = threading.Thread(
+                target=self._read_points, args=(now_ms,), name="trend points", daemon=True
+            )
+            self._reader.start()
         samples = {} if status is not None else self._queries.last_samples(names)
         slots = {} if status is not None else self._queries.last_slots(names)
         rows = [self._row(name, site, status, samples.get(name), slots.get(name)) for name in names]
@@ -221,11 +229,7 @@ class FleetView:
         for name, row in judged.items():
             if row["verdict"] is not None:
                 self._known[name].judged = row
-        # Points of trends are many: they come after the first view, not before it.
-        self._reader = threading.Thread(
-            target=self._read_points, args=(now_ms,), name="trend points", daemon=True
-        )
-        self._reader.start()
+        self._lacks_points = True
         for event in self._queries.events("operator.annotate", now_ms - SERIES_MS, 10_000):
             known = self._known.get(event["source"])
             if known is not None and known.annotated_ms is None:
