@@ -53,6 +53,8 @@ bench: dev
 	$(BIN)/python -m benchmarks.fmu_zoo --out docs/benchmarks
 	$(BIN)/python -m benchmarks.link --out docs/benchmarks
 	$(BIN)/python -m benchmarks.load --out docs/benchmarks
+	$(BIN)/python -m benchmarks.web_page --out docs/benchmarks
+	$(BIN)/python -m benchmarks.web_pictures --images docs/images
 	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks
 
 fmus: install

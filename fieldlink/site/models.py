@@ -219,4 +219,4 @@ class SiteFile(Model):
     estimation: EstimationSettings = EstimationSettings()
     """The processes in which windows are judged."""
     web: WebSettings = WebSettings()
-    """The endpoints for health and metrics."""
+    """Health, metrics and the operators' pages over HTTP."""

@@ -73,7 +73,10 @@ class Source:
     def name(self) -> str:
         """What stands above the pages."""
         site = self.site
-        return "store" if site is None else site.name
+        if site is not None:
+            return site.name
+        file = file_of(self._url)
+        return "store" if file is None else file.name
 
     @property
     def since(self) -> float | None:

@@ -51,7 +51,8 @@ async def test_a_loop_says_why_and_what_was_written(client: httpx.AsyncClient) -
     found = (await client.get("/api/loops/LIC-0001")).json()
     assert any("93" in text and "41" in text for text in found["why"])
     assert found["written"][0]["outcome"] == "accepted"
-    assert found["surer"] == ["Check the packing at the next stop."]
+    assert found["to_do"] == ["Check the packing at the next stop."]
+    assert found["surer"] == ["Nothing more is needed; the next windows confirm it."]
     assert (await client.get("/loops/LIC-0001")).status_code == 200
     for path in ("/loops/NONE", "/api/loops/NONE", "/api/loops/NONE/samples"):
         assert (await client.get(path)).status_code == 404

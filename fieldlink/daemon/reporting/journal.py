@@ -33,6 +33,9 @@ _EXPECTED = frozenset(
         WritebackOutcome.SUPERSEDED,
         WritebackOutcome.NOT_ENABLED,
         WritebackOutcome.INTERRUPTED,
+        WritebackOutcome.KEPT_VALID,
+        WritebackOutcome.ON_HOLD,
+        WritebackOutcome.SWITCHED_OFF,
     }
 )
 

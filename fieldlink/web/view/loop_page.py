@@ -10,7 +10,7 @@ from fieldlink.daemon import WritebackOutcome
 from fieldlink.site import Site
 from fieldlink.web.view.compensation import before_and_after
 from fieldlink.web.view.fleet import Document, Fleet, FleetView
-from fieldlink.web.view.reasons import what_would_help, why
+from fieldlink.web.view.reasons import what_to_do, what_would_help, why
 from fieldlink.web.view.store_queries import DAY_MS, Row, StoreQueries
 from fieldlink.web.view.words import iso_time
 
@@ -47,6 +47,7 @@ def loop_document(
         **row,
         "estimate": _estimate(judged),
         "why": why(judged, last, compensated=row["compensated"]),
+        "to_do": what_to_do(judged) if row["verdict"] == "stiction" else [],
         "surer": what_would_help(row, judged, settings),
         "course": _course(view, name),
         "compensation": before_and_after(

@@ -9,7 +9,7 @@ from fieldlink.site import Loop
 from fieldlink.web.view.store_queries import Row
 from fieldlink.web.view.words import duration_text, number_text, percent_text
 
-__all__ = ["what_would_help", "why"]
+__all__ = ["what_to_do", "what_would_help", "why"]
 
 FEW_REVERSALS = 10
 """Turns of the stem below which more of them narrow the intervals most."""
@@ -66,6 +66,12 @@ def why(judged: Row | None, last: Row | None, *, compensated: bool) -> list[str]
     return list(dict.fromkeys(said))
 
 
+def what_to_do(judged: Row | None) -> list[str]:
+    """Return the estimator's advice: the repair of a sticky valve, else how to find out more."""
+    document: Mapping[str, Any] = {} if judged is None else judged["document"] or {}
+    return [_sentence(text) for text in document.get("advice", [])]
+
+
 def what_would_help(row: Mapping[str, Any], judged: Row | None, settings: Loop | None) -> list[str]:
     """Return what would make the verdict surer, the most useful first."""
     if judged is None:
@@ -75,7 +81,7 @@ def what_would_help(row: Mapping[str, Any], judged: Row | None, settings: Loop |
         return ["Wait for a full window; fieldlink status shows how much of it is there."]
     document: Mapping[str, Any] = judged["document"] or {}
     evidence, window = document.get("evidence") or {}, document.get("window") or {}
-    said = [_sentence(text) for text in document.get("advice", [])]
+    said = [] if judged["verdict"] == "stiction" else what_to_do(judged)
     if judged["verdict"] != "no_stiction" and evidence.get("reversals") is not None:
         turns = evidence["reversals"]
         if turns < FEW_REVERSALS:
