@@ -101,15 +101,15 @@ def what_would_help(row: Mapping[str, Any], judged: Row | None, settings: Loop |
             f"Faster polling: one swing of {duration_text(swing)} has only "
             f"{number_text(swing / period, 2)} samples."
         )
-    S = row["stick_band"]
-    if judged["verdict"] == "stiction" and S["value"] and None not in (S["low"], S["high"]):
-        half = 0.5 * (S["high"] - S["low"]) / S["value"]
-        if half > WIDE:
-            longer = "" if settings is None else f" than {settings.window} samples"
-            said.append(
-                f"A longer window{longer}: the interval of S is {percent_text(half)} of its value "
-                "to each side."
-            )
+    if judged["verdict"] == "stiction":
+        longer = "" if settings is None else f" than {settings.window} samples"
+        for name, symbol in (("stick_band", "S"), ("slip_jump", "J")):
+            half = _half_width(row[name])
+            if half is not None and half > WIDE:
+                said.append(
+                    f"A longer window{longer}, or set-point steps of different sizes: the interval "
+                    f"of {symbol} is {percent_text(half)} of its value to each side."
+                )
     if (window.get("automatic") or 1.0) < 1.0:
         said.append(
             f"A window wholly in automatic: the loop was in manual for "
@@ -118,6 +118,13 @@ def what_would_help(row: Mapping[str, Any], judged: Row | None, settings: Loop |
     if (window.get("good") or 1.0) < 0.95:
         said.append(f"Fewer gaps: {percent_text(1.0 - window['good'])} of the samples are missing.")
     return list(dict.fromkeys(said)) or ["Nothing more is needed; the next windows confirm it."]
+
+
+def _half_width(interval: Mapping[str, float | None]) -> float | None:
+    value, low, high = interval["value"], interval["low"], interval["high"]
+    if not value or low is None or high is None:
+        return None
+    return 0.5 * (high - low) / value
 
 
 def _times(nats: float) -> str:
