@@ -176,7 +176,7 @@ def test_actions_need_the_token_and_are_recorded(site: LiveSite, page: Any) -> N
     expect(page.locator("[data-part=orders] li").first).to_contain_text("accept")
 
 
-def test_a_device_that_is_not_there_is_said_with_the_remedy(site: LiveSite, page: Any) -> None:
+def test_a_device_that_is_not_there_is_shown_with_the_remedy(site: LiveSite, page: Any) -> None:
     page.goto(f"{site.address}/devices")
     card = page.locator(".card", has=page.locator("h2", has_text="dead"))
     expect(card).to_contain_text("check power, cable and address", ignore_case=True)
@@ -185,7 +185,7 @@ def test_a_device_that_is_not_there_is_said_with_the_remedy(site: LiveSite, page
     expect(good).to_contain_text("Answering")
 
 
-def test_a_killed_daemon_is_said_within_seconds_and_the_page_recovers(
+def test_a_killed_daemon_shows_within_seconds_and_the_page_recovers(
     site: LiveSite, page: Any
 ) -> None:
     page.goto(site.address)

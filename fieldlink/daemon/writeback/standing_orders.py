@@ -16,8 +16,8 @@ class StandingOrders:
     """Orders for one loop; belong to the loop's name and outlive its runner.
 
     Attributes:
-        hold: who holds new blocks, and why; empty when nobody does.
-        off: who has switched the write-back off, and why; empty when nobody has.
+        hold: who holds new blocks, and why; empty while nothing is held.
+        off: who has switched the write-back off, and why; empty while it is on.
     """
 
     hold: str = ""
