@@ -50,6 +50,9 @@ NEWEST = 40
 ACCEPTED_MS = 35 * DAY_MS
 """How far back an accepted block is looked for: blocks are valid for a day and renewed before."""
 
+SAME = 1e-5
+"""Relative difference of two stick bands that are one: a block holds them as single floats."""
+
 STALE_AFTER_MS = 600_000
 """A store whose newest sample is older than this is not being written."""
 
@@ -156,7 +159,7 @@ class FleetView:
         """Return the estimate that a loop's verdict rests on, None before the first.
 
         While the PLC's controller uses a model, its windows cannot show the valve: the verdict is
-        that of the window in which the valve was last seen to stick.
+        that of the window from which the model in use comes.
         """
         known = self._known.get(loop)
         if known is None:
@@ -215,11 +218,9 @@ class FleetView:
         accepted = self._queries.last_of(
             WRITEBACKS, names, WRITEBACKS.c.outcome == "accepted", recent
         )
-        valid = [name for name, row in accepted.items() if row["status"] == "valid"]
-        sticky = self._queries.last_of(ESTIMATES, valid, ESTIMATES.c.verdict == "stiction")
-        for name in names:
-            self._known[name].accepted = accepted.get(name)
-            self._known[name].sticky = sticky.get(name)
+        for name, row in accepted.items():
+            self._known[name].accepted = row
+            self._known[name].sticky = self._behind(row)
         doubtful = [name for name, row in last.items() if row["verdict"] is None]
         judged = {**last, **self._queries.last_judged(doubtful)}
         for name, row in self._queries.last_attempts(names).items():
@@ -260,8 +261,6 @@ class FleetView:
             if known is None:
                 continue
             known.last = row
-            if row["verdict"] == "stiction":
-                known.sticky = row
             if row["verdict"] is not None:
                 known.judged = row
                 self._add_point({key: row[key] for key in row if key != "document"})
@@ -275,9 +274,19 @@ class FleetView:
                 known.attempt = row
                 if row["outcome"] == "accepted":
                     known.accepted = row
+                    known.sticky = self._behind(row)
         for event in self._queries.events("operator.annotate", now_ms - 60_000, 1000)[::-1]:
             if (known := self._known.get(event["source"])) is not None:
                 known.annotated_ms = event["utc_ms"]
+
+    def _behind(self, accepted: Row) -> Row | None:
+        """Return the estimate that an accepted block says: a block that is renewed keeps its S."""
+        c, S = ESTIMATES.c, accepted["stick_band"]
+        if accepted["status"] != "valid" or S is None:
+            return None
+        same = c.stick_band.between(S * (1.0 - SAME), S * (1.0 + SAME))
+        found = self._queries.last_of(ESTIMATES, [accepted["loop"]], c.verdict == "stiction", same)
+        return found.get(accepted["loop"])
 
     def _add_point(self, row: Row) -> None:
         known = self._known.get(row["loop"])

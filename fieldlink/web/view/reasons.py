@@ -36,7 +36,7 @@ def why(judged: Row | None, last: Row | None, *, compensated: bool) -> list[str]
     if compensated and judged is not None and last is not None and last["id"] != judged["id"]:
         said.append(
             "The PLC's compensator uses the model, so the newest windows cannot show the valve. "
-            "The verdict is that of the window in which it was last seen to stick."
+            "The verdict is that of the window from which the model comes."
         )
     if last is not None and last["verdict"] is None:
         said.append(f"The newest window gave no result: {last['message'].strip(' ;')}.")
