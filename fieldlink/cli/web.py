@@ -29,11 +29,7 @@ def web(
         float | None, typer.Option(min=0.0, help="Seconds to serve; without it until Ctrl-C.")
     ] = None,
 ) -> None:
-    """Serve the pages of a store in a browser, read-only and without a daemon.
-
-    Examples: fieldlink web site.toml; fieldlink web data/history.sqlite --port 8080;
-    fieldlink web postgresql://reader@host/fieldlink
-    """
+    """Serve the pages of a store in a browser, read-only and without a daemon."""
     from fieldlink.daemon import configure_logging, stop_on_signals
     from fieldlink.site import load_site
     from fieldlink.web import store_server
