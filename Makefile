@@ -55,6 +55,8 @@ bench: dev
 	$(BIN)/python -m benchmarks.load --out docs/benchmarks
 	$(BIN)/python -m benchmarks.upward --out docs/benchmarks
 	$(BIN)/python -m benchmarks.opcua --out docs/benchmarks
+	$(BIN)/python -m benchmarks.web_page --out docs/benchmarks
+	$(BIN)/python -m benchmarks.web_pictures --images docs/images
 	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks
 	$(BIN)/python -m benchmarks.fleet --out docs/benchmarks
 

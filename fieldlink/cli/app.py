@@ -27,6 +27,7 @@ from fieldlink.cli import (
     simulate,
     site,
     standing,
+    web,
     work,
 )
 from fieldlink.cli.examples import FIRST_STEPS, PANELS, examples_of
@@ -52,6 +53,7 @@ app.command("run")(fleet.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("simulate")(simulate.simulate)
 app.command("compensate")(compensate.compensate)
+app.command("web")(web.web)
 app.command("status")(standing.status)
 app.command("events")(standing.events)
 app.command("withdraw")(standing.withdraw)

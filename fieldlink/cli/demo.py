@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from rich.panel import Panel
 
     from fieldlink.lab.demo.outcome import DemoOutcome
-    from fieldlink.lab.demo.stage import Course
-    from fieldlink.site import Site
+    from fieldlink.lab.demo.stage import Course, Performance
 
 __all__ = ["demo"]
 
@@ -34,11 +33,15 @@ def demo(
     ] = Path("fieldlink-demo"),
     seed: Annotated[int, typer.Option(min=0, help="Of the plant's noise.")] = 1,
     hold: Annotated[
-        float, typer.Option(min=0.0, help="Seconds for which the PLC answers afterwards.")
+        float,
+        typer.Option(min=0.0, help="Seconds for which PLC, daemon and page stay."),
     ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
-    """Find a sticky valve in a simulated PLC over Modbus TCP and take its oscillation away."""
+    """Find a sticky valve in a simulated PLC over Modbus TCP and take its oscillation away.
+
+    The page of the run is open from its begin; --hold keeps it open afterwards.
+    """
     import logging
 
     from rich.console import Console
@@ -55,28 +58,37 @@ def demo(
     else:
         scene = recorded_scene(output, recording)
     console = Console(stderr=as_json, highlight=False)
-    with _View(console, scene.loop) as view:
-        performance = perform(
+    view = _View(console, scene.loop)
+
+    def finish(performance: Performance) -> None:
+        view.end()
+        found = performance.findings
+        outcome = DemoOutcome.of(
+            valve=scene.valve,
+            stick_band=(found.stick_band.value, found.stick_band.low, found.stick_band.high),
+            slip_jump=(found.slip_jump.value, found.slip_jump.low, found.slip_jump.high),
+            truth=performance.course.truth,
+            requests=performance.status.requests,
+            late_slots=performance.status.late_slots,
+            report=output / "report.html",
+            page=performance.page,
+        )
+        write_report(scene, performance, outcome)
+        if as_json:
+            typer.echo(json.dumps(outcome.to_dict(), allow_nan=False))
+        else:
+            _print(console, scene.loop, outcome)
+        if hold > 0.0:
+            _say_address(console, performance, scene.loop, hold)
+
+    with view:
+        perform(
             scene,
             view.show,
             hold=hold,
-            holding=lambda site: _say_address(console, site, scene.loop),
+            opened=lambda page: console.print(f"page: {page or 'no port, see the log'}"),
+            finished=finish,
         )
-    found = performance.findings
-    outcome = DemoOutcome.of(
-        valve=scene.valve,
-        stick_band=(found.stick_band.value, found.stick_band.low, found.stick_band.high),
-        slip_jump=(found.slip_jump.value, found.slip_jump.low, found.slip_jump.high),
-        truth=performance.end.truth,
-        requests=performance.status.requests,
-        late_slots=performance.status.late_slots,
-        report=output / "report.html",
-    )
-    write_report(scene, performance, outcome)
-    if as_json:
-        typer.echo(json.dumps(outcome.to_dict(), allow_nan=False))
-    else:
-        _print(console, scene.loop, outcome)
 
 
 def _print(console: Console, loop: str, outcome: DemoOutcome) -> None:
@@ -96,10 +108,17 @@ def _print(console: Console, loop: str, outcome: DemoOutcome) -> None:
     console.print(f"report: {outcome.report}")
 
 
-def _say_address(console: Console, site: Site, loop: str) -> None:
+def _say_address(console: Console, performance: Performance, loop: str, hold: float) -> None:
+    from fieldlink.web import TOKEN_FILE
+
+    site = performance.site
     layout = site.loops[loop].writeback.exchange
     device = site.devices[site.loops[loop].device]
     assert layout is not None
+    console.print(
+        f"page: {performance.page}, open for {hold:g} s more; for actions its token is in "
+        f"{site.data_dir / TOKEN_FILE}"
+    )
     console.print(
         f"the PLC goes on answering at {device.host}:{device.port} unit {device.unit}: "
         f"tags from register 0, exchange area from {layout.enable}, "
@@ -131,6 +150,10 @@ class _View:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """Leave the last moment on the terminal."""
         if self._live is not None:
             self._live.stop()
 

@@ -13,7 +13,7 @@ from types import FrameType
 
 __all__ = ["heed_early_signals"]
 
-_SERVICES = ("run", "plant", "compensate")
+_SERVICES = ("run", "plant", "compensate", "web")
 
 
 def heed_early_signals(arguments: Sequence[str]) -> None:

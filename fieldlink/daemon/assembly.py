@@ -13,6 +13,7 @@ from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import Clock, Link, LinkState, open_link
 from fieldlink.site import Site
 from fieldlink.store import Record, StoreReport, WritebackRecord
@@ -36,6 +37,9 @@ class Assembly:
         links: makes the link of each device.
         watch: knows how the wall clock has stepped; None where none does.
         keep: see `Journal`.
+
+    Attributes:
+        orders: what operators have ordered, by the loop's name.
     """
 
     def __init__(
@@ -59,6 +63,7 @@ class Assembly:
         self._identity: int | None = None
         # By the loop's name: a loop that comes back after a change of the site goes on counting.
         self._numbers: dict[str, SequenceNumbers] = {}
+        self.orders: dict[str, StandingOrders] = {}
         used = dict.fromkeys(loop.device for loop in site.loops.values())
         self.runners = {name: self.runner(site, name) for name in used}
 
@@ -70,6 +75,7 @@ class Assembly:
             self._links(site, name, self._clock),
             self.journal,
             numbers=self._numbers,
+            orders=self.orders,
             identity=self._identity,
             read_only=self._read_only,
             live=self._live,

@@ -21,6 +21,7 @@ from fieldlink.daemon.windows.pipeline import LoopPipeline
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.daemon.writeback.writer import BlockWriter
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Link, LinkError, RegisterAccess, Scan
@@ -46,6 +47,7 @@ class LoopRunner:
         link: its device's link.
         journal: where everything is told.
         numbers: the sequence numbers of the loop's blocks.
+        orders: what operators have ordered for the loop's write-back.
         identity: of this installation; None where it has none.
         read_only: never write to the device.
         live: whether time goes on by itself while something is awaited.
@@ -63,12 +65,14 @@ class LoopRunner:
         journal: Journal,
         *,
         numbers: SequenceNumbers,
+        orders: StandingOrders | None = None,
         identity: int | None = None,
         read_only: bool = False,
         live: bool = True,
         watch: ClockWatch | None = None,
     ) -> None:
         self.spec = spec
+        self.orders = orders or StandingOrders()
         self.epoch = next(_epochs)
         self.dropped = 0
         counter = None if spec.loop.scan is None else spec.tags.get(spec.loop.scan)
@@ -114,11 +118,13 @@ class LoopRunner:
         self._watch_samples(now, sampled=record is not None, answers=answers)
         return record
 
-    def request(self) -> EstimateRequest:
-        """Return the window as a request of this epoch."""
+    def request(self, *, by_hand: bool = False) -> EstimateRequest:
+        """Return the window as a request of this epoch; see `EstimateRequest.by_hand`."""
         self._asked += 1
         compensated = self.writer is not None and self.writer.may_compensate
-        return self.pipeline.request(self.epoch, self._now, compensated=compensated)
+        return self.pipeline.request(
+            self.epoch, self._now, compensated=compensated, by_hand=by_hand
+        )
 
     def accept(self, estimate: Estimate, request: EstimateRequest) -> bool:
         """Take over an estimate; False when it was asked in another epoch, and dropped."""
@@ -134,7 +140,8 @@ class LoopRunner:
         self._estimates += 1
         self._estimate = estimate
         self._journal.estimate(estimate)
-        if self.writer is not None and estimate.findings is not None:
+        # Windows asked for by hand overlap each other: their agreement proves nothing.
+        if self.writer is not None and estimate.findings is not None and not request.by_hand:
             self.writer.submit(
                 estimate.findings,
                 estimate.end_utc,
@@ -197,6 +204,10 @@ class LoopRunner:
             waiting=None if writer is None else writer.waiting,
             refusal="" if writer is None else writer.refusal,
             block=None if writer is None else writer.block,
+            in_use=None if writer is None else writer.compensates,
+            may_write=writer is not None,
+            hold=self.orders.hold,
+            off=self.orders.off,
         )
 
     def carry_over(self, old: LoopRunner) -> None:
@@ -309,5 +320,6 @@ class LoopRunner:
             tell=self._tell,
             numbers=numbers,
             identity=identity,
+            orders=self.orders,
             max_age=AGE_IN_ESTIMATES * spec.loop.estimate_period,
         )

@@ -16,6 +16,15 @@ from functools import partial
 from fieldlink.daemon.assembly import Assembly
 from fieldlink.daemon.estimation.pool import EstimatorPool, PoolReport, PoolSettings
 from fieldlink.daemon.installation import only_daemon
+from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.orders import (
+    ORDER_EVENTS,
+    Action,
+    Order,
+    OrderError,
+    carry_out,
+    recall_orders,
+)
 from fieldlink.daemon.reload import FileWatch, SiteChange
 from fieldlink.daemon.reporting.control import control_socket
 from fieldlink.daemon.reporting.documents import live_status
@@ -30,7 +39,14 @@ from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
 from fieldlink.site import Site, load_site
-from fieldlink.store import Historian, HistorianSettings, Record, StoreError, last_blocks
+from fieldlink.store import (
+    Historian,
+    HistorianSettings,
+    Record,
+    StoreError,
+    last_blocks,
+    last_events,
+)
 from fieldlink.upward import Publishing
 
 __all__ = ["Daemon"]
@@ -104,6 +120,16 @@ class Daemon:
         self._failed: asyncio.Future[None] | None = None
         self._reloads = self._refused = 0
         self.started = asyncio.Event()
+
+    @property
+    def site(self) -> Site:
+        """The site that is in force now."""
+        return self._site
+
+    @property
+    def since(self) -> float:
+        """When the daemon began, seconds since 1970; 0 before that."""
+        return self._since
 
     def status(self) -> DaemonStatus:
         """Return a snapshot; may be called at any time."""
@@ -186,22 +212,34 @@ class Daemon:
             )
         loop.withdraw(reason, self._clock.utc())
 
-    def estimate_soon(self, name: str) -> None:
-        """Judge a loop's window now instead of at its next time.
+    def carry_out(self, order: Order) -> str:
+        """Carry out an operator's order and record it; return in words what follows.
 
         Raises:
-            FieldlinkError: there is no such loop, or its window is not full.
+            OrderError: there is no such loop, or the order cannot be carried out.
         """
-        loop = self._assembly.loop(name)
-        if loop is None or self._schedule is None:
-            raise FieldlinkError(f"the running daemon has no loop {name!r}; see fieldlink status")
-        loop.pipeline.forget_estimate()
-        if missing := loop.pipeline.samples_until_estimate:
-            raise FieldlinkError(
-                f"the window of loop {name!r} lacks {missing} of {loop.spec.loop.window} samples; "
-                "it is judged when they are there"
+        loop = self._assembly.loop(order.loop)
+        if loop is None:
+            raise OrderError(f"the running daemon has no loop {order.loop!r}")
+        utc = self._clock.utc()
+        if order.action is Action.ESTIMATE:
+            self._judge_by_hand(loop)
+        carry_out(order, loop, utc, read_only=self._read_only)
+        self._assembly.journal.order(order.record(round(utc * 1000.0)))
+        return order.action.done
+
+    def _judge_by_hand(self, loop: LoopRunner) -> None:
+        if self._pool is None or self._stopping:
+            raise OrderError("the daemon is starting or stopping; try again in a moment")
+        if loop.pipeline.filled < 1.0:
+            raise OrderError(
+                f"the window of loop {loop.name} is {loop.pipeline.filled:.0%} full; it is judged "
+                "when it is full"
             )
-        self._schedule.postpone(_job(name), 0.0)
+        name = f"{_job(loop.name)} by hand"
+        if any(task.get_name() == name for task in self._judging):
+            raise OrderError(f"the window of loop {loop.name} is being judged already")
+        self._judging.add(spawn(self._judge_window(loop.name, loop, by_hand=True), name))
 
     def _answer(self, request: Mapping[str, object]) -> Mapping[str, object]:
         """Answer a request that came through the control socket."""
@@ -217,10 +255,15 @@ class Daemon:
         """Go on after the last block of every loop: its number, and what is open about it."""
         try:
             last = await asyncio.to_thread(last_blocks, self._site.historian_url)
+            orders = await asyncio.to_thread(last_events, self._site.historian_url, ORDER_EVENTS)
         except StoreError as error:
             self._assembly.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
         else:
             self._assembly.resume(last)
+            recall_orders(orders, self._assembly.orders)
+
+    def _judge_for_broker(self, loop: str, why: str) -> None:
+        self.carry_out(Order(loop, Action.ESTIMATE, "MQTT broker", why))
 
     def _put(self, record: Record) -> object:
         """Hand a record to the store and, where the site publishes, upward; never waits."""
@@ -236,7 +279,7 @@ class Daemon:
             health=lambda: self._assembly.health(store_failing=self._historian.report().failing),
             actions={
                 "withdraw": self.withdraw,
-                "estimate_now": lambda loop, _: self.estimate_soon(loop),
+                "estimate_now": self._judge_for_broker,
             },
             tell=self._assembly.journal.event,
             defect=self._assembly.journal.defect,
@@ -434,21 +477,24 @@ class Daemon:
                 period = asking.spec.loop.period
                 schedule.postpone(_job(loop), missing * period / runner.speed)
                 return
-            task = asyncio.current_task()
-            assert task is not None
-            assert self._pool is not None
-            self._judging.add(task)
-            try:
-                request = asking.request()
-                estimate = await self._pool.run(request)
-                # The site file may have been changed meanwhile: the runner of today decides.
-                answered = self._assembly.loop(loop)
-                if answered is not None:
-                    answered.accept(estimate, request)
-            except Exception as error:  # noqa: BLE001  (told; the other loops go on)
-                self._assembly.journal.defect(loop, error, "this estimate is left out")
-            finally:
-                self._judging.discard(task)
+            await self._judge_window(loop, asking)
+
+    async def _judge_window(self, loop: str, asking: LoopRunner, *, by_hand: bool = False) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        assert self._pool is not None
+        self._judging.add(task)
+        try:
+            request = asking.request(by_hand=by_hand)
+            estimate = await self._pool.run(request)
+            # The site file may have been changed meanwhile: the runner of today decides.
+            answered = self._assembly.loop(loop)
+            if answered is not None:
+                answered.accept(estimate, request)
+        except Exception as error:  # noqa: BLE001  (told; the other loops go on)
+            self._assembly.journal.defect(loop, error, "this estimate is left out")
+        finally:
+            self._judging.discard(task)
 
 
 def _job(loop: str) -> str:

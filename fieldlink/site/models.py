@@ -228,7 +228,7 @@ class SiteFile(Model):
     estimation: EstimationSettings = EstimationSettings()
     """The processes in which windows are judged."""
     web: WebSettings = WebSettings()
-    """The endpoints for health and metrics."""
+    """Health, metrics and the operators' pages over HTTP."""
     report: ReportSettings = ReportSettings()
     """The work list and its schedule."""
     mqtt: MqttSettings | None = None

@@ -73,7 +73,7 @@ class ReportSettings(Model):
 
 
 class WebSettings(Model):
-    """``[web]``: the endpoints for health and metrics."""
+    """``[web]``: health, metrics and the operators' pages over HTTP."""
 
     enabled: bool = True
     """Whether the daemon answers HTTP at all."""
@@ -82,7 +82,7 @@ class WebSettings(Model):
     port: int = Field(default=9480, ge=0, le=0xFFFF)
     """TCP port; 0 picks a free one."""
     token_file: Path | None = None
-    """File with the bearer token that every request must carry, relative to the site file."""
+    """File with the token for looking and acting, relative to the site file."""
     tls_certificate: Path | None = None
     """Certificate chain (PEM), relative to the site file."""
     tls_key: Path | None = None

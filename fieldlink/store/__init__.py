@@ -7,6 +7,7 @@ from fieldlink.store.fleet_reader import FleetReader
 from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.last_blocks import last_blocks
+from fieldlink.store.last_events import last_events
 from fieldlink.store.queries import (
     read_averages,
     read_estimates,
@@ -51,6 +52,7 @@ __all__ = [
     "back_up",
     "export",
     "last_blocks",
+    "last_events",
     "read_averages",
     "read_estimates",
     "read_events",

@@ -1,9 +1,8 @@
-"""The endpoints: ``/healthz``, ``/readyz`` and ``/metrics``; all read-only, all without state."""
+"""The application: health, readiness and metrics, and beside them the pages (`pages`)."""
 
 from __future__ import annotations
 
 import asyncio
-import hmac
 from collections.abc import Awaitable, Callable
 
 from starlette.applications import Starlette
@@ -12,20 +11,24 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from fieldlink.daemon import Daemon
+from fieldlink.web.access import Access
 from fieldlink.web.health import Readiness
 from fieldlink.web.metrics import render_metrics
+from fieldlink.web.pages import page_routes
+from fieldlink.web.source import Source
 
-__all__ = ["make_app"]
+__all__ = ["make_app", "make_store_app"]
 
 _Answer = Callable[[Request], Awaitable[Response]]
 
 
-def make_app(daemon: Daemon, token: str | None) -> Starlette:
-    """Return the endpoints of a daemon.
+def make_app(daemon: Daemon, source: Source, access: Access) -> Starlette:
+    """Return the endpoints and the pages of a daemon.
 
     Args:
         daemon: the daemon.
-        token: what every request must carry as ``Authorization: Bearer``; nothing when None.
+        source: what the pages show.
+        access: who may look and who may act.
     """
 
     async def healthz(_: Request) -> Response:
@@ -45,7 +48,7 @@ def make_app(daemon: Daemon, token: str | None) -> Starlette:
 
     def guarded(answer: _Answer) -> _Answer:
         async def check(request: Request) -> Response:
-            if token is not None and not _carries(request, token):
+            if not access.may_scrape(request):
                 return Response(
                     "a bearer token is needed\n",
                     401,
@@ -61,11 +64,10 @@ def make_app(daemon: Daemon, token: str | None) -> Starlette:
             Route(f"/{name}", guarded(answer), methods=["GET"])
             for name, answer in (("healthz", healthz), ("readyz", readyz), ("metrics", metrics))
         ]
+        + page_routes(source, access)
     )
 
 
-def _carries(request: Request, token: str) -> bool:
-    scheme, _, given = request.headers.get("Authorization", "").partition(" ")
-    return scheme.lower() == "bearer" and hmac.compare_digest(
-        given.strip().encode("utf-8", "replace"), token.encode()
-    )
+def make_store_app(source: Source, access: Access) -> Starlette:
+    """Return the pages of a store without a daemon."""
+    return Starlette(routes=page_routes(source, access))

@@ -1,4 +1,4 @@
-"""The HTTP server beside the daemon, in its event loop: bound to loopback unless told otherwise."""
+"""The HTTP server, in the daemon's event loop or alone: bound to loopback unless told otherwise."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from pathlib import Path
 
 import structlog
 import uvicorn
+from starlette.applications import Starlette
 
 from fieldlink.daemon import Daemon
 from fieldlink.errors import FieldlinkError
 from fieldlink.site import Site
-from fieldlink.web.app import make_app
+from fieldlink.web.access import Access, is_local_name, make_operator_token
+from fieldlink.web.app import make_app, make_store_app
 from fieldlink.web.limits import MOST_CONNECTIONS, BoundedListener, QuietLog, TimedProtocol
+from fieldlink.web.source import Source
 
-__all__ = ["WebError", "read_token", "web_server"]
+__all__ = ["WebError", "page_address", "read_token", "store_server", "web_server"]
 
 SHORTEST_TOKEN = 20
 """Characters; less can be guessed."""
@@ -44,8 +47,8 @@ class _Server(uvicorn.Server):
 async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
     """Answer HTTP while the block runs; gives the port, None when there is no server.
 
-    A port that cannot be had is said and costs the endpoints only: the plant's data matter more
-    than those who watch.
+    If the port cannot be used, that is logged and the daemon runs without endpoints and pages: the
+    plant's data matter more than those who watch.
 
     Raises:
         WebError: the token or the certificate cannot be used.
@@ -54,26 +57,9 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
     if not settings.enabled:
         yield None
         return
-    token = None if settings.token_file is None else read_token(site.resolve(settings.token_file))
-    config = uvicorn.Config(
-        make_app(daemon, token),
-        log_config=None,
-        access_log=False,
-        lifespan="off",
-        server_header=False,
-        http=TimedProtocol,
-        timeout_graceful_shutdown=2,
-    )
-    if settings.tls_certificate is not None and settings.tls_key is not None:
-        config.ssl_certfile = str(site.resolve(settings.tls_certificate))
-        config.ssl_keyfile = str(site.resolve(settings.tls_key))
-    try:
-        config.load()
-    except OSError as error:
-        raise WebError(
-            f"web.tls_certificate and web.tls_key cannot be used: {error}; both are PEM files that "
-            "this user can read"
-        ) from error
+    source = Source.of_daemon(daemon)
+    access = _access_of(site)
+    config = _configure(make_app(daemon, source, access), site)
     try:
         listener = _listen(settings.host, settings.port)
     except OSError as error:
@@ -81,27 +67,125 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
             "web.cannot_listen",
             address=f"{settings.host}:{settings.port}",
             error=error.strerror or str(error),
-            advice="choose another web.port; the daemon goes on without health and metrics",
+            advice="choose another web.port; the daemon goes on without health, metrics and pages",
         )
         yield None
         return
-    port = int(listener.getsockname()[1])
+    async with _serving(config, listener, source):
+        _log.info(
+            "web.listening",
+            address=f"{settings.host}:{listener.getsockname()[1]}",
+            tls=config.is_ssl,
+            token=access.is_guarded,
+        )
+        yield int(listener.getsockname()[1])
+
+
+@asynccontextmanager
+async def store_server(url: str, site: Site | None, host: str, port: int) -> AsyncIterator[str]:
+    """Serve the pages of a store, read-only, while the block runs; gives their address.
+
+    Args:
+        url: the store.
+        site: its site file, for limits, token and TLS; None where only the store is known.
+        host, port: where to listen.
+
+    Raises:
+        WebError: other machines would reach it without token and TLS, or the port is in use.
+        StoreError: there is no store to read.
+    """
+    source = Source(url, lambda: site)
+    source.queries()
+    local = is_local_name(host)
+    guarded = site is not None and site.web.token_file and site.web.tls_certificate
+    if not local and not guarded:
+        raise WebError(
+            f"--host {host} lets other machines in; that needs a site file with web.token_file, "
+            "web.tls_certificate and web.tls_key, or use --host 127.0.0.1"
+        )
+    token = None
+    if site is not None and site.web.token_file is not None:
+        token = read_token(site.resolve(site.web.token_file))
+    config = _configure(make_store_app(source, Access(token, None, "", local=local)), site)
+    try:
+        listener = _listen(host, port)
+    except OSError as error:
+        raise WebError(
+            f"{host}:{port} cannot be used: {error.strerror or error}; name another --port"
+        ) from error
+    async with _serving(config, listener, source):
+        scheme = "https" if config.is_ssl else "http"
+        shown = f"[{host}]" if ":" in host else host
+        yield f"{scheme}://{shown}:{listener.getsockname()[1]}/"
+
+
+def page_address(site: Site, port: int) -> str:
+    """Return the address of the pages of a daemon that listens on a port."""
+    scheme = "http" if site.web.tls_certificate is None else "https"
+    host = f"[{site.web.host}]" if ":" in site.web.host else site.web.host
+    return f"{scheme}://{host}:{port}/"
+
+
+def _access_of(site: Site) -> Access:
+    """Return who may look and act: by the site file's token, or by one drawn for actions."""
+    settings = site.web
+    if settings.token_file is not None:
+        file = site.resolve(settings.token_file)
+        token = read_token(file)
+        return Access(token, token, f"{file} (web.token_file)", local=settings.is_local)
+    try:
+        file = make_operator_token(site.data_dir)
+        own = read_token(file)
+    except FieldlinkError as error:
+        _log.warning("web.no_actions", error=str(error))
+        return Access(None, None, "", local=settings.is_local)
+    return Access(None, own, str(file), local=settings.is_local)
+
+
+def _configure(app: Starlette, site: Site | None) -> uvicorn.Config:
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="off",
+        server_header=False,
+        http=TimedProtocol,
+        timeout_graceful_shutdown=2,
+    )
+    settings = None if site is None else site.web
+    if site is not None and settings is not None:
+        certificate, key = settings.tls_certificate, settings.tls_key
+        if certificate is not None and key is not None:
+            config.ssl_certfile = str(site.resolve(certificate))
+            config.ssl_keyfile = str(site.resolve(key))
+    try:
+        config.load()
+    except OSError as error:
+        raise WebError(
+            f"web.tls_certificate and web.tls_key cannot be used: {error}; both are PEM files that "
+            "this user can read"
+        ) from error
+    return config
+
+
+@asynccontextmanager
+async def _serving(
+    config: uvicorn.Config, listener: socket.socket, source: Source
+) -> AsyncIterator[None]:
     server = _Server(config)
     quiet = QuietLog()
     logging.getLogger("uvicorn.error").addFilter(quiet)
     task = asyncio.create_task(server.serve([listener]), name="web")
-    _log.info(
-        "web.listening",
-        address=f"{settings.host}:{port}",
-        tls=config.is_ssl,
-        token=token is not None,
-    )
+    # The store is read once in full: that has begun when the first page is asked for.
+    reading = asyncio.create_task(asyncio.to_thread(source.read_ahead), name="web store")
     try:
-        yield port
+        yield
     finally:
         server.should_exit = True
         await task
+        await reading
         listener.close()
+        await asyncio.to_thread(source.close)
         logging.getLogger("uvicorn.error").removeFilter(quiet)
 
 

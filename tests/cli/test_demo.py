@@ -28,6 +28,7 @@ def test_the_oscillation_is_found_and_taken_away(fieldlink: Run, tmp_path: Path)
         "requests",
         "late_slots",
         "report",
+        "page",
     }
     S = found["stick_band"]
     assert S["true"] == 11.0

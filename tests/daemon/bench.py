@@ -13,6 +13,7 @@ from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.daemon.writeback.writer import BlockWriter
 from fieldlink.links import LinkError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
@@ -84,6 +85,7 @@ async def benches(
         keep: Callable[[Attempt], Future[bool]] | None = None,
         identity: int | None = None,
         last_seq: int = 0,
+        orders: StandingOrders | None = None,
         **settings: Any,
     ) -> Bench:
         link = ModbusLink(
@@ -121,6 +123,7 @@ async def benches(
             tell=lambda kind, message: told.append((kind, message)),
             numbers=numbers,
             identity=identity,
+            orders=orders,
         )
         return Bench(writeback, plc, said, told, numbers)
 

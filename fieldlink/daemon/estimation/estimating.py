@@ -42,6 +42,8 @@ class EstimateRequest:
         epoch: of the loop's runner that asks; a result for another epoch is dropped.
         asked_at: the plant second of the request.
         compensated: whether a block may have been in force during the window.
+        by_hand: whether an operator asked for it; its result is shown and stored and counts for no
+            write-back.
     """
 
     loop: str
@@ -52,6 +54,7 @@ class EstimateRequest:
     epoch: int = 0
     asked_at: float = 0.0
     compensated: bool = False
+    by_hand: bool = False
 
 
 class EstimateOutcome(Enum):
@@ -220,14 +223,20 @@ class InlineEstimator:
 
 def warm_up() -> None:
     """Load the estimator's kernels."""
+    import numpy as np
+
     from estimator import warm_up as load
+    from fieldlink.daemon.estimation.window_figures import window_figures
 
     load()
+    ramp = np.arange(64.0)
+    window_figures(WindowData(ramp, ramp, None, None, 0, 63, 0.0), 1.0)
 
 
 def estimate(request: EstimateRequest) -> Estimate:
     """Judge one window."""
     from estimator import EstimatorError, identify
+    from fieldlink.daemon.estimation.window_figures import window_figures
 
     window = request.window
     try:
@@ -242,11 +251,13 @@ def estimate(request: EstimateRequest) -> Estimate:
         )
     except EstimatorError as error:
         return Estimate.failed(request, EstimateOutcome.REFUSED, str(error))
+    findings = Findings.of(result)
+    figures = window_figures(window, request.period)
     return Estimate(
         request.loop,
         window.first_slot,
         window.last_slot,
         window.end_utc,
         EstimateOutcome.ESTIMATED,
-        findings=Findings.of(result),
+        findings=replace(findings, document={**findings.document, "window": figures}),
     )

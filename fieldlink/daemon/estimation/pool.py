@@ -34,7 +34,7 @@ from fieldlink.daemon.estimation.estimating import (
 from fieldlink.daemon.estimation.priority import stand_back
 from fieldlink.daemon.reporting.defects import describe_defect
 
-__all__ = ["EstimatorPool", "PoolReport", "PoolSettings"]
+__all__ = ["EstimatorPool", "PoolReport", "PoolSettings", "begin_worker", "worker_context"]
 
 _log = structlog.get_logger(__name__)
 
@@ -177,8 +177,8 @@ class EstimatorPool:
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
             self._settings.workers,
-            mp_context=_context(),
-            initializer=_begin,
+            mp_context=worker_context(),
+            initializer=begin_worker,
             initargs=(self._prepare, self._settings.memory),
         )
 
@@ -193,7 +193,7 @@ class EstimatorPool:
         broken.shutdown(wait=False, cancel_futures=True)
 
 
-def _context() -> multiprocessing.context.BaseContext:
+def worker_context() -> multiprocessing.context.BaseContext:
     """Return how workers begin; never fork: a lock that a thread holds would stay locked in them.
 
     The fork server has loaded the estimator once, so that a new worker is there in milliseconds.
@@ -215,7 +215,7 @@ def _kill(pool: ProcessPoolExecutor) -> None:
         process.kill()
 
 
-def _begin(prepare: Callable[[], None], memory: int | None) -> None:
+def begin_worker(prepare: Callable[[], None], memory: int | None) -> None:
     """First thing in a worker: the daemon goes first and decides when it ends; then the kernels."""
     if memory is not None and sys.platform != "win32":
         import resource

@@ -33,6 +33,9 @@ _EXPECTED = frozenset(
         WritebackOutcome.SUPERSEDED,
         WritebackOutcome.NOT_ENABLED,
         WritebackOutcome.INTERRUPTED,
+        WritebackOutcome.KEPT_VALID,
+        WritebackOutcome.ON_HOLD,
+        WritebackOutcome.SWITCHED_OFF,
     }
 )
 
@@ -122,6 +125,11 @@ class Journal:
         self.summarize()
         if self._limit.admits(kind, source, message):
             self._tell(kind, source, message, bad=bad)
+
+    def order(self, record: EventRecord) -> None:
+        """Log and store what an operator has ordered; none of it is ever summed up."""
+        self._put(record)
+        _log.info(record.kind, source=record.source, message=record.message)
 
     def summarize(self, *, at_the_end: bool = False) -> None:
         """Tell how many events were held back, where a minute or the run is over."""

@@ -37,6 +37,9 @@ class LoopStatus:
         waiting: what waits to be written, and why; None when nothing does.
         refusal: why the PLC's controller does not use the accepted model; empty when it does.
         block: the last block that the PLC acknowledges, as far as known.
+        in_use: whether the PLC's controller uses that block; None before the first look.
+        may_write: whether the site file lets the loop be written.
+        hold, off: the operator's standing orders, in words; empty when there is none.
     """
 
     device: str
@@ -55,6 +58,10 @@ class LoopStatus:
     waiting: str | None = None
     refusal: str = ""
     block: ParameterBlock | None = None
+    in_use: bool | None = None
+    may_write: bool = False
+    hold: str = ""
+    off: str = ""
 
 
 @dataclass(frozen=True, slots=True)

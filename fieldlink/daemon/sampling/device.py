@@ -13,6 +13,7 @@ from fieldlink.daemon.reporting.status import DeviceStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.lateness import Lateness
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import (
     CountingLink,
     Link,
@@ -35,6 +36,7 @@ class DeviceRunner:
         link: its link.
         journal: where everything is told.
         numbers: the sequence numbers of every loop's blocks, by the loop's name.
+        orders: what operators have ordered for every loop's write-back, by the loop's name.
         identity: of this installation; None where it has none.
         read_only: never write to the device.
         live: whether time goes on by itself while something is awaited.
@@ -49,6 +51,7 @@ class DeviceRunner:
         journal: Journal,
         *,
         numbers: dict[str, SequenceNumbers],
+        orders: dict[str, StandingOrders],
         identity: int | None = None,
         read_only: bool = False,
         live: bool = True,
@@ -66,6 +69,7 @@ class DeviceRunner:
                 link,
                 journal,
                 numbers=numbers.setdefault(loop, SequenceNumbers()),
+                orders=orders.setdefault(loop, StandingOrders()),
                 identity=identity,
                 read_only=read_only,
                 live=live,

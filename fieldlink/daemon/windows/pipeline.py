@@ -116,10 +116,6 @@ class LoopPipeline:
             self._estimated_at = None
         self._every = max(1, round(loop.estimate_period / loop.period))
 
-    def forget_estimate(self) -> None:
-        """Let the next estimate be due as soon as the window is full."""
-        self._estimated_at = None
-
     @property
     def filled(self) -> float:
         """How much of the window is there, 0 to 1."""
@@ -201,7 +197,12 @@ class LoopPipeline:
         self._window.restart()
 
     def request(
-        self, epoch: int = 0, now: float = 0.0, *, compensated: bool = False
+        self,
+        epoch: int = 0,
+        now: float = 0.0,
+        *,
+        compensated: bool = False,
+        by_hand: bool = False,
     ) -> EstimateRequest:
         """Return the window as a request to the estimator; the next one is due later.
 
@@ -209,8 +210,10 @@ class LoopPipeline:
             epoch: of the loop's runner.
             now: the plant second.
             compensated: whether a block may have been in force during the window.
+            by_hand: whether an operator asks; the next window is due as if nobody had.
         """
-        self._estimated_at = self._window.last_slot
+        if not by_hand:
+            self._estimated_at = self._window.last_slot
         settings = self.loop.estimator
         return EstimateRequest(
             self.name,
@@ -221,6 +224,7 @@ class LoopPipeline:
             epoch,
             now,
             compensated,
+            by_hand,
         )
 
     def _place(self, scan: Scan, now: float) -> Placed | None:

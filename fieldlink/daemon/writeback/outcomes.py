@@ -41,6 +41,11 @@ class WritebackOutcome(Enum):
         "an operator has withdrawn the loop's block; clear the PLC's enable bit and set it again "
         "to let blocks be written",
     )
+    ON_HOLD = ("on_hold", "an operator holds new blocks; accept the model to end that")
+    SWITCHED_OFF = (
+        "switched_off",
+        "an operator has switched the loop's write-back off; it is written when it is on again",
+    )
     CONTRADICTS_BLOCK = (
         "contradicts_block",
         "a window under compensation never replaces the block in force; clear the enable bit for "
@@ -101,6 +106,8 @@ _LEAVES_PENDING = frozenset(
         WritebackOutcome.COMMIT_FAILED,
         WritebackOutcome.CONTESTED,
         WritebackOutcome.DISAGREES,
+        WritebackOutcome.ON_HOLD,
+        WritebackOutcome.SWITCHED_OFF,
     }
 )
 

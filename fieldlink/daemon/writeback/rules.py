@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.daemon.writeback.in_force import InForce, RefusedModel
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.registers import BlockError, ParameterBlock, Status
 from fieldlink.site import WriteBack as WriteBackSettings
 
@@ -75,6 +76,14 @@ class Rules:
         if now - candidate.since > self.max_age:
             age = f"its window ended {now - candidate.since:.0f} s ago, limit {self.max_age:g} s"
             return Objection(WritebackOutcome.TOO_OLD, age)
+        return None
+
+    def heed(self, candidate: Candidate, orders: StandingOrders) -> Objection | None:
+        """Return which standing order forbids a candidate now; None when none does."""
+        if orders.off:
+            return Objection(WritebackOutcome.SWITCHED_OFF, orders.off)
+        if orders.hold and not candidate.withdrawal:
+            return Objection(WritebackOutcome.ON_HOLD, orders.hold)
         return None
 
     def compare(

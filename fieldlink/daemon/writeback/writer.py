@@ -3,8 +3,9 @@
 Every two plant seconds `BlockWriter.service` reads the exchange area, beats the heartbeat, looks
 for the PLC's acknowledgement, and makes at most one attempt:
 
-    sole writer? - enable bit set? - minimum interval over? - do banks and acknowledgement agree?
-    do the rules (`rules`) allow it now? - may it replace what is in force?
+    sole writer? - no operator's order against it? - enable bit set? - minimum interval over?
+    do banks and acknowledgement agree? - do the rules (`rules`) allow it now?
+    may it replace what is in force?
     store what is about to be written - once that is stored, and the rules still allow it: write,
     read back, read enable and acknowledgement again, commit (`handover`)
 
@@ -29,10 +30,13 @@ from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.rules import Objection, Rules
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.sole_writer import SoleWriter, Standing
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
+from fieldlink.errors import FieldlinkError
 from fieldlink.links import LinkError
 from fieldlink.registers import (
     ACCEPTED,
     HEARTBEAT_EVERY,
+    HEARTBEAT_TIMEOUT,
     BlockFault,
     ParameterBlock,
     Status,
@@ -99,6 +103,7 @@ class BlockWriter:
         numbers: the loop's sequence numbers.
         identity: of this installation; None where it has none.
         max_age: plant seconds for which a finding may wait; the settings' where they give one.
+        orders: what an operator has ordered for the loop, looked at whenever something is written.
     """
 
     def __init__(
@@ -115,6 +120,7 @@ class BlockWriter:
         numbers: SequenceNumbers,
         identity: int | None = None,
         max_age: float = math.inf,
+        orders: StandingOrders | None = None,
     ) -> None:
         if settings.loop_id is None:
             raise ValueError("write-back needs a loop_id; the site file's check asks for it")
@@ -128,6 +134,8 @@ class BlockWriter:
             pause=pause,
             numbers=numbers,
         )
+        self._orders = orders or StandingOrders()
+        self._off_since: float | None = None
         self._report = report
         self._keep = keep
         self._tell = tell
@@ -206,6 +214,7 @@ class BlockWriter:
         self._refused, self._refusal = other._refused, other._refusal
         self._told = other._told
         self._found_at, self.compensates = other._found_at, other.compensates
+        self._off_since = other._off_since
 
     def identify(self, identity: int) -> None:
         """Take the identity of this installation; to be called before the first look."""
@@ -259,7 +268,15 @@ class BlockWriter:
         Args:
             reason: the operator's, for the record.
             utc: seconds since 1970.
+
+        Raises:
+            FieldlinkError: an operator has switched the loop's write-back off.
         """
+        if self._orders.off:
+            raise FieldlinkError(
+                "the loop's write-back is switched off, so nothing can be written; the PLC drops "
+                "its model by itself when the heartbeat stands still"
+            )
         if self._pending is not None:
             self._report(Attempt(WritebackOutcome.SUPERSEDED, "", self._pending))
         self._held = reason
@@ -279,7 +296,8 @@ class BlockWriter:
             control = await self._exchange.control()
             self._watch_operator(control)
             standing = self._sole.look(control, now)
-            if control.enabled:
+            self._watch_orders(now)
+            if control.enabled and not self._orders.off:
                 await self._show_life(control)
             await self._in_force.look(self._exchange, control, now)
         except LinkError as error:
@@ -291,6 +309,9 @@ class BlockWriter:
             await self._look_back(self._left, control, now)
         self._look_for_ack(control, now)
         self._watch_use(control, now)
+        if self._orders.off:
+            self._wait(WritebackOutcome.SWITCHED_OFF, self._orders.off)
+            return True
         if self._begun is None and self._awaited is None and self._pending is not None:
             await self._try(self._pending, control, now)
         if self._begun is not None:
@@ -302,6 +323,13 @@ class BlockWriter:
             await self._exchange.sign(identity)
         if self._sole.beats:
             await self._exchange.beat(self._sole.next_beat(control))
+
+    def _watch_orders(self, now: float) -> None:
+        """Notice since when the write-back is switched off."""
+        if not self._orders.off:
+            self._off_since = None
+        elif self._off_since is None:
+            self._off_since = now
 
     def _watch_operator(self, control: ControlWords) -> None:
         """Take an enable bit that was cleared and set again as the operator's decision."""
@@ -325,7 +353,9 @@ class BlockWriter:
             self._refused = RefusedModel(valve, control.ack_refusal or 0, now)
             self._tell("writeback.refused", f"block {valve.seq}: {refusal}")
         self._refusal = refusal
-        uses = valve is not None and control.enabled and not refusal
+        # Without a heartbeat the PLC drops its model.
+        dropped = self._off_since is not None and now - self._off_since > HEARTBEAT_TIMEOUT
+        uses = valve is not None and control.enabled and not refusal and not dropped
         if uses and self.compensates is None:
             # Nobody looked before: the windows up to now may have been compensated.
             self._found_at = now
@@ -354,6 +384,8 @@ class BlockWriter:
         candidate = attempt.candidate
         if self._begun is not None and self._begun.contradicted:
             return Objection(WritebackOutcome.CONTRADICTED, "")
+        if (objection := self._rules.heed(candidate, self._orders)) is not None:
+            return objection
         if self._sole.look(control, now) is not Standing.SOLE:
             return Objection(WritebackOutcome.CONTESTED, self._sole.standing.value)
         if not control.enabled:
@@ -373,6 +405,9 @@ class BlockWriter:
     async def _try(self, candidate: Candidate, control: ControlWords, now: float) -> None:
         if (objection := self._judge(candidate, now)) is not None:
             self._settle(Attempt(objection.outcome, objection.reason, candidate))
+            return
+        if (objection := self._rules.heed(candidate, self._orders)) is not None:
+            self._wait(objection.outcome, objection.reason)
             return
         if self._sole.standing is not Standing.SOLE:
             self._wait(WritebackOutcome.CONTESTED, self._sole.standing.value)

@@ -125,6 +125,7 @@ class DemoOutcome:
     requests: int
     late_slots: int
     report: Path
+    page: str | None = None
 
     @classmethod
     def of(
@@ -137,6 +138,7 @@ class DemoOutcome:
         requests: int,
         late_slots: int,
         report: Path,
+        page: str | None = None,
     ) -> DemoOutcome:
         """Put the figures together; ``stick_band`` and ``slip_jump`` are value, low, high."""
         before, after = phases(truth)
@@ -155,6 +157,7 @@ class DemoOutcome:
             requests,
             late_slots,
             report,
+            page,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -168,6 +171,7 @@ class DemoOutcome:
             "requests": self.requests,
             "late_slots": self.late_slots,
             "report": str(self.report),
+            "page": self.page,
         }
 
 

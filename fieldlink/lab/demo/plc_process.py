@@ -19,17 +19,19 @@ from fieldlink.lab.demo.scene import DEVICE, DemoError
 from fieldlink.lab.plc import PlcServer, Truth, serve
 from fieldlink.site import load_site
 
-__all__ = ["PlcEnd", "PlcProcess"]
+__all__ = ["PlcCourse", "PlcProcess"]
 
 START_TIMEOUT = 60.0
 STOP_TIMEOUT = 20.0
+
+_LOOK, _STOP = "look", "stop"
 
 _log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class PlcEnd:
-    """What a PLC tells when it stops: the loop's true course, and its own late scans."""
+class PlcCourse:
+    """What a PLC tells of itself: the loop's true course so far, and its own late scans."""
 
     truth: Truth
     late_scans: int
@@ -63,19 +65,31 @@ class PlcProcess:
         assert isinstance(answer, int)
         return answer
 
-    def stop(self) -> PlcEnd:
+    def look(self) -> PlcCourse:
+        """Return what has happened in it so far; it goes on.
+
+        Raises:
+            DemoError: it ended before or does not answer.
+        """
+        return self._ask(_LOOK)
+
+    def stop(self) -> PlcCourse:
         """End it and return what happened in it.
 
         Raises:
             DemoError: it ended before or does not answer.
         """
+        answer = self._ask(_STOP)
+        self._process.join(STOP_TIMEOUT)
+        return answer
+
+    def _ask(self, request: str) -> PlcCourse:
         try:
-            self._pipe.send("stop")
+            self._pipe.send(request)
         except OSError as error:
             raise DemoError(f"the simulated PLC has gone away: {error}") from error
-        answer = self._receive(STOP_TIMEOUT, "stop")
-        assert isinstance(answer, PlcEnd)
-        self._process.join(STOP_TIMEOUT)
+        answer = self._receive(STOP_TIMEOUT, request)
+        assert isinstance(answer, PlcCourse)
         return answer
 
     def close(self) -> None:
@@ -115,18 +129,33 @@ def _run(pipe: Connection, site_file: Path, loop: str) -> None:
 
 async def _serve(pipe: Connection, site_file: Path, loop: str) -> None:
     stop = asyncio.Event()
+    served: list[PlcServer] = []
+    wanted: list[object] = []
+
+    def hear() -> None:
+        """Answer a question, or end: at the word to stop, or when the other end is closed."""
+        try:
+            asked = pipe.recv()
+        except EOFError:
+            asked = None
+        if asked == _LOOK:
+            pipe.send(course())
+            return
+        asyncio.get_running_loop().remove_reader(pipe.fileno())
+        wanted.append(asked)
+        stop.set()
+
+    def course() -> PlcCourse:
+        unit = served[0].units[0]
+        return PlcCourse(unit.plc.truth(loop), unit.late)
 
     def ready(servers: Sequence[PlcServer]) -> None:
+        served.extend(servers)
         pipe.send(servers[0].port)
-        # Readable means "stop", or that the other end is closed: both end the run.
-        asyncio.get_running_loop().add_reader(pipe.fileno(), stop.set)
+        asyncio.get_running_loop().add_reader(pipe.fileno(), hear)
 
-    servers = await serve(load_site(site_file), port=0, ready=ready, stop=stop)
-    unit = servers[0].units[0]
-    assert unit.plc.device == DEVICE
-    try:
-        if pipe.poll():
-            pipe.recv()
-    except EOFError:
-        return  # whoever started this has given up: there is nobody to tell
-    pipe.send(PlcEnd(unit.plc.truth(loop), unit.late))
+    await serve(load_site(site_file), port=0, ready=ready, stop=stop)
+    assert served[0].units[0].plc.device == DEVICE
+    if wanted == [_STOP]:
+        pipe.send(course())
+    # Otherwise the process that started this has ended, and there is no answer to give.

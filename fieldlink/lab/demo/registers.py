@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import dataclass
 
 from fieldlink.links import RegisterAccess, open_link
@@ -22,16 +21,12 @@ class RegisterRow:
     unit: str
 
 
-def read_block(site: Site, device: str, loop: str) -> tuple[RegisterRow, ...]:
+async def read_block(site: Site, device: str, loop: str) -> tuple[RegisterRow, ...]:
     """Read the active bank of a loop.
 
     Raises:
         LinkError: the device does not answer.
     """
-    return asyncio.run(_read(site, device, loop))
-
-
-async def _read(site: Site, device: str, loop: str) -> tuple[RegisterRow, ...]:
     layout = site.loops[loop].writeback.exchange
     assert layout is not None
     link = open_link(site, device)

@@ -82,7 +82,7 @@ def write_report(scene: Scene, performance: Performance, outcome: DemoOutcome) -
         confidence=settings.confidence,
         surface=True,
     )
-    course = _course(performance.end.truth, performance.slots)
+    course = _course(performance.course.truth, performance.slots)
     save(course, outcome.report.with_name("run.png"))
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fieldlink.lab.demo"),

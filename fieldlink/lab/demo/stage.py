@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
 from fieldlink.daemon import Daemon, DaemonStatus, Findings, LoopStatus
 from fieldlink.lab.demo.outcome import SETTLE
-from fieldlink.lab.demo.plc_process import PlcEnd, PlcProcess
+from fieldlink.lab.demo.plc_process import PlcCourse, PlcProcess
 from fieldlink.lab.demo.registers import RegisterRow, read_block
 from fieldlink.lab.demo.scene import DEVICE, DemoError, Scene
 from fieldlink.registers import Status
 from fieldlink.site import Site
+from fieldlink.web import page_address, web_server
 
 __all__ = ["Course", "Performance", "Step", "perform"]
 
@@ -59,16 +59,18 @@ class Performance:
         findings: what the first accepted block was made of, the one that took over.
         slots: first and last slot of the window behind it.
         status: the daemon's last.
-        end: what really happened in the PLC.
+        course: what really happened in the PLC.
         block: the active bank as read over Modbus at the end, register by register.
+        page: address of the daemon's pages; None where they have no port.
     """
 
     site: Site
     findings: Findings
     slots: tuple[int, int]
     status: DaemonStatus
-    end: PlcEnd
+    course: PlcCourse
     block: tuple[RegisterRow, ...]
+    page: str | None = None
 
 
 def perform(
@@ -76,15 +78,17 @@ def perform(
     watch: Callable[[Course], None],
     *,
     hold: float = 0.0,
-    holding: Callable[[Site], None] | None = None,
+    opened: Callable[[str | None], None] | None = None,
+    finished: Callable[[Performance], None] | None = None,
 ) -> Performance:
     """Run a scene to its end.
 
     Args:
         scene: what to run.
         watch: called several times a second with the course.
-        hold: wall seconds for which the PLC goes on answering afterwards.
-        holding: called with the site when that time begins.
+        hold: wall seconds for which PLC, daemon and page go on afterwards.
+        opened: called with the page's address when it answers; None where it has no port.
+        finished: called, in a thread, with the performance before that time begins.
 
     Raises:
         DemoError: the PLC does not start, or no block is accepted in time.
@@ -95,18 +99,12 @@ def perform(
         # The first writing is for the PLC, which picks its port; the second names that port.
         scene.write(502)
         site = scene.write(plc.start())
-        director = _Director(scene, site, watch)
-        status = asyncio.run(director.run())
-        block = read_block(site, DEVICE, scene.loop)
-        if hold > 0.0 and holding is not None:
-            holding(site)
-            time.sleep(hold)
-        end = plc.stop()
+        director = _Director(scene, site, watch, plc)
+        performance = asyncio.run(director.run(hold, opened, finished))
+        plc.stop()
     finally:
         plc.close()
-    accepted = director.accepted
-    assert accepted is not None
-    return Performance(site, accepted.findings, accepted.slots, status, end, block)
+    return performance
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,29 +119,68 @@ class _Accepted:
 class _Director:
     """Watches the daemon and says when the demonstration is over."""
 
-    def __init__(self, scene: Scene, site: Site, watch: Callable[[Course], None]) -> None:
+    def __init__(
+        self, scene: Scene, site: Site, watch: Callable[[Course], None], plc: PlcProcess
+    ) -> None:
         self._scene = scene
+        self._site = site
         self._watch = watch
+        self._plc = plc
         self._daemon = Daemon(site)
+        self._page: str | None = None
         self.accepted: _Accepted | None = None
 
-    async def run(self) -> DaemonStatus:
+    async def run(
+        self,
+        hold: float,
+        opened: Callable[[str | None], None] | None,
+        finished: Callable[[Performance], None] | None,
+    ) -> Performance:
         stop = asyncio.Event()
-        daemon = asyncio.create_task(self._daemon.run(stop=stop))
+        async with web_server(self._site, self._daemon) as port:
+            self._page = None if port is None else page_address(self._site, port)
+            if opened is not None:
+                opened(self._page)
+            daemon = asyncio.create_task(self._daemon.run(stop=stop))
+            try:
+                await self._watch_course(daemon)
+                performance = await self._performance()
+                if finished is not None:
+                    await asyncio.to_thread(finished, performance)
+                if hold > 0.0:
+                    await asyncio.wait([daemon], timeout=hold)
+            finally:
+                stop.set()
+                await daemon
+        return performance
+
+    async def _watch_course(self, daemon: asyncio.Task[DaemonStatus]) -> None:
         try:
             async with asyncio.timeout(PATIENCE):
                 while not daemon.done():
                     course = self._course()
                     self._watch(course)
                     if course.step is Step.DONE:
-                        break
+                        return
                     await asyncio.sleep(BEAT)
         except TimeoutError:
             raise DemoError(self._why_not()) from None
-        finally:
-            stop.set()
-            status = await daemon
-        return status
+        # It has ended by itself, which is an error that it raises.
+        await daemon
+
+    async def _performance(self) -> Performance:
+        accepted = self.accepted
+        assert accepted is not None
+        block = await read_block(self._site, DEVICE, self._scene.loop)
+        return Performance(
+            self._site,
+            accepted.findings,
+            accepted.slots,
+            self._daemon.status(),
+            await asyncio.to_thread(self._plc.look),
+            block,
+            self._page,
+        )
 
     def _course(self) -> Course:
         status = self._daemon.status()

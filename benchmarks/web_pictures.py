@@ -1,0 +1,103 @@
+"""Pictures of the pages, from a live run of the demonstration and from a store of 40 loops.
+
+`fieldlink demo --hold` runs PLC, daemon and compensator; a browser opens its pages as a user would.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import sync_playwright
+
+from benchmarks.web_page import serving
+from benchmarks.web_store import fill_store
+
+LOOPS, DAYS = 40, 200
+WIDE = {"width": 1500, "height": 860}
+PHONE = {"width": 390, "height": 844}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Take every picture into ``--images``."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--images", type=Path, required=True)
+    images = parser.parse_args(arguments).images
+    images.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as running:
+        browser = running.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        of_the_demo(browser, Path(folder) / "demo", images)
+        file = Path(folder) / "history.sqlite"
+        fill_store(file, now_ms=round(time.time() * 1000.0), loops=LOOPS, days=DAYS)
+        with serving(str(file)) as (address, _):
+            of_a_fleet(browser, address, images)
+        browser.close()
+
+
+def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
+    """Pictures of one loop from its sick valve to the end of its oscillation."""
+    command = [sys.executable, "-m", "fieldlink.cli", "demo", "--json", "--hold", "120"]
+    demo = subprocess.Popen(
+        [*command, "--output", str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        assert demo.stdout is not None
+        address = json.loads(demo.stdout.readline())["page"]
+        page = browser.new_page(viewport=WIDE)
+        page.goto(address)
+        page.locator("#fleet tr", has_text="compensated").wait_for()
+        page.locator("#fleet th a").first.click()
+        page.locator("[data-range='3600']").click()
+        page.locator("#trend-note", has_text="samples").wait_for()
+        page.locator("#map").scroll_into_view_if_needed()
+        page.locator("#map-note", has_text="dark").wait_for()
+        page.wait_for_timeout(1500)
+        page.evaluate("scrollTo(0, 0)")
+        page.set_viewport_size({"width": 1500, "height": 800})
+        page.screenshot(path=images / "web-loop.png")
+        page.set_viewport_size({"width": 1500, "height": 2400})
+        page.wait_for_timeout(1500)
+        clip = page.evaluate(
+            """() => {
+              const top = document.querySelector(".columns").getBoundingClientRect();
+              const end = document.querySelector("[data-part=written]").getBoundingClientRect();
+              return { x: 0, y: top.top - 10, width: 1500, height: end.bottom - top.top + 20 };
+            }"""
+        )
+        page.screenshot(path=images / "web-why.png", clip=clip)
+        page.set_viewport_size(WIDE)
+        page.goto(f"{address}devices")
+        page.locator("#link", has_text="live ").wait_for()
+        page.screenshot(path=images / "web-devices.png")
+    finally:
+        demo.terminate()
+        demo.communicate()
+
+
+def of_a_fleet(browser: Any, address: str, images: Path) -> None:
+    """Pictures of many loops, wide and on a phone."""
+    page = browser.new_page(viewport=WIDE)
+    page.goto(address)
+    page.locator("#link", has_text="live ").wait_for()
+    # The trends of the eight sticky loops come from a process apart.
+    page.wait_for_timeout(25_000)
+    page.screenshot(path=images / "web-fleet.png")
+    page.set_viewport_size(PHONE)
+    page.screenshot(path=images / "web-phone.png")
+
+
+if __name__ == "__main__":
+    main()

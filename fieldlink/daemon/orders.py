@@ -1,0 +1,170 @@
+"""Orders of operators: what a person at the page or the command line may ask of the daemon.
+
+An order can make the write-back safer than the site file, never bolder: every rule about writing
+still holds at the moment of writing. Each order is an event with who gave it and why; those that
+stand (hold, off) are read from these events again when the daemon begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.writeback.standing_orders import StandingOrders
+from fieldlink.errors import FieldlinkError
+from fieldlink.store import EventRecord
+
+__all__ = ["ORDER_EVENTS", "Action", "Order", "OrderError", "carry_out", "recall_orders"]
+
+LONGEST_WHO = 80
+LONGEST_WHY = 500
+"""Characters: a name, and a few sentences for the record."""
+
+_PREFIX = "operator."
+
+
+class OrderError(FieldlinkError):
+    """An order that cannot be carried out."""
+
+
+class Action(Enum):
+    """What may be ordered; the value names it in requests and events, ``done`` answers it."""
+
+    ESTIMATE = ("estimate", "the window is being judged; the result appears when it is ready")
+    ACCEPT = ("accept", "the hold has ended; the rules of the site file decide again")
+    HOLD = ("hold", "no new block is written; the block in force stays until it expires")
+    WITHDRAW = ("withdraw", "the block is withdrawn at the next look at the PLC")
+    WRITEBACK_OFF = (
+        "writeback_off",
+        "nothing is written any more; the PLC drops its model when the heartbeat stands still",
+    )
+    WRITEBACK_ON = ("writeback_on", "the write-back follows the site file again")
+    ANNOTATE = ("annotate", "noted; the trend starts anew at this moment")
+
+    def __init__(self, code: str, done: str) -> None:
+        self.code = code
+        self.done = done
+
+    @classmethod
+    def of(cls, code: str) -> Action:
+        """Return the action with a code.
+
+        Raises:
+            OrderError: there is none.
+        """
+        for action in cls:
+            if action.code == code:
+                return action
+        known = ", ".join(action.code for action in cls)
+        raise OrderError(f"there is no action {code!r}; choose one of {known}")
+
+    @property
+    def event(self) -> str:
+        """The kind of its event."""
+        return _PREFIX + self.code
+
+
+_STANDING = (Action.ACCEPT, Action.HOLD, Action.WRITEBACK_OFF, Action.WRITEBACK_ON)
+
+ORDER_EVENTS = tuple(action.event for action in _STANDING)
+"""Kinds of the events from which standing orders are known again, see `recall_orders`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One order.
+
+    Attributes:
+        loop: the loop's name.
+        action: what is to be done.
+        who: the operator's name; why: the reason. Both for the record.
+
+    Raises:
+        OrderError: name or reason is missing or too long.
+    """
+
+    loop: str
+    action: Action
+    who: str
+    why: str
+
+    def __post_init__(self) -> None:
+        for name, text, most in (("who", self.who, LONGEST_WHO), ("why", self.why, LONGEST_WHY)):
+            if not text.strip():
+                raise OrderError(f"{name} is empty; give it, for the record")
+            if len(text) > most:
+                raise OrderError(f"{name} has {len(text)} characters; at most {most} are kept")
+
+    @property
+    def words(self) -> str:
+        """Who and why, in one line."""
+        return f"{' '.join(self.who.split())}: {' '.join(self.why.split())}"
+
+    def record(self, utc_ms: int) -> EventRecord:
+        """Return the event to store."""
+        detail = {"who": self.who, "why": self.why}
+        return EventRecord(utc_ms, self.action.event, self.loop, self.words, detail)
+
+
+def carry_out(order: Order, loop: LoopRunner, utc: float, *, read_only: bool) -> None:
+    """Carry out an order that concerns a loop's write-back; others change nothing here.
+
+    Args:
+        order: the order.
+        loop: the loop's runner.
+        utc: seconds since 1970.
+        read_only: whether the daemon writes to no device.
+
+    Raises:
+        OrderError: the loop may not be written, or there is nothing to end.
+        FieldlinkError: the block cannot be withdrawn.
+    """
+    action, orders = order.action, loop.orders
+    if action in (Action.ESTIMATE, Action.ANNOTATE):
+        return
+    if action is not Action.WRITEBACK_OFF and action is not Action.HOLD:
+        _check_may_write(loop, read_only)
+    if action is Action.WITHDRAW:
+        loop.withdraw(order.words, utc)
+    elif action is Action.ACCEPT and not orders.hold:
+        raise OrderError(
+            f"loop {loop.name} is not on hold, so its models are accepted by the rules of the site "
+            "file; after a withdrawal clear the PLC's enable bit and set it again"
+        )
+    elif action is Action.WRITEBACK_ON and not orders.off:
+        raise OrderError(f"the write-back of loop {loop.name} is not switched off")
+    else:
+        _apply(orders, action, order.words)
+
+
+def recall_orders(events: Sequence[EventRecord], orders: Mapping[str, StandingOrders]) -> None:
+    """Put the standing orders of events, oldest first, in force again."""
+    for event in events:
+        known = orders.get(event.source)
+        if known is not None:
+            _apply(known, Action.of(event.kind.removeprefix(_PREFIX)), event.message)
+
+
+def _apply(orders: StandingOrders, action: Action, words: str) -> None:
+    if action is Action.HOLD:
+        orders.hold = words
+    elif action is Action.ACCEPT:
+        orders.hold = ""
+    elif action is Action.WRITEBACK_OFF:
+        orders.off = words
+    elif action is Action.WRITEBACK_ON:
+        orders.off = ""
+
+
+def _check_may_write(loop: LoopRunner, read_only: bool) -> None:
+    if loop.writer is None:
+        raise OrderError(
+            f"loops.{loop.name}.writeback is not enabled in the site file, so nothing is written; "
+            "the page cannot change that"
+        )
+    if read_only:
+        raise OrderError(
+            "the running daemon writes nothing (--read-only); start it without that option first"
+        )

@@ -1,0 +1,206 @@
+"""The pages and their JSON over real HTTP: what they tell, whom, and what nobody may do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from benchmarks.web_store import fill_store
+from fieldlink.daemon import Daemon
+from fieldlink.site import load_site
+from fieldlink.store import StoreError, read_events
+from fieldlink.web import WebError, store_server, web_server
+
+TOKEN = "0123456789abcdef0123456789abcdef"
+PAGES = ("/", "/devices", "/api/loops", "/api/loops/LIC-0001", "/api/devices", "/fragments/fleet")
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("store") / "history.sqlite"
+    now_ms = round(time.time() * 1000.0)
+    return fill_store(file, now_ms=now_ms, loops=10, days=30, samples=50, long_samples=9000)
+
+
+@pytest.fixture
+async def client(store: str) -> AsyncIterator[httpx.AsyncClient]:
+    async with (
+        store_server(store, None, "127.0.0.1", 0) as address,
+        httpx.AsyncClient(base_url=address, timeout=60.0) as made,
+    ):
+        yield made
+
+
+async def test_the_fleet_is_ranked_by_what_to_repair_first(client: httpx.AsyncClient) -> None:
+    loops = (await client.get("/api/loops")).json()["loops"]
+    assert [loop["rank"] for loop in loops] == list(range(1, 11))
+    verdicts = [loop["verdict"] for loop in loops]
+    assert verdicts == ["stiction"] * 2 + ["not_assessable"] * 2 + ["no_stiction"] * 6
+    assert loops[0]["uncertain"] is False
+    page = (await client.get("/")).text
+    places = [page.index(f'data-name="{loop["name"]}"') for loop in loops]
+    assert places == sorted(places)
+
+
+async def test_a_loop_says_why_and_what_was_written(client: httpx.AsyncClient) -> None:
+    found = (await client.get("/api/loops/LIC-0001")).json()
+    assert any("93" in text and "41" in text for text in found["why"])
+    assert found["written"][0]["outcome"] == "accepted"
+    assert found["to_do"] == ["Check the packing at the next stop."]
+    assert found["surer"] == ["Nothing more is needed; the next windows confirm it."]
+    assert (await client.get("/loops/LIC-0001")).status_code == 200
+    for path in ("/loops/NONE", "/api/loops/NONE", "/api/loops/NONE/samples"):
+        assert (await client.get(path)).status_code == 404
+
+
+async def test_thinned_samples_keep_every_extreme(client: httpx.AsyncClient) -> None:
+    address = "/api/loops/LIC-0001/samples?last=20000"
+    all_of_them = (await client.get(f"{address}&points=20000")).json()
+    thinned = (await client.get(f"{address}&points=500")).json()
+    assert (all_of_them["samples"], all_of_them["thinned"]) == (9000, False)
+    assert thinned["thinned"] is True
+    assert len(thinned["time"]) <= 502
+    assert thinned["time"] == sorted(thinned["time"])
+    for name in ("op", "pv"):
+        assert min(thinned[name]) == min(all_of_them[name])
+        assert max(thinned[name]) == max(all_of_them[name])
+    assert all_of_them["stem"] is not None
+    bad = await client.get("/api/loops/LIC-0001/samples?since=yesterday")
+    assert bad.status_code == 400
+    assert bad.json()["error"] == "since is 'yesterday'; give a number"
+
+
+async def test_only_what_changed_is_sent_again(client: httpx.AsyncClient) -> None:
+    first = (await client.get("/fragments/fleet")).json()
+    assert len(first["rows"]) == 10
+    revision = first["revision"]
+    for _ in range(200):
+        # Trends are computed in a process apart and change the rows of the sticky loops.
+        again = (await client.get(f"/fragments/fleet?revision={revision}")).json()
+        if again["rows"]:
+            break
+    assert set(again["rows"]) <= {"LIC-0001", "LIC-0006"}
+
+
+async def test_no_answer_lets_a_foreign_origin_in(client: httpx.AsyncClient) -> None:
+    for path in PAGES:
+        answer = await client.get(path)
+        assert answer.status_code == 200
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "http" not in policy
+        assert "style=" not in answer.text
+        assert "<script>" not in answer.text
+    foreign = await client.get("/api/loops", headers={"Host": "attacker.example:80"})
+    assert foreign.status_code == 421
+
+
+async def test_a_store_alone_refuses_every_action(client: httpx.AsyncClient) -> None:
+    asked = {"action": "hold", "who": "A", "why": "b"}
+    answer = await client.post("/api/loops/LIC-0001/actions", json=asked)
+    assert answer.status_code == 409
+    assert "fieldlink run" in answer.json()["error"]
+
+
+async def test_other_machines_and_missing_stores_are_refused(tmp_path: Path, store: str) -> None:
+    with pytest.raises(WebError, match="token_file"):
+        async with store_server(store, None, "0.0.0.0", 0):
+            pytest.fail("it must not listen")
+    with pytest.raises(StoreError, match="no historian"):
+        async with store_server(f"sqlite:///{tmp_path / 'none'}", None, "127.0.0.1", 0):
+            pytest.fail("it must not listen")
+
+
+async def test_actions_need_the_token_in_a_header_never_a_cookie(
+    device: Any, tmp_path: Path, live: Any
+) -> None:
+    (tmp_path / "token").write_text(TOKEN)
+    (tmp_path / "token").chmod(0o600)
+    site = live.site_for(tmp_path, {"plc": device.port})
+    site.path.write_text(site.path.read_text() + '\n[web]\nport = 0\ntoken_file = "token"\n')
+    site = load_site(site.path)
+    path, asked = "/api/loops/PLC/actions", {"action": "hold", "who": "A. Meyer", "why": "leak"}
+    async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
+        await live.until(lambda: daemon.started.is_set(), "started")
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}") as client:
+            # Without the token a person is led to the login and a program is refused.
+            assert (await client.get("/")).headers["location"] == "/login"
+            assert (await client.get("/api/loops")).status_code == 401
+            assert (await client.post("/login", data={"token": "wrong"})).status_code == 401
+            entered = await client.post("/login", data={"token": TOKEN})
+            cookie = entered.headers["set-cookie"].lower()
+            assert "httponly" in cookie
+            assert "samesite=strict" in cookie
+            assert TOKEN not in cookie
+            assert (await client.get("/api/loops")).status_code == 200
+            # The session may look and not act, nor scrape.
+            assert (await client.post(path, json=asked)).status_code == 401
+            assert (await client.get("/metrics")).status_code == 401
+            assert daemon.status().loops["PLC"].hold == ""
+            right = {"Authorization": f"Bearer {TOKEN}"}
+            assert (await client.get(path, headers=right)).status_code == 404
+            for wrong, message in (
+                ({**asked, "action": "enable"}, "there is no action 'enable'"),
+                ({**asked, "who": ""}, "who is empty"),
+                ([], "JSON object"),
+            ):
+                refused = await client.post(path, json=wrong, headers=right)
+                assert refused.status_code in (400, 409)
+                assert message in refused.json()["error"]
+            huge = await client.post(path, content=b"x" * 20_000, headers=right)
+            assert huge.status_code == 400
+            done = await client.post(path, json=asked, headers=right)
+            assert done.json()["action"] == "hold"
+            assert daemon.status().loops["PLC"].hold == "A. Meyer: leak"
+    events = read_events(site.historian_url)
+    assert events[events["kind"] == "operator.hold"]["source"].tolist() == ["PLC"]
+
+
+async def test_without_a_token_file_one_is_drawn_for_actions_and_kept_secret(
+    tmp_path: Path, live: Any
+) -> None:
+    site = live.site_for(tmp_path, {"plc": 9})
+    site.path.write_text(site.path.read_text() + "\n[web]\nport = 0\n")
+    site = load_site(site.path)
+    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
+        file = site.data_dir / "operator-token"
+        assert file.stat().st_mode & 0o777 == 0o600
+        drawn = file.read_text()
+        answer = await client.get(f"http://127.0.0.1:{port}/")
+        assert drawn.strip() not in answer.text
+        asked = {"action": "annotate", "who": "A", "why": "b"}
+        path = f"http://127.0.0.1:{port}/api/loops/PLC/actions"
+        assert (await client.post(path, json=asked)).status_code == 401
+    async with web_server(site, Daemon(site)):
+        assert file.read_text() == drawn
+
+
+async def test_a_note_starts_the_trend_anew(device: Any, tmp_path: Path, live: Any) -> None:
+    site = live.site_for(tmp_path, {"plc": device.port}, window=160, estimate_every=20.0)
+    site.path.write_text(site.path.read_text() + "\n[web]\nport = 0\n")
+    site = load_site(site.path)
+    async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
+        await live.until(lambda: daemon.status().loops["PLC"].estimates >= 3, "three estimates")
+        token = (site.data_dir / "operator-token").read_text().strip()
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}", timeout=60.0) as client:
+            course: dict[str, Any] = {"time": []}
+            while len(course["time"]) < 3:
+                course = (await client.get("/api/loops/PLC")).json()["course"]
+            asked = {"action": "annotate", "who": "A. Meyer", "why": "packing replaced"}
+            await client.post(
+                "/api/loops/PLC/actions", json=asked, headers={"Authorization": f"Bearer {token}"}
+            )
+            noted = time.time()
+            while True:
+                found = (await client.get("/api/loops/PLC")).json()
+                begin = found["course"]["trend_from"]
+                if begin is None or begin > noted:
+                    break
+    assert found["orders"][0]["why"] == "packing replaced"
+    assert len(found["course"]["time"]) >= 3
