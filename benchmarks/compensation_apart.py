@@ -24,7 +24,7 @@ from benchmarks.apart.loops import DISTURBANCES, WARM, WRONG, Course, Loop, play
 from benchmarks.apart.plants import PROCESSES, VALVES
 from benchmarks.report import heading, keep, machine, table
 
-__all__ = ["Row", "judge", "main"]
+__all__ = ["Row", "judge", "list_rows", "main", "run"]
 
 _FIRST = 150
 _SETTLE = 60
@@ -139,25 +139,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--out", type=Path, help="folder for the report")
     options = parser.parse_args(arguments)
-    rows: list[Row] = []
-    for loop, parameters, disturbance in _plan(options.quick):
-        for seed in range(1, options.seeds + 1):
-            course = play(loop, parameters, disturbance, seed)
-            name = f"{loop.process}, {loop.valve}, {loop.own}"
-            own = None if disturbance == "none" else play(loop, "none", disturbance, seed)
-            found = judge(course, own)
-            rows.append(
-                Row(
-                    name,
-                    parameters,
-                    disturbance,
-                    seed,
-                    reason="" if math.isnan(found["given_back"]) else course.reason,
-                    offered=course.offered,
-                    **found,  # type: ignore[arg-type]
-                )
-            )
-    text = heading("compensation_apart", __doc__, arguments) + "\n\n" + summary(rows) + "\n\n"
+    rows = [
+        run(loop, parameters, disturbance, seed)
+        for loop, parameters, disturbance in _plan(options.quick)
+        for seed in range(1, options.seeds + 1)
+    ]
+    text = heading("compensation_apart", __doc__, arguments) + "\n\n" + list_rows(rows)
+    print(text)
+    figures = {"machine": machine(), "rows": [asdict(row) for row in rows]}
+    keep(options.out, "compensation_apart", text, figures)
+    return 0
+
+
+def run(loop: Loop, parameters: str, disturbance: str, seed: int) -> Row:
+    """Return one row; a disturbed loop is compared with its own controller's run."""
+    course = play(loop, parameters, disturbance, seed)
+    own = None if disturbance == "none" else play(loop, "none", disturbance, seed)
+    found = judge(course, own)
+    return Row(
+        f"{loop.process}, {loop.valve}, {loop.own}",
+        parameters,
+        disturbance,
+        seed,
+        reason="" if math.isnan(found["given_back"]) else course.reason,
+        offered=course.offered,
+        **found,  # type: ignore[arg-type]
+    )
+
+
+def list_rows(rows: Sequence[Row]) -> str:
+    """Return the summary and a table of all rows."""
     cells = [
         (
             r.loop,
@@ -173,11 +184,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for r in rows
     ]
     header = ("loop", "parameters", "disturbance", "PV", "IAE", "travel", "reversals")
-    text += table((*header, "given back after", "scans harmed"), cells)
-    print(text)
-    figures = {"machine": machine(), "rows": [asdict(row) for row in rows]}
-    keep(options.out, "compensation_apart", text, figures)
-    return 0
+    listed = table((*header, "given back after", "scans harmed"), cells)
+    return f"{summary(rows)}\n\n{listed}"
 
 
 def summary(rows: Sequence[Row]) -> str:
