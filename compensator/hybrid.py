@@ -83,6 +83,7 @@ class HybridMpc:
         self._pv_bad = False
         self._tolerated = 0.0
         self._moving = self.stem_moved = False
+        self._dwells = 0
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -169,6 +170,9 @@ class HybridMpc:
         before = self.stem
         self._bank.observe(pv, op)
         self.stem_moved = self._moving = self.stem != before
+        self._dwells = max(0, self._dwells - 1)
+        if self.stem_moved and self.tracker.best.way:
+            self._dwells = self.settings.dwell - 1
         self._op = op
 
     def decide(self, sp: float) -> Action:
@@ -186,8 +190,11 @@ class HybridMpc:
         low, high = self._reach
         limited = not low <= target <= high
         target = min(max(target, low), high)
-        self._moving = self._moving or bool(plan.times)
-        if plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
+        self._moving = self._moving or bool(plan.times) or self._dwells > 0
+        if self._dwells:
+            position, op = belief.stem, self._strokes(belief).dwell()
+            status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
+        elif plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
             change = plan.changes[0]
             position = self._slipping(belief, change)
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
@@ -229,7 +236,12 @@ class HybridMpc:
         gain = 1.0 + float(belief.errors[GAIN])
         least = self._least_moves(belief)
         ramp = self._strokes(belief).ramp()
-        ramp = replace(ramp, largest=gain * ramp.largest)
+        ramp = replace(
+            ramp,
+            up=max(ramp.up, self._dwells),
+            down=max(ramp.down, self._dwells),
+            largest=gain * ramp.largest,
+        )
         move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         way = wanted - tracker.drive(belief)

@@ -7,6 +7,8 @@ import math
 __all__ = ["InnovationStatistics"]
 
 _RATE = 0.05
+_WILD = 4.0
+"""Squared deviations above which an innovation counts as wild."""
 
 
 class InnovationStatistics:
@@ -25,6 +27,7 @@ class InnovationStatistics:
         self._count = 0
         self._trend = 0.0
         self._last = 0.0
+        self._wild = 0.0
 
     @property
     def is_learning(self) -> bool:
@@ -47,8 +50,11 @@ class InnovationStatistics:
         self._count += 1
         variance = max(self.variance, least)
         square = surprise**2 / (innovation / variance)
-        if self._count > 20:
-            square = min(square, 4.0 * variance)
+        wild = square > _WILD * variance
+        self._wild += _RATE * (wild - self._wild)
+        # One wild PV is no noise; when every second one is, the noise is not what it was.
+        if self._count > 20 and self._wild < 0.5:
+            square = min(square, _WILD * variance)
         self.variance += (square - self.variance) / min(self._count, 80)
         normal = surprise / math.sqrt(innovation)
         self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(innovation))

@@ -33,6 +33,7 @@ from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import NoiseModel, Prediction, settling_samples
+from compensator.resolution import PvResolution
 from loop_model import ValveModel
 
 __all__ = ["Belief", "StemTracker", "TrackerSettings"]
@@ -41,6 +42,12 @@ Array = NDArray[np.float64]
 
 _NEGLIGIBLE = 0.006
 """Chance of an outcome below which it is not followed by a hypothesis of its own."""
+
+
+_NOISELESS = 1e-5
+"""Deviation of PV, per OP's effect, that counts as free of noise: a load of a hundred OP squared and
+this one squared are still apart by more than the rounding of double precision.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +112,7 @@ class StemTracker:
         self._correlations = self._noise_correlations()
         self.beliefs: list[Belief] = []
         self.innovations = InnovationStatistics()
+        self._resolution = PvResolution()
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._load_steps = LoadStepDetector(prediction.dead_time)
         self.load_stepped = False
@@ -193,6 +201,7 @@ class StemTracker:
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
         self.innovations.evidence = 0.0
+        self._resolution.push(pv)
         if not self.ready:
             if math.isfinite(pv):
                 self.start(pv, op)
@@ -287,7 +296,7 @@ class StemTracker:
         n = self.prediction.order
         self._scale_now = variance = max(self.innovations.variance, self._floor)
         self._noise_now = variance * self._r
-        self._innovation = float(self._covariance[0, 0]) + self._noise_now
+        self._innovation = max(float(self._covariance[0, 0]), 0.0) + self._noise_now
         self._gain = self._covariance[:, 0] / self._innovation
         # Innovations that a model of too low an order leaves correlated count for fewer in what is
         # learnt of lasting errors; Joseph's form allows any gain.
@@ -310,8 +319,8 @@ class StemTracker:
 
     @property
     def _floor(self) -> float:
-        """Variance below which a loop counts as free of noise."""
-        return 1e-18 + (1e-6 * self.prediction.scale) ** 2
+        """Least variance of the noise: that of rounding, or what counts as free of noise."""
+        return max(1e-18 + (_NOISELESS * self.prediction.scale) ** 2, self._resolution.variance)
 
     def _watch(self, surprise: float) -> None:
         """Follow the noise; learn afresh when innovations keep one sign too long."""
