@@ -16,18 +16,23 @@ class InnovationStatistics:
 
     Attributes:
         variance: of the noise, in the filter's own scale.
-        colour: correlation of successive innovations, 0 if the model is right.
+        correlation: of successive innovations, 0 if the model is right.
         evidence: log-density that the last PV had.
     """
 
     def __init__(self) -> None:
         self.variance = 0.0
-        self.colour = 0.0
+        self.correlation = 0.0
         self.evidence = 0.0
         self._count = 0
         self._trend = 0.0
         self._last = 0.0
         self._wild = 0.0
+
+    @property
+    def colour(self) -> float:
+        """Their correlation, 0 if it is below: what makes successive errors count for fewer."""
+        return max(self.correlation, 0.0)
 
     @property
     def is_learning(self) -> bool:
@@ -43,7 +48,7 @@ class InnovationStatistics:
     def restart_trend(self, colour: float = 1.0) -> None:
         """Begin anew to look for a bias; ``colour`` scales what is held of the correlation."""
         self._trend = 0.0
-        self.colour *= colour
+        self.correlation *= colour
 
     def push(self, surprise: float, innovation: float, least: float) -> None:
         """Take in an innovation and its variance; ``least`` is a noise that counts as none."""
@@ -60,7 +65,7 @@ class InnovationStatistics:
         self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(innovation))
         if self._count > 20 and abs(normal) < 3.0:
             product = (normal - self._trend) * (self._last - self._trend)
-            self.colour += (product - self.colour) / min(self._count, 80)
-            self.colour = min(max(self.colour, 0.0), 0.9)
+            self.correlation += (product - self.correlation) / min(self._count, 80)
+            self.correlation = min(max(self.correlation, -0.9), 0.9)
         self._last = normal = min(max(normal, -3.0), 3.0)
         self._trend += _RATE * (normal - self._trend)

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
+from compensator.fluctuation import RestFluctuation
 from compensator.friction import FrictionPrior
 from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
@@ -63,6 +64,8 @@ class TrackerSettings:
             model of too low an order leaves of the response, which would else pass for load.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
+        fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
+            variance of some ten independent values is known to a factor of two.
     """
 
     noise: NoiseModel
@@ -70,8 +73,9 @@ class TrackerSettings:
     gain_spread: float = 0.1
     offset_memory: float = 2.0
     delay_spread: float = 1.0
-    hypotheses: int = 6
+    hypotheses: int = 14
     memory: float = 60.0
+    fluctuation_margin: float = 2.0
 
 
 class StemTracker:
@@ -113,6 +117,7 @@ class StemTracker:
         self.beliefs: list[Belief] = []
         self.innovations = InnovationStatistics()
         self._resolution = PvResolution()
+        self._fluctuation = RestFluctuation(settle + prediction.dead_time, max(40, 2 * settle))
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._load_steps = LoadStepDetector(prediction.dead_time)
         self.load_stepped = False
@@ -164,8 +169,9 @@ class StemTracker:
         """Variance of PV that the noise seen so far makes with the stem held (PV squared)."""
         noise, lags = self.settings.noise, self._correlations
         seen = self.innovations
-        power = noise.equation**2 * coloured_power(lags, seen.colour) + noise.measurement**2
-        return seen.variance * power
+        power = noise.equation**2 * coloured_power(lags, seen.correlation) + noise.measurement**2
+        bound = self.settings.fluctuation_margin * self._fluctuation.variance
+        return min(seen.variance * max(power, 0.0), max(bound, self._floor))
 
     @property
     def offset_variance(self) -> float:
@@ -206,8 +212,11 @@ class StemTracker:
             if math.isfinite(pv):
                 self.start(pv, op)
             return
+        before = self.best.stem
         self._advance(op)
         self._correct(pv)
+        if math.isfinite(pv):
+            self._fluctuation.push(pv, moved=self.best.stem != before)
 
     def _advance(self, op: float) -> None:
         fs, fd = self.valve.static_friction, self.valve.dynamic_friction
