@@ -31,6 +31,7 @@ from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
 from compensator.given_up import GivenUpModels
 from compensator.hybrid import HybridMpc
+from compensator.record_check import has_wrong_sign
 from compensator.screen import PvScreen
 from compensator.supervision import (
     Compensator,
@@ -144,6 +145,7 @@ class Supervisor:
         stated = uncertainty or Uncertainty()
         try:
             self._require_usable(model)
+            self._require_right_sign(model)
             current = self._next or self._compensator
             if current is not None and current.model.process == model.process:
                 current.require_reachable(model.valve)
@@ -190,6 +192,16 @@ class Supervisor:
         if model.valve.stick_band == 0.0:
             raise CompensatorError(
                 "the model's stick band is 0: a valve that does not stick needs no compensation"
+            )
+
+    def _require_right_sign(self, model: LoopModel) -> None:
+        """Raise `CompensatorError` if what the loop did contradicts the model's sign."""
+        seen = self._record.latest(4 * self.settings.history)
+        if has_wrong_sign(model, [s.op for s in seen], [s.pv for s in seen], self.settings.check):
+            raise CompensatorError(
+                "PV moved against what the model makes of OP: its gain has the wrong sign; check "
+                "the signs of OP and PV and identify again",
+                RefusalKind.WRONG_SIGN,
             )
 
     def withdraw(self, reason: WithdrawReason) -> None:
@@ -311,8 +323,11 @@ class Supervisor:
             return False
         if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
             return False
+        known_scans = self.settings.least_known + candidate.prediction.dead_time
+        if len(self._record) < known_scans:
+            return False
         before = self._figures(candidate)
-        if before is None:
+        if before is None or not self._accept(candidate):
             return False
         if self._watch is None or self._watch.before != before:
             self._watch = LoopWatch(
@@ -329,6 +344,20 @@ class Supervisor:
         self.state = SupervisorState.COMPENSATING
         if self.reason in _PASSING:
             self.reason = WithdrawReason.NONE
+        return True
+
+    def _accept(self, candidate: Compensator) -> bool:
+        """Refuse a candidate that the record contradicts by now; tell whether it may take over."""
+        if candidate is self._compensator:
+            return True
+        try:
+            self._require_right_sign(candidate.model)
+        except CompensatorError as error:
+            if self._compensator is None:
+                self.withdraw(WithdrawReason.REFUSED)
+            self._next = None
+            self.refusal, self.refused = str(error), error.kind
+            return False
         return True
 
     def _figures(self, candidate: Compensator) -> LoopFigures | None:
