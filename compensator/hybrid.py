@@ -27,6 +27,7 @@ from compensator.friction import Uncertainty
 from compensator.hybrid_settings import HybridSettings
 from compensator.moves import LeastMoves, MovePlan, MovePlanner
 from compensator.prediction import NoiseModel, Prediction
+from compensator.setpoint_trend import SetpointTrend
 from compensator.stem import StemTracker, TrackerSettings
 from compensator.strokes import Strokes
 from compensator.tracking import TrackerBank, noise_kinds
@@ -84,6 +85,7 @@ class HybridMpc:
         self._tolerated = 0.0
         self._moving = self.stem_moved = False
         self._dwells = 0
+        self._trend = SetpointTrend(self.horizon // 2)
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -178,6 +180,7 @@ class HybridMpc:
     def decide(self, sp: float) -> Action:
         """See `Controller.decide`."""
         require_finite("HybridMpc.decide", sp=sp)
+        self._trend.push(sp)
         if not self.tracker.ready:
             return Action(self._op, ActionStatus.NOT_READY)
         if self._pv_bad:
@@ -231,7 +234,8 @@ class HybridMpc:
         """Return the best plan from the present belief for the set-point ``sp``."""
         tracker, s = self.tracker, self.settings
         belief = tracker.best
-        error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - sp
+        ahead = self._trend.ahead(self.planner.points)
+        error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - (sp + ahead)
         # The planner moves the process's drive; the stem moves it by a gain known a little better.
         gain = 1.0 + float(belief.errors[GAIN])
         least = self._least_moves(belief)
@@ -244,10 +248,11 @@ class HybridMpc:
         )
         move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
-        way = wanted - tracker.drive(belief)
-        overshoot = s.overshoot * abs(way)
-        lowest = min(0.0, way) - overshoot - max(least.on, least.down)
-        highest = max(0.0, way) + overshoot + max(least.on, least.up)
+        _, later = self.prediction.equilibrium(sp + float(ahead[-1]), 0.0)
+        ways = (0.0, wanted - tracker.drive(belief), later - tracker.drive(belief))
+        overshoot = s.overshoot * max(map(abs, ways))
+        lowest = min(ways) - overshoot - max(least.on, least.down)
+        highest = max(ways) + overshoot + max(least.on, least.up)
         reach = (
             max(self._change_for(belief, self._reach[0], -1.0), lowest),
             min(self._change_for(belief, self._reach[1], 1.0), highest),

@@ -20,6 +20,7 @@ covariance is followed in time; it is that of the best hypothesis, the others sh
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from dataclasses import dataclass, field
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation
 from compensator.friction import FrictionPrior
-from compensator.innovations import InnovationStatistics
+from compensator.innovations import FIRST, InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import NoiseModel, Prediction, settling_samples
@@ -114,9 +115,17 @@ class StemTracker:
             self._transition[n + error, n + error] = self._error_memory
         self._r = noise.equation**2 + noise.measurement**2
         self._correlations = self._noise_correlations()
-        self.beliefs: list[Belief] = []
-        self.innovations = InnovationStatistics()
+        self._settle = settle
         self._resolution = PvResolution()
+        self._first: list[tuple[float, float]] = []
+        self._begin(InnovationStatistics())
+
+    def _begin(self, innovations: InnovationStatistics) -> None:
+        """Believe nothing yet but what is known of the noise."""
+        prediction, valve, settle = self.prediction, self.valve, self._settle
+        n = prediction.order
+        self.beliefs: list[Belief] = []
+        self.innovations = innovations
         self._fluctuation = RestFluctuation(settle + prediction.dead_time, max(40, 2 * settle))
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._load_steps = LoadStepDetector(prediction.dead_time)
@@ -206,8 +215,28 @@ class StemTracker:
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
-        self.innovations.evidence = 0.0
         self._resolution.push(pv)
+        self._take_in(pv, op)
+        if len(self._first) < FIRST and math.isfinite(pv):
+            self._first.append((pv, op))
+            if len(self._first) == FIRST:
+                self._relive()
+
+    def _relive(self) -> None:
+        """Go through the first scans again, now that the size of the noise can be told.
+
+        Without it the first PVs count as free of noise, and what is noise in them is taken for the
+        state and the load.
+        """
+        squares = sorted((b[0] - a[0]) ** 2 for a, b in itertools.pairwise(self._first))
+        # Half the mean square of a normal change, by its median (0.455 of it): robust to a slip.
+        variance = 0.5 * squares[len(squares) // 2] / 0.455
+        self._begin(InnovationStatistics(variance, known_for=FIRST))
+        for pv, op in self._first:
+            self._take_in(pv, op)
+
+    def _take_in(self, pv: float, op: float) -> None:
+        self.innovations.evidence = 0.0
         if not self.ready:
             if math.isfinite(pv):
                 self.start(pv, op)
