@@ -173,7 +173,7 @@ class HybridMpc:
         self._bank.observe(pv, op)
         self.stem_moved = self._moving = self.stem != before
         self._dwells = max(0, self._dwells - 1)
-        if self.stem_moved and self.tracker.best.way:
+        if self.ready and self.stem_moved and self.tracker.best.way:
             self._dwells = self.settings.dwell - 1
         self._op = op
 

@@ -125,10 +125,12 @@ class LoopMemory:
     Attributes:
         figures: of the loop under its base controller; None while unknown.
         given_up: models that made it worse.
+        gain_sign: of the process, as the loop's record showed it; 0 while unknown.
     """
 
     figures: LoopFigures | None = None
     given_up: tuple[GivenUp, ...] = ()
+    gain_sign: int = 0
 
 
 class Compensator(Controller, Protocol):

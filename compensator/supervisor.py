@@ -31,7 +31,7 @@ from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
 from compensator.given_up import GivenUpModels
 from compensator.hybrid import HybridMpc
-from compensator.record_check import has_wrong_sign
+from compensator.record_check import seen_agreement
 from compensator.screen import PvScreen
 from compensator.supervision import (
     Compensator,
@@ -104,6 +104,7 @@ class Supervisor:
         self._given_up = GivenUpModels(self.settings.retry)
         self._watch: LoopWatch | None = None
         self._known: LoopFigures | None = None
+        self._gain_sign = 0
         self._record = LoopRecord(4 * self.settings.history)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._stem = math.nan
@@ -125,12 +126,13 @@ class Supervisor:
     @property
     def memory(self) -> LoopMemory:
         """What to keep over a restart."""
-        return LoopMemory(self._known, self._given_up.known)
+        return LoopMemory(self._known, self._given_up.known, self._gain_sign)
 
     def restore(self, memory: LoopMemory) -> None:
         """Go on with what was known before a restart."""
         self._known = memory.figures
         self._given_up.restore(memory.given_up)
+        self._gain_sign = memory.gain_sign
 
     def offer(self, model: LoopModel, uncertainty: Uncertainty | None = None) -> bool:
         """Accept a model for compensation; return whether it is used.
@@ -195,9 +197,17 @@ class Supervisor:
             )
 
     def _require_right_sign(self, model: LoopModel) -> None:
-        """Raise `CompensatorError` if what the loop did contradicts the model's sign."""
+        """Raise `CompensatorError` if what the loop did, or did before a restart, contradicts the
+        sign of the model's gain.
+        """
         seen = self._record.latest(4 * self.settings.history)
-        if has_wrong_sign(model, [s.op for s in seen], [s.pv for s in seen], self.settings.check):
+        sign = 1 if sum(model.process.b) > 0.0 else -1
+        agrees = seen_agreement(
+            model, [s.op for s in seen], [s.pv for s in seen], self.settings.check
+        )
+        if agrees:
+            self._gain_sign = agrees * sign
+        if self._gain_sign * sign < 0:
             raise CompensatorError(
                 "PV moved against what the model makes of OP: its gain has the wrong sign; check "
                 "the signs of OP and PV and identify again",
