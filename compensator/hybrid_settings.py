@@ -33,8 +33,8 @@ class HybridSettings:
         overshoot: how far beyond its final position the stem may go for speed, as a share of the
             way there. The farther, the more the plan relies on the fast part of the process model.
         edge: share of the static friction up to which OP may approach a slip without causing it.
-        dwell: scans that OP stays where it moved the stem to: an actuator lags, and a stem slides for
-            a while. A command of one scan would leave such a stem short of its goal.
+        dwell: scans that OP stays where it moved the stem to: an actuator lags, and a stem slides
+            for a while. A command of one scan would leave such a stem short of its goal.
         unknown: weight of what is not yet known of the lasting offset, beside noise, in the price
             of a move: waiting will tell.
         unseen: factor of the noise's variance in that price until the stem was seen to slip: its

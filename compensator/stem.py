@@ -47,8 +47,8 @@ _NEGLIGIBLE = 0.006
 
 
 _NOISELESS = 1e-5
-"""Deviation of PV, per OP's effect, that counts as free of noise: a load of a hundred OP squared and
-this one squared are still apart by more than the rounding of double precision.
+"""Deviation of PV, per OP's effect, that counts as free of noise: its square and that of a load of
+a hundred OP are still apart by less than double precision resolves.
 """
 
 

@@ -1,3 +1,3 @@
-"""Loops that the compensator's settings are chosen on, and nothing else; what is reported comes from
+"""Loops that the compensator's settings are chosen on; what is reported comes from
 `benchmarks.apart`, whose plants, valves and controllers are others. No product code lives here.
 """

@@ -22,7 +22,9 @@ class TunedLoop(Loop):
     def of(cls, process: str, valve: str, own: str, *, driven: bool = False) -> TunedLoop:
         """Return the loop of a process with the valve that belongs to it."""
         p = PROCESSES[process]
-        return cls(process, valve, own, p.band, p.jump, noise=0.02 if driven else 0.04, driven=driven)
+        return cls(
+            process, valve, own, p.band, p.jump, noise=0.02 if driven else 0.04, driven=driven
+        )
 
     @property
     def scale(self) -> float:
@@ -53,6 +55,4 @@ class TunedLoop(Loop):
 def _brisk(process: ProcessModel) -> PiSettings:
     """Return a PI tuned twice as fast as Skogestad advises: such loops show their valve."""
     settings = PiSettings.simc(process)
-    return replace(
-        settings, gain=1.3 * settings.gain, integral_time=0.6 * settings.integral_time
-    )
+    return replace(settings, gain=1.3 * settings.gain, integral_time=0.6 * settings.integral_time)

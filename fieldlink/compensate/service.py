@@ -21,6 +21,7 @@ from compensator import (
     EmbeddingSettings,
     HybridMpc,
     HybridSettings,
+    LoopMemory,
     OpLimits,
     RetrySettings,
     Supervisor,
@@ -29,6 +30,7 @@ from compensator import (
     WatchSettings,
     WithdrawReason,
 )
+from fieldlink.compensate.memory_file import load_memory, save_memory
 from fieldlink.compensate.offers import refusal_of, uncertainty_of
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, Link, LinkError, RegisterAccess, Scan, SystemClock
@@ -50,6 +52,10 @@ from fieldlink.site.compensate import CompensateSettings
 from loop_model import LoopModel
 
 __all__ = ["CompensateError", "CompensateService", "Step", "Verdict"]
+
+
+_KEEP_EVERY = 60
+"""Scans between two writes of the memory at least, unless a model is given up."""
 
 
 class CompensateError(FieldlinkError):
@@ -115,6 +121,7 @@ class CompensateService:
 
     Raises:
         CompensateError: the site file lacks what is needed, or forbids it.
+        MemoryFileError: the file of an earlier run cannot be used.
     """
 
     def __init__(
@@ -145,6 +152,13 @@ class CompensateService:
         self.supervisor = Supervisor(
             _PlcsOwn(), _supervising(self.loop, self.settings, limits), self._builder(limits)
         )
+        self._clock = clock or SystemClock()
+        self._memory_file = site.resolve(self.settings.memory or f"{name}.compensator.json")
+        self.supervisor.restore(
+            load_memory(self._memory_file, name, period=self.loop.period, now=self._clock.utc())
+        )
+        self._kept = self.supervisor.memory
+        self._since_kept = 0
         self._model: LoopModel | None = None
         self._told: tuple[int, Refusal | None] = (0, None)
         self.writes_done = 0
@@ -161,6 +175,8 @@ class CompensateService:
     async def close(self) -> None:
         """Stop: nothing is written any more, and the PLC goes on by itself."""
         await self._link.close()
+        if self.supervisor.memory != LoopMemory():
+            self._keep_memory()
 
     async def step(self, now: float) -> Step:
         """Run one scan at ``now`` plant seconds, which never go back."""
@@ -177,6 +193,8 @@ class CompensateService:
             return Step(Verdict.NOT_READ, pv, sp, op, math.nan, words)
         automatic = self._automatic(scan)
         action = self.supervisor.step(pv, sp, op, automatic=automatic)
+        if self._must_keep():
+            self._keep_memory()
         untold = await self._tell_refusal(block)
         if not automatic:
             return Step(Verdict.MANUAL, pv, sp, op, math.nan, "")
@@ -189,6 +207,27 @@ class CompensateService:
             words = (self.supervisor.refusal or self.supervisor.reason.value) + untold
             return Step(Verdict.WAITING, pv, sp, op, math.nan, words)
         return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+
+    def _must_keep(self) -> bool:
+        """Whether the memory has to be written now: a model was given up, or it is old and other.
+
+        Under the PLC's own controller the figures change a little with every scan.
+        """
+        self._since_kept += 1
+        memory = self.supervisor.memory
+        if len(memory.given_up) > len(self._kept.given_up):
+            return True
+        return self._since_kept >= _KEEP_EVERY and memory != self._kept
+
+    def _keep_memory(self) -> None:
+        self._kept, self._since_kept = self.supervisor.memory, 0
+        save_memory(
+            self._memory_file,
+            self._name,
+            self._kept,
+            period=self.loop.period,
+            now=self._clock.utc(),
+        )
 
     async def _put(self, step: Step) -> Step:
         wanted = self._limits.clip(step.op, step.op_before)
