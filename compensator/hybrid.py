@@ -194,7 +194,8 @@ class HybridMpc:
         limited = not low <= target <= high
         target = min(max(target, low), high)
         self._moving = self._moving or bool(plan.times) or self._dwells > 0
-        if self._dwells:
+        goes_on = bool(plan.times) and plan.changes[0] * belief.direction > 0.0
+        if self._dwells and not goes_on:
             position, op = belief.stem, self._strokes(belief).dwell()
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
         elif plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
@@ -242,8 +243,8 @@ class HybridMpc:
         ramp = self._strokes(belief).ramp()
         ramp = replace(
             ramp,
-            up=max(ramp.up, self._dwells),
-            down=max(ramp.down, self._dwells),
+            up=max(ramp.up, 0 if belief.direction > 0.0 else self._dwells),
+            down=max(ramp.down, 0 if belief.direction < 0.0 else self._dwells),
             largest=gain * ramp.largest,
         )
         move_cost, travel_cost = self.prices()

@@ -63,8 +63,6 @@ class TrackerSettings:
         offset_memory: settling times over which the load is averaged in quiet times.
         delay_spread: samples that the answer to a slip may be early or late; it covers what a
             model of too low an order leaves of the response, which would else pass for load.
-        response_spread: relative uncertainty of each scan's change of the state, for the same
-            reason: the way of the answer is less well known than its end.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
         fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
@@ -76,7 +74,6 @@ class TrackerSettings:
     gain_spread: float = 0.1
     offset_memory: float = 2.0
     delay_spread: float = 1.0
-    response_spread: float = 0.3
     hypotheses: int = 14
     memory: float = 60.0
     fluctuation_margin: float = 2.0
@@ -255,7 +252,6 @@ class StemTracker:
         friction = self.settings.friction
         width = friction.static_deviation(self.valve)
         moved: list[Belief] = []
-        before = self.best.state
         for h in self.beliefs:
             free = self.free(h)
             error = op - h.stem
@@ -275,7 +271,8 @@ class StemTracker:
         self._spread_out()
         if self.best.stem in spreads:
             self._covariance += spreads[self.best.stem]
-        self._doubt_response(self.best.way, self.best.state - before)
+        if self.best.way:
+            self._doubt_response(self.best.way)
         self._op = op
         here = (self.best.stem, self.best.direction)
         if not self._rests or self._rests[-1][0] != here[0]:
@@ -382,16 +379,11 @@ class StemTracker:
             self._recall()
             self._covariance[n, n] += 4.0 * self.held_variance / self.prediction.scale**2
 
-    def _doubt_response(self, way: float, change: Array) -> None:
-        """Widen the belief of the state for an answer that comes a little early or late, or on
-        another way than the model's.
-        """
-        n, s = self.prediction.order, self.settings
-        uncertain = s.response_spread * change
-        self._covariance[:n, :n] += np.outer(uncertain, uncertain)
-        if way:
-            pulse = s.delay_spread * way * self.prediction.B
-            self._covariance[:n, :n] += np.outer(pulse, pulse)
+    def _doubt_response(self, way: float) -> None:
+        """Widen the belief of the state for a response that comes a little early or late."""
+        n = self.prediction.order
+        pulse = self.settings.delay_spread * way * self.prediction.B
+        self._covariance[:n, :n] += np.outer(pulse, pulse)
 
     def _expect_load(self, scans: int) -> None:
         """Widen the belief for a load step that came ``scans`` ago."""

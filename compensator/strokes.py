@@ -44,7 +44,7 @@ class Strokes:
         rate, valve, smallest = self.settings.limits.rate, self.valve, self.smallest
         dwell = max(1, self.settings.dwell)
         if math.isinf(rate):
-            return Ramp(same=dwell, opposite=dwell)
+            return Ramp(opposite=dwell)
         fd, lead = valve.dynamic_friction, self.op - self.stem
 
         def scans(way: float) -> int:
@@ -54,7 +54,7 @@ class Strokes:
         return Ramp(
             up=max(0, scans(smallest + fd - lead) - 1),
             down=max(0, scans(smallest + fd + lead) - 1),
-            same=max(dwell, scans(smallest)),
+            same=max(1, scans(smallest)),
             opposite=max(dwell, scans(smallest + 2.0 * fd)),
             largest=smallest + rate if self.creeps(self.settings, valve) else leap,
         )
