@@ -87,6 +87,11 @@ class LoopRecord:
         """Take in a scan."""
         self._samples.append(sample)
 
+    @property
+    def all(self) -> list[Sample]:
+        """Every scan that is kept, oldest first."""
+        return list(self._samples)
+
     def latest(self, count: int) -> list[Sample]:
         """Return the last ``count`` scans, oldest first."""
         return list(self._samples)[-count:]

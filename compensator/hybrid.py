@@ -28,8 +28,9 @@ from compensator.hybrid_settings import HybridSettings
 from compensator.moves import LeastMoves, MovePlan, MovePlanner
 from compensator.prediction import NoiseModel, Prediction
 from compensator.setpoint_trend import SetpointTrend
-from compensator.stem import StemTracker, TrackerSettings
+from compensator.stem import StemTracker
 from compensator.strokes import Strokes
+from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
 

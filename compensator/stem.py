@@ -23,22 +23,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation
-from compensator.friction import FrictionPrior
 from compensator.innovations import FIRST, InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
-from compensator.prediction import NoiseModel, Prediction, settling_samples
+from compensator.prediction import Prediction, settling_samples
 from compensator.resolution import PvResolution
+from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
-__all__ = ["Belief", "StemTracker", "TrackerSettings"]
+__all__ = ["Belief", "StemTracker"]
 
 Array = NDArray[np.float64]
 
@@ -50,33 +49,6 @@ _NOISELESS = 1e-5
 """Deviation of PV, per OP's effect, that counts as free of noise: its square and that of a load of
 a hundred OP are still apart by less than double precision resolves.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerSettings:
-    """Settings of `StemTracker`.
-
-    Attributes:
-        noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
-        friction: prior of the static and of the dynamic friction.
-        gain_spread: relative deviation of the process gain.
-        offset_memory: settling times over which the load is averaged in quiet times.
-        delay_spread: samples that the answer to a slip may be early or late; it covers what a
-            model of too low an order leaves of the response, which would else pass for load.
-        hypotheses: how many are kept.
-        memory: samples over which evidence counts.
-        fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
-            variance of some ten independent values is known to a factor of two.
-    """
-
-    noise: NoiseModel
-    friction: FrictionPrior = field(default_factory=FrictionPrior)
-    gain_spread: float = 0.1
-    offset_memory: float = 2.0
-    delay_spread: float = 1.0
-    hypotheses: int = 14
-    memory: float = 60.0
-    fluctuation_margin: float = 2.0
 
 
 class StemTracker:

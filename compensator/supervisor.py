@@ -27,11 +27,10 @@ from compensator.action import (
     RefusalKind,
     require_finite,
 )
+from compensator.admission import Admission
 from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
-from compensator.given_up import GivenUpModels
 from compensator.hybrid import HybridMpc
-from compensator.record_check import seen_agreement
 from compensator.screen import PvScreen
 from compensator.supervision import (
     Compensator,
@@ -101,10 +100,9 @@ class Supervisor:
         self._next: Compensator | None = None
         self._goal: ValveModel | None = None
         self._uncertainty = Uncertainty()
-        self._given_up = GivenUpModels(self.settings.retry)
+        self._admission = Admission(self.settings)
         self._watch: LoopWatch | None = None
         self._known: LoopFigures | None = None
-        self._gain_sign = 0
         self._record = LoopRecord(4 * self.settings.history)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._stem = math.nan
@@ -126,13 +124,13 @@ class Supervisor:
     @property
     def memory(self) -> LoopMemory:
         """What to keep over a restart."""
-        return LoopMemory(self._known, self._given_up.known, self._gain_sign)
+        return LoopMemory(self._known, self._admission.given_up.known, self._admission.gain_sign)
 
     def restore(self, memory: LoopMemory) -> None:
         """Go on with what was known before a restart."""
         self._known = memory.figures
-        self._given_up.restore(memory.given_up)
-        self._gain_sign = memory.gain_sign
+        self._admission.given_up.restore(memory.given_up)
+        self._admission.gain_sign = memory.gain_sign
 
     def offer(self, model: LoopModel, uncertainty: Uncertainty | None = None) -> bool:
         """Accept a model for compensation; return whether it is used.
@@ -146,8 +144,8 @@ class Supervisor:
         """
         stated = uncertainty or Uncertainty()
         try:
-            self._require_usable(model)
-            self._require_right_sign(model)
+            self._admission.require_usable(model)
+            self._admission.require_right_sign(model, self._record.all)
             current = self._next or self._compensator
             if current is not None and current.model.process == model.process:
                 current.require_reachable(model.valve)
@@ -168,51 +166,6 @@ class Supervisor:
         if self.state is SupervisorState.BASE:
             self.state = SupervisorState.WAITING
         return True
-
-    def _require_usable(self, model: LoopModel) -> None:
-        """Raise `CompensatorError` for a model that must not be tried."""
-        s, process = self.settings, model.process
-        if s.period and not math.isclose(process.period, s.period):
-            raise CompensatorError(
-                f"the model's period of {process.period:g} s is not the scan's {s.period:g} s; "
-                "identify with the scan's",
-                RefusalKind.PERIOD,
-            )
-        if s.gain_sign * sum(process.b) < 0.0:  # A(1) is above zero in every stable process
-            raise CompensatorError(
-                "the model's gain has the other sign than the loop's own controller counts on; "
-                "check the signs of OP and PV",
-                RefusalKind.WRONG_SIGN,
-            )
-        given_up = self._given_up.find(model)
-        if given_up is not None:
-            raise CompensatorError(
-                f"this model made the loop worse before ({given_up.why.value}); offer a newly "
-                f"identified one, or wait {given_up.left} scans",
-                given_up.why,
-            )
-        if model.valve.stick_band == 0.0:
-            raise CompensatorError(
-                "the model's stick band is 0: a valve that does not stick needs no compensation"
-            )
-
-    def _require_right_sign(self, model: LoopModel) -> None:
-        """Raise `CompensatorError` if what the loop did, or did before a restart, contradicts the
-        sign of the model's gain.
-        """
-        seen = self._record.latest(4 * self.settings.history)
-        sign = 1 if sum(model.process.b) > 0.0 else -1
-        agrees = seen_agreement(
-            model, [s.op for s in seen], [s.pv for s in seen], self.settings.check
-        )
-        if agrees:
-            self._gain_sign = agrees * sign
-        if self._gain_sign * sign < 0:
-            raise CompensatorError(
-                "PV moved against what the model makes of OP: its gain has the wrong sign; check "
-                "the signs of OP and PV and identify again",
-                RefusalKind.WRONG_SIGN,
-            )
 
     def withdraw(self, reason: WithdrawReason) -> None:
         """Give the loop back to the base controller, from the next scan on."""
@@ -235,7 +188,7 @@ class Supervisor:
         moved = self._move_stem(op_applied)
         by_base = automatic and not self.compensating
         self._record.push(Sample(pv, sp, op_applied, by_base))
-        self._given_up.pass_scan()
+        self._admission.given_up.pass_scan()
         for controller in (self.base, self._compensator, self._next):
             if controller is not None:
                 controller.observe(pv, op_applied)
@@ -279,7 +232,7 @@ class Supervisor:
         verdict = self._judge(pv, sp, op_applied, moved)
         if verdict is not WatchVerdict.FINE:
             model = self._compensator.model
-            self._given_up.add(
+            self._admission.given_up.add(
                 LoopModel(self._goal or model.valve, model.process),
                 self._uncertainty,
                 _KINDS[_GIVEN_UP[verdict]],
@@ -361,7 +314,7 @@ class Supervisor:
         if candidate is self._compensator:
             return True
         try:
-            self._require_right_sign(candidate.model)
+            self._admission.require_right_sign(candidate.model, self._record.all)
         except CompensatorError as error:
             if self._compensator is None:
                 self.withdraw(WithdrawReason.REFUSED)
@@ -393,12 +346,16 @@ class Supervisor:
             have, goal, rate = controller.model.valve, self._goal, self.settings.friction_rate
             if have == goal:
                 continue
-            change_static = goal.static_friction - have.static_friction
-            change_dynamic = goal.dynamic_friction - have.dynamic_friction
-            if max(abs(change_static), abs(change_dynamic)) <= rate:
-                controller.change_valve(goal)
-                continue
-            static = have.static_friction + min(max(change_static, -rate), rate)
-            dynamic = have.dynamic_friction + min(max(change_dynamic, -rate), rate)
-            # fD never passes fS on the way.
-            controller.change_valve(ValveModel.from_friction(static, min(dynamic, static)))
+            controller.change_valve(_towards(have, goal, rate))
+
+
+def _towards(have: ValveModel, goal: ValveModel, rate: float) -> ValveModel:
+    """Return a valve whose frictions are ``rate`` nearer to those of ``goal``."""
+    change_static = goal.static_friction - have.static_friction
+    change_dynamic = goal.dynamic_friction - have.dynamic_friction
+    if max(abs(change_static), abs(change_dynamic)) <= rate:
+        return goal
+    static = have.static_friction + min(max(change_static, -rate), rate)
+    dynamic = have.dynamic_friction + min(max(change_dynamic, -rate), rate)
+    # fD never passes fS on the way.
+    return ValveModel.from_friction(static, min(dynamic, static))
