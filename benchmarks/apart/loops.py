@@ -15,9 +15,21 @@ from compensator import Action, ActionStatus, Controller, MpcSettings, Superviso
 from estimator import identify
 from loop_model import LoopModel, ProcessModel, ValveModel
 
-__all__ = ["DISTURBANCES", "WARM", "WRONG", "Course", "Loop", "Plant", "nominal", "play"]
+__all__ = [
+    "DISTURBANCES",
+    "UNREACHED",
+    "WARM",
+    "WRONG",
+    "Course",
+    "Loop",
+    "Plant",
+    "nominal",
+    "play",
+]
 
 WARM, SAMPLES = 800, 1700
+UNREACHED = range(1000, 1200)
+"""Scans of the disturbance "saturation" in which the set-point is out of reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +264,7 @@ def _setpoint(loop: Loop, disturbance: str, k: int) -> float:
     if disturbance == "ramps" and k >= WARM:
         swing = abs((k - WARM) % 400 - 200) / 200.0  # 1, down to 0, up to 1
         return first + (1.0 - swing) * 2.0 * loop.band * loop.scale
-    if disturbance == "saturation" and 1000 <= k < 1200:
+    if disturbance == "saturation" and k in UNREACHED:
         return first + 80.0 * loop.scale
     return first
 
