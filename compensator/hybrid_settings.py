@@ -58,7 +58,7 @@ class HybridSettings:
     slip_margin: float = 0.2
     overshoot: float = 0.5
     edge: float = 0.85
-    dwell: int = 3
+    dwell: int = 2
     unknown: float = 3.0
     unseen: float = 9.0
     tolerated: float = 0.25
