@@ -12,6 +12,7 @@ import sys
 import typer
 
 from fieldlink.cli import (
+    assess,
     compensate,
     demo,
     device_tools,
@@ -36,6 +37,7 @@ app = typer.Typer(
     help="Find sticky control valves from OP and PV, and take their oscillation away.",
 )
 app.command("identify")(identify.identify)
+app.command("assess")(assess.assess)
 app.command("demo")(demo.demo)
 app.command("check")(site.check)
 app.command("schema")(site.schema)
