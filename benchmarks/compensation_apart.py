@@ -96,7 +96,7 @@ def judge(
         "given_back": float(lost[-1]) + 1.0
         if lost.size and not course.compensating[-1]
         else math.nan,
-        "harmed": _harmed(course, own, rms, travel, largest),
+        "harmed": _harmed(course, own, rms, travel, largest, left_out),
     }
 
 
@@ -105,7 +105,14 @@ def _ways(of: Course) -> np.ndarray:
     return np.abs(np.diff(of.stem, prepend=of.stem[0]))
 
 
-def _harmed(course: Course, own: Course | None, rms: float, travel: float, largest: float) -> int:
+def _harmed(
+    course: Course,
+    own: Course | None,
+    rms: float,
+    travel: float,
+    largest: float,
+    left_out: range,
+) -> int:
     """Return the most scans in a row in which a compensated loop was harmed."""
     window = _LONG
     ones = np.ones(window) / window
@@ -121,7 +128,8 @@ def _harmed(course: Course, own: Course | None, rms: float, travel: float, large
     bad = (lately(course.error**2) > 1.1**2 * usual) & (lately(_ways(course)) > 2.0 * usual_travel)
     longest = run = 0
     for k in range(WARM + window, course.error.size):
-        run = run + 1 if course.compensating[k] and (bad[k] or far[k]) else 0
+        counts = course.compensating[k] and k not in left_out
+        run = run + 1 if counts and (bad[k] or far[k]) else 0
         longest = max(longest, run)
     return longest
 
