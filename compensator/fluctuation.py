@@ -9,7 +9,13 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["RestFluctuation"]
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.kernels import lagged_products, multiplied
+from compensator.prediction import Prediction
+
+__all__ = ["RestFluctuation", "held_correlations"]
 
 
 class RestFluctuation:
@@ -41,3 +47,19 @@ class RestFluctuation:
         self._variance = (1.0 - share) * (self._variance + share * ahead**2)
         if 2 * self._count >= self._memory:
             self.variance = self._variance
+
+
+def held_correlations(prediction: Prediction) -> NDArray[np.float64]:
+    """Return the autocovariance (lag 0, 1, ...) of what unit equation noise makes of PV with
+    the stem held; of an integrating process (it has no limit there) of what comes up within 20
+    samples and the dead time.
+    """
+    p = prediction
+    most = p.dead_time + 20 if p.process.is_integrating else 400
+    response = np.empty(most + 1)
+    response[0] = 1.0
+    state = p.equation_gain
+    for k in range(1, most + 1):
+        response[k] = state[0]
+        state = multiplied(p.A, state)
+    return lagged_products(response)

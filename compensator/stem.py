@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
-from compensator.fluctuation import RestFluctuation
+from compensator.fluctuation import RestFluctuation, held_correlations
 from compensator.innovations import FIRST, InnovationStatistics
-from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
+from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import Prediction, settling_samples
 from compensator.resolution import PvResolution
@@ -86,7 +86,7 @@ class StemTracker:
         for error in (FRICTION, GAIN):
             self._transition[n + error, n + error] = self._error_memory
         self._r = noise.equation**2 + noise.measurement**2
-        self._correlations = self._noise_correlations()
+        self._correlations = held_correlations(prediction)
         self._settle = settle
         self._resolution = PvResolution()
         self._first: list[tuple[float, float]] = []
@@ -114,21 +114,6 @@ class StemTracker:
             self._covariance[:n, :n] += np.outer(reach, reach)
             reach = prediction.A @ reach
         self._forget_errors()
-
-    def _noise_correlations(self) -> Array:
-        """Return the autocovariance (lag 0, 1, ...) of what unit equation noise makes of PV with
-        the stem held; of an integrating process (it has no limit there) of what comes up within 20
-        samples and the dead time.
-        """
-        p = self.prediction
-        most = p.dead_time + 20 if p.process.is_integrating else 400
-        response = np.empty(most + 1)
-        response[0] = 1.0
-        state = p.equation_gain
-        for k in range(1, most + 1):
-            response[k] = state[0]
-            state = multiplied(p.A, state)
-        return lagged_products(response)
 
     @property
     def ready(self) -> bool:
