@@ -97,7 +97,7 @@ def test_a_ramp_is_expected_to_go_on_for_as_long_as_it_has_lasted() -> None:
 
 
 def test_op_stays_until_a_slow_stem_has_arrived() -> None:
-    """A stem that moves by 2 a scan must come to where a move of 5 or more sends it."""
+    """A stem that moves by 4 a scan must come to where a move of 5 or more sends it."""
     controller = HybridMpc(MODEL, HybridSettings(unseen=1.0))
     stem, goal, pv, op = 50.0, 50.0, 50.0, 50.0
     late = [50.0] * LAG.dead_time
@@ -108,7 +108,7 @@ def test_op_stays_until_a_slow_stem_has_arrived() -> None:
         away = abs(goal - stem) > 1e-9
         if away or abs(op - stem) > MODEL.valve.static_friction:
             goal = op - math.copysign(MODEL.valve.dynamic_friction, op - stem)
-        stem += min(max(goal - stem, -2.0), 2.0)
+        stem += min(max(goal - stem, -4.0), 4.0)
         late.append(stem)
         pv = 0.9 * pv + 0.1 * late.pop(0)
     assert abs(np.mean(pv) - 56.0) < 0.5
