@@ -19,6 +19,7 @@ from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.reload import FileWatch, SiteChange
 from fieldlink.daemon.reporting.control import control_socket
 from fieldlink.daemon.reporting.documents import live_status
+from fieldlink.daemon.reporting.scheduled_report import REPORT_LOOK, ScheduledReport
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.sampling.clock_watch import CHECK_EVERY, ClockWatch
@@ -209,6 +210,8 @@ class Daemon:
         self._begin_devices(schedule)
         schedule.every(ACCOUNT_EVERY, "slot accounts", self._do(self._account, accounts))
         schedule.every(TIDY_EVERY, "retention", self._do(self._historian.tidy))
+        reports = ScheduledReport(self._assembly.journal)
+        schedule.every(REPORT_LOOK, "report", partial(self._report, reports))
         self._historian.tidy()
         schedule.start()
         watching = [
@@ -359,6 +362,12 @@ class Daemon:
                 self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
+
+    async def _report(self, reports: ScheduledReport) -> None:
+        try:
+            await reports.write_due(self._site)
+        except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
+            self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
     async def _judge(self, schedule: Schedule, loop: str) -> None:
         async with self._turns:

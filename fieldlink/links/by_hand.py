@@ -7,6 +7,7 @@ range. A write is never repeated, and what the device holds afterwards is read b
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,15 @@ from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, RegisterValueError, Table, Tag, plan_reads
 from fieldlink.site import Device, Site
 
-__all__ = ["ByHandError", "Point", "parse_point", "read_points", "words_for", "write_point"]
+__all__ = [
+    "ByHandError",
+    "Point",
+    "as_manual_address",
+    "parse_point",
+    "read_points",
+    "words_for",
+    "write_point",
+]
 
 
 class ByHandError(FieldlinkError):
@@ -46,7 +55,25 @@ class Point:
         """The place as people write it: table, registers, device."""
         tag = self.tag
         last = f" to {tag.end - 1}" if tag.count > 1 else ""
-        return f"{tag.table} {tag.address}{last} of {self.name} ({self.device.where})"
+        place = self.device.where
+        # A host is its own name.
+        named = place if place.startswith(self.name) else f"{self.name} ({place})"
+        return f"{tag.table} {tag.address}{last} of {named}"
+
+
+_MANUAL = re.compile(r"([0134])(\d{4,5})")
+_MANUAL_TABLES = {"0": Table.COIL, "1": Table.DISCRETE, "3": Table.INPUT, "4": Table.HOLDING}
+
+
+def as_manual_address(text: str) -> str | None:
+    """Return the point that manuals write as ``text``: 40001 is holding:0; None for any other.
+
+    Only a bare number of five or six digits is written so; a type or a table says what is meant.
+    """
+    found = _MANUAL.fullmatch(text)
+    if found is None or not 1 <= int(found[2]) <= 0x10000:
+        return None
+    return f"{_MANUAL_TABLES[found[1]]}:{int(found[2]) - 1}"
 
 
 def parse_point(text: str, device: Device) -> Tag:
@@ -62,6 +89,9 @@ def parse_point(text: str, device: Device) -> Tag:
     default = DataType.BOOL if table.is_bits else DataType.UINT16
     number, kind, length, *rest = (*parts, *("",) * (3 - len(parts)))
     usage = "write [table:]address[:type[:length]], such as 7, input:7 or holding:100:float32"
+    manual = as_manual_address(number)
+    if manual is not None and int(number) > 0xFFFF:
+        raise ByHandError(f"{text!r} is how manuals write {manual}; give {manual}")
     if not number.isdecimal() or int(number) > 0xFFFF or rest:
         raise ByHandError(f"{text!r} is no tag and no address; {usage}")
     if kind and kind not in list(DataType):

@@ -16,7 +16,12 @@ from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
-from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
+from fieldlink.site.upkeep import (
+    EstimationSettings,
+    HistorianTable,
+    ReportSettings,
+    WebSettings,
+)
 
 __all__ = [
     "Device",
@@ -29,6 +34,7 @@ __all__ = [
     "PiSettings",
     "PlantSettings",
     "PlantVariables",
+    "ReportSettings",
     "SiteFile",
     "SiteSettings",
     "WebSettings",
@@ -220,3 +226,5 @@ class SiteFile(Model):
     """The processes in which windows are judged."""
     web: WebSettings = WebSettings()
     """The endpoints for health and metrics."""
+    report: ReportSettings = ReportSettings()
+    """The work list and its schedule."""

@@ -15,7 +15,7 @@ from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
 from fieldlink.site.polling import poll_period, polls_by_tag
-from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
+from fieldlink.site.upkeep import EstimationSettings, HistorianTable, ReportSettings, WebSettings
 
 __all__ = ["Site"]
 
@@ -68,6 +68,11 @@ class Site:
     def web(self) -> WebSettings:
         """The settings of the endpoints for health and metrics."""
         return self.file.web
+
+    @property
+    def report(self) -> ReportSettings:
+        """The settings of the work list."""
+        return self.file.report
 
     @property
     def data_dir(self) -> Path:

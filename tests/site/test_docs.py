@@ -29,6 +29,7 @@ from fieldlink.site.models import (
     ExchangeAddresses,
     ExternalSettings,
     PlantVariables,
+    ReportSettings,
     SiteSettings,
     WebSettings,
 )
@@ -53,6 +54,7 @@ MODELS: list[type[BaseModel]] = [
     ExternalSettings,
     HistorianTable,
     EstimationSettings,
+    ReportSettings,
     WebSettings,
 ]
 
