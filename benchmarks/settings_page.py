@@ -1,9 +1,10 @@
-"""The page of the estimator's settings, written from their docstrings.
+"""The pages of the estimator's and the compensator's settings, written from their docstrings.
 
     python -m benchmarks.settings_page [--out docs]
 
-Each class of `estimator.settings` is a section; each entry of its docstring's ``Attributes`` is a
-row with the value that is shipped. A field without an entry is an error.
+Each class of `estimator.settings`, and each settings class of the compensator, is a section; each
+entry of its docstring's ``Attributes`` is a row with the value that is shipped. A field without an
+entry is an error.
 """
 
 from __future__ import annotations
@@ -12,15 +13,21 @@ import argparse
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.report import table
+from compensator import HybridSettings, RetrySettings, SupervisorSettings, WatchSettings
+from compensator.friction import FrictionPrior
+from compensator.load_steps import LoadStepSettings
+from compensator.record_check import RecordCheckSettings
+from compensator.tracker_settings import TrackerSettings
+from compensator.tracking import NOISE_KINDS
 from estimator.settings import SETTINGS
 
-__all__ = ["entries_of", "main", "page"]
+__all__ = ["compensator_page", "entries_of", "main", "page"]
 
 _HEAD = """# Settings of the estimator
 
@@ -32,6 +39,29 @@ one unit of the natural logarithm of a likelihood.
 
 `identify(op, pv, settings=...)` takes other values; this page is written by
 `python -m benchmarks.settings_page --out docs` from `estimator/settings.py`."""
+
+
+_COMPENSATOR_HEAD = """# Settings of the compensator
+
+What can be set of the compensator, with its reason: {count} settings. Where no source is named, a
+number was chosen on simulated loops (of late those of `benchmarks.compensation_tuning`); the
+compensator is judged on others (`benchmarks.compensation_apart`). Deviations are standard
+deviations.
+
+`Supervisor(base, settings)` takes other values; this page is written by
+`python -m benchmarks.settings_page --out docs` from the docstrings of the package `compensator`."""
+
+COMPENSATOR = (
+    SupervisorSettings(),
+    HybridSettings(),
+    TrackerSettings(NOISE_KINDS[0]),
+    FrictionPrior(),
+    LoadStepSettings(),
+    RecordCheckSettings(),
+    WatchSettings(),
+    RetrySettings(),
+)
+"""What the compensator's page is made of."""
 
 
 def entries_of(settings: object) -> Iterator[tuple[tuple[str, ...], str]]:
@@ -65,37 +95,51 @@ def entries_of(settings: object) -> Iterator[tuple[tuple[str, ...], str]]:
 def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(_shown(part) for part in value)
+    if is_dataclass(value):
+        return f"see `{type(value).__name__}`"
+    if value is None:
+        return "none"
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
 
 
 def page() -> str:
-    """The page in Markdown."""
+    """The estimator's page in Markdown."""
+    groups = {group.name: getattr(SETTINGS, group.name) for group in fields(SETTINGS)}
+    return _page(_HEAD, groups)
+
+
+def compensator_page() -> str:
+    """The compensator's page in Markdown."""
+    return _page(_COMPENSATOR_HEAD, {type(found).__name__: found for found in COMPENSATOR})
+
+
+def _page(head: str, groups: Mapping[str, Any]) -> str:
     parts, count = [], 0
-    for group in fields(SETTINGS):
-        settings = getattr(SETTINGS, group.name)
+    for name, settings in groups.items():
         count += len(fields(settings))
         summary = inspect.cleandoc(type(settings).__doc__ or "").partition("\n\nAttributes:")[0]
         rows = [
             (
-                ", ".join(f"`{name}`" for name in names),
-                "; ".join(_shown(getattr(settings, name)) for name in names),
+                ", ".join(f"`{entry}`" for entry in entries),
+                "; ".join(_shown(getattr(settings, entry)) for entry in entries),
                 meaning,
             )
-            for names, meaning in entries_of(settings)
+            for entries, meaning in entries_of(settings)
         ]
-        parts += [f"## `{group.name}`", summary, table(("setting", "value", "meaning"), rows)]
-    return "\n\n".join([_HEAD.format(count=count), *parts]).replace("``", "`") + "\n"
+        parts += [f"## `{name}`", summary, table(("setting", "value", "meaning"), rows)]
+    return "\n\n".join([head.format(count=count), *parts]).replace("``", "`") + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the page, or write it."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, help="folder for settings.md")
+    parser.add_argument("--out", type=Path, help="folder for the pages")
     options = parser.parse_args(arguments)
-    if options.out is None:
-        print(page(), end="")
-    else:
-        (options.out / "settings.md").write_text(page())
+    for name, text in (("settings", page()), ("compensator-settings", compensator_page())):
+        if options.out is None:
+            print(text, end="")
+        else:
+            (options.out / f"{name}.md").write_text(text)
     return 0
 
 

@@ -79,9 +79,18 @@ class LoopRecord:
     def __init__(self, length: int) -> None:
         self._samples: deque[Sample] = deque(maxlen=length)
 
+    def __len__(self) -> int:
+        """Return the number of scans that are kept."""
+        return len(self._samples)
+
     def push(self, sample: Sample) -> None:
         """Take in a scan."""
         self._samples.append(sample)
+
+    @property
+    def all(self) -> list[Sample]:
+        """Every scan that is kept, oldest first."""
+        return list(self._samples)
 
     def latest(self, count: int) -> list[Sample]:
         """Return the last ``count`` scans, oldest first."""

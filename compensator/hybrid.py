@@ -27,8 +27,10 @@ from compensator.friction import Uncertainty
 from compensator.hybrid_settings import HybridSettings
 from compensator.moves import LeastMoves, MovePlan, MovePlanner
 from compensator.prediction import NoiseModel, Prediction
-from compensator.stem import StemTracker, TrackerSettings
+from compensator.setpoint_trend import SetpointTrend
+from compensator.stem import StemTracker
 from compensator.strokes import Strokes
+from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
 
@@ -83,6 +85,8 @@ class HybridMpc:
         self._pv_bad = False
         self._tolerated = 0.0
         self._moving = self.stem_moved = False
+        self._dwells = 0
+        self._trend = SetpointTrend(self.horizon // 2)
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -169,11 +173,15 @@ class HybridMpc:
         before = self.stem
         self._bank.observe(pv, op)
         self.stem_moved = self._moving = self.stem != before
+        self._dwells = max(0, self._dwells - 1)
+        if self.ready and self.stem_moved and self.tracker.best.way:
+            self._dwells = self.settings.dwell - 1
         self._op = op
 
     def decide(self, sp: float) -> Action:
         """See `Controller.decide`."""
         require_finite("HybridMpc.decide", sp=sp)
+        self._trend.push(sp)
         if not self.tracker.ready:
             return Action(self._op, ActionStatus.NOT_READY)
         if self._pv_bad:
@@ -186,8 +194,12 @@ class HybridMpc:
         low, high = self._reach
         limited = not low <= target <= high
         target = min(max(target, low), high)
-        self._moving = self._moving or bool(plan.times)
-        if plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
+        self._moving = self._moving or bool(plan.times) or self._dwells > 0
+        goes_on = bool(plan.times) and plan.changes[0] * belief.direction > 0.0
+        if self._dwells and not goes_on:
+            position, op = belief.stem, self._strokes(belief).dwell()
+            status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
+        elif plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
             change = plan.changes[0]
             position = self._slipping(belief, change)
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
@@ -224,18 +236,25 @@ class HybridMpc:
         """Return the best plan from the present belief for the set-point ``sp``."""
         tracker, s = self.tracker, self.settings
         belief = tracker.best
-        error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - sp
+        ahead = self._trend.ahead(self.planner.points)
+        error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - (sp + ahead)
         # The planner moves the process's drive; the stem moves it by a gain known a little better.
         gain = 1.0 + float(belief.errors[GAIN])
         least = self._least_moves(belief)
         ramp = self._strokes(belief).ramp()
-        ramp = replace(ramp, largest=gain * ramp.largest)
+        ramp = replace(
+            ramp,
+            up=max(ramp.up, 0 if belief.direction > 0.0 else self._dwells),
+            down=max(ramp.down, 0 if belief.direction < 0.0 else self._dwells),
+            largest=gain * ramp.largest,
+        )
         move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
-        way = wanted - tracker.drive(belief)
-        overshoot = s.overshoot * abs(way)
-        lowest = min(0.0, way) - overshoot - max(least.on, least.down)
-        highest = max(0.0, way) + overshoot + max(least.on, least.up)
+        _, later = self.prediction.equilibrium(sp + float(ahead[-1]), 0.0)
+        ways = (0.0, wanted - tracker.drive(belief), later - tracker.drive(belief))
+        overshoot = s.overshoot * max(map(abs, ways))
+        lowest = min(ways) - overshoot - max(least.on, least.down)
+        highest = max(ways) + overshoot + max(least.on, least.up)
         reach = (
             max(self._change_for(belief, self._reach[0], -1.0), lowest),
             min(self._change_for(belief, self._reach[1], 1.0), highest),

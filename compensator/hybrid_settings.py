@@ -33,6 +33,8 @@ class HybridSettings:
         overshoot: how far beyond its final position the stem may go for speed, as a share of the
             way there. The farther, the more the plan relies on the fast part of the process model.
         edge: share of the static friction up to which OP may approach a slip without causing it.
+        dwell: scans that OP stays where it moved the stem to: an actuator lags, and a stem slides
+            for a while. A command of one scan would leave such a stem short of its goal.
         unknown: weight of what is not yet known of the lasting offset, beside noise, in the price
             of a move: waiting will tell.
         unseen: factor of the noise's variance in that price until the stem was seen to slip: its
@@ -56,6 +58,7 @@ class HybridSettings:
     slip_margin: float = 0.2
     overshoot: float = 0.5
     edge: float = 0.85
+    dwell: int = 2
     unknown: float = 3.0
     unseen: float = 9.0
     tolerated: float = 0.25
@@ -82,7 +85,7 @@ class HybridSettings:
             dynamic_spread=self.dynamic_spread,
             gain_spread=self.gain_spread,
         )
-        require_whole("HybridSettings", 0, horizon=self.horizon)
+        require_whole("HybridSettings", 0, horizon=self.horizon, dwell=self.dwell)
         require_positive("HybridSettings", offset_memory=self.offset_memory, edge=self.edge)
         if self.edge >= 1.0:
             raise CompensatorError(

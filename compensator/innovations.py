@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["InnovationStatistics"]
+__all__ = ["FIRST", "InnovationStatistics"]
 
 _RATE = 0.05
+FIRST = 20
+"""Innovations that tell the size of the noise for the first time."""
+_BETTER = 60
+"""Innovations after which it is known to 20 %."""
+_WILD = 4.0
+"""Squared deviations above which an innovation counts as wild."""
 
 
 class InnovationStatistics:
@@ -14,22 +20,31 @@ class InnovationStatistics:
 
     Attributes:
         variance: of the noise, in the filter's own scale.
-        colour: correlation of successive innovations, 0 if the model is right.
+        correlation: of successive innovations, 0 if the model is right.
         evidence: log-density that the last PV had.
+
+    Args:
+        variance: known from elsewhere; known_for: innovations that it is worth.
     """
 
-    def __init__(self) -> None:
-        self.variance = 0.0
-        self.colour = 0.0
+    def __init__(self, variance: float = 0.0, known_for: int = 0) -> None:
+        self.variance = variance
+        self.correlation = 0.0
         self.evidence = 0.0
-        self._count = 0
+        self._count = known_for
         self._trend = 0.0
         self._last = 0.0
+        self._wild = 0.0
+
+    @property
+    def colour(self) -> float:
+        """Their correlation, 0 if it is below: what makes successive errors count for fewer."""
+        return max(self.correlation, 0.0)
 
     @property
     def is_learning(self) -> bool:
         """Whether the noise is known for the first time, or a little better, only now."""
-        return self._count in (20, 60)
+        return self._count in (FIRST, _BETTER)
 
     @property
     def is_biased(self) -> bool:
@@ -40,21 +55,24 @@ class InnovationStatistics:
     def restart_trend(self, colour: float = 1.0) -> None:
         """Begin anew to look for a bias; ``colour`` scales what is held of the correlation."""
         self._trend = 0.0
-        self.colour *= colour
+        self.correlation *= colour
 
     def push(self, surprise: float, innovation: float, least: float) -> None:
         """Take in an innovation and its variance; ``least`` is a noise that counts as none."""
         self._count += 1
         variance = max(self.variance, least)
         square = surprise**2 / (innovation / variance)
-        if self._count > 20:
-            square = min(square, 4.0 * variance)
+        wild = square > _WILD * variance
+        self._wild += _RATE * (wild - self._wild)
+        # One wild PV is no noise; when every second one is, the noise is not what it was.
+        if self._count > FIRST and self._wild < 0.5:
+            square = min(square, _WILD * variance)
         self.variance += (square - self.variance) / min(self._count, 80)
         normal = surprise / math.sqrt(innovation)
         self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(innovation))
-        if self._count > 20 and abs(normal) < 3.0:
+        if self._count > FIRST and abs(normal) < 3.0:
             product = (normal - self._trend) * (self._last - self._trend)
-            self.colour += (product - self.colour) / min(self._count, 80)
-            self.colour = min(max(self.colour, 0.0), 0.9)
+            self.correlation += (product - self.correlation) / min(self._count, 80)
+            self.correlation = min(max(self.correlation, -0.9), 0.9)
         self._last = normal = min(max(normal, -3.0), 3.0)
         self._trend += _RATE * (normal - self._trend)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compensator.action import require_positive, require_whole
 from compensator.kernels import multiplied
 from compensator.prediction import Prediction
 
@@ -42,6 +43,11 @@ class LoadStepSettings:
     pause: int = 5
     longest: int = 20
     size: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_positive("LoadStepSettings", beyond=self.beyond, same=self.same, size=self.size)
+        require_whole("LoadStepSettings", 1, count=self.count, longest=self.longest)
+        require_whole("LoadStepSettings", 0, pause=self.pause)
 
 
 class LoadStepDetector:

@@ -123,6 +123,10 @@ class MovePlanner:
         response = np.concatenate([[0.0], prediction.step_response(self.horizon)])
         shifted = points[None, :] - self.times[:, None]
         self._effects = np.where(shifted > 0, response[np.maximum(shifted, 0)], 0.0)
+        if not horizon and not prediction.process.is_integrating:
+            # The last point stands for what lasts. A move shortly before it must not make it look
+            # good by a way there and back that has not settled: such a plan is put off for ever.
+            self._effects[:, -1] = prediction.process.gain
         self.duration = float(self.weights.sum())
         # What is left at the end stays: it counts for longer than noise that passes.
         self.weights[-1] += _LASTING * self.duration * (not prediction.process.is_integrating)

@@ -20,22 +20,24 @@ covariance is followed in time; it is that of the best hypothesis, the others sh
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
-from compensator.friction import FrictionPrior
-from compensator.innovations import InnovationStatistics
-from compensator.kernels import carried_covariance, coloured_power, lagged_products, multiplied
+from compensator.fluctuation import RestFluctuation, held_correlations
+from compensator.innovations import FIRST, InnovationStatistics
+from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
-from compensator.prediction import NoiseModel, Prediction, settling_samples
+from compensator.prediction import Prediction, settling_samples
+from compensator.resolution import PvResolution
+from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
-__all__ = ["Belief", "StemTracker", "TrackerSettings"]
+__all__ = ["Belief", "StemTracker"]
 
 Array = NDArray[np.float64]
 
@@ -43,28 +45,10 @@ _NEGLIGIBLE = 0.006
 """Chance of an outcome below which it is not followed by a hypothesis of its own."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerSettings:
-    """Settings of `StemTracker`.
-
-    Attributes:
-        noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
-        friction: prior of the static and of the dynamic friction.
-        gain_spread: relative deviation of the process gain.
-        offset_memory: settling times over which the load is averaged in quiet times.
-        delay_spread: samples that the answer to a slip may be early or late; it covers what a
-            model of too low an order leaves of the response, which would else pass for load.
-        hypotheses: how many are kept.
-        memory: samples over which evidence counts.
-    """
-
-    noise: NoiseModel
-    friction: FrictionPrior = field(default_factory=FrictionPrior)
-    gain_spread: float = 0.1
-    offset_memory: float = 2.0
-    delay_spread: float = 1.0
-    hypotheses: int = 6
-    memory: float = 60.0
+_NOISELESS = 1e-5
+"""Deviation of PV, per OP's effect, that counts as free of noise: its square and that of a load of
+a hundred OP are still apart by less than double precision resolves.
+"""
 
 
 class StemTracker:
@@ -102,9 +86,19 @@ class StemTracker:
         for error in (FRICTION, GAIN):
             self._transition[n + error, n + error] = self._error_memory
         self._r = noise.equation**2 + noise.measurement**2
-        self._correlations = self._noise_correlations()
+        self._correlations = held_correlations(prediction)
+        self._settle = settle
+        self._resolution = PvResolution()
+        self._first: list[tuple[float, float]] = []
+        self._begin(InnovationStatistics())
+
+    def _begin(self, innovations: InnovationStatistics) -> None:
+        """Believe nothing yet but what is known of the noise."""
+        prediction, valve, settle = self.prediction, self.valve, self._settle
+        n = prediction.order
         self.beliefs: list[Belief] = []
-        self.innovations = InnovationStatistics()
+        self.innovations = innovations
+        self._fluctuation = RestFluctuation(settle + prediction.dead_time, max(40, 2 * settle))
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._load_steps = LoadStepDetector(prediction.dead_time)
         self.load_stepped = False
@@ -120,21 +114,6 @@ class StemTracker:
             self._covariance[:n, :n] += np.outer(reach, reach)
             reach = prediction.A @ reach
         self._forget_errors()
-
-    def _noise_correlations(self) -> Array:
-        """Return the autocovariance (lag 0, 1, ...) of what unit equation noise makes of PV with
-        the stem held; of an integrating process (it has no limit there) of what comes up within 20
-        samples and the dead time.
-        """
-        p = self.prediction
-        most = p.dead_time + 20 if p.process.is_integrating else 400
-        response = np.empty(most + 1)
-        response[0] = 1.0
-        state = p.equation_gain
-        for k in range(1, most + 1):
-            response[k] = state[0]
-            state = multiplied(p.A, state)
-        return lagged_products(response)
 
     @property
     def ready(self) -> bool:
@@ -156,8 +135,9 @@ class StemTracker:
         """Variance of PV that the noise seen so far makes with the stem held (PV squared)."""
         noise, lags = self.settings.noise, self._correlations
         seen = self.innovations
-        power = noise.equation**2 * coloured_power(lags, seen.colour) + noise.measurement**2
-        return seen.variance * power
+        power = noise.equation**2 * coloured_power(lags, seen.correlation) + noise.measurement**2
+        bound = self.settings.fluctuation_margin * self._fluctuation.variance
+        return min(seen.variance * max(power, 0.0), max(bound, self._floor))
 
     @property
     def offset_variance(self) -> float:
@@ -192,13 +172,37 @@ class StemTracker:
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
+        self._resolution.push(pv)
+        self._take_in(pv, op)
+        if len(self._first) < FIRST and math.isfinite(pv):
+            self._first.append((pv, op))
+            if len(self._first) == FIRST:
+                self._relive()
+
+    def _relive(self) -> None:
+        """Go through the first scans again, now that the size of the noise can be told.
+
+        Without it the first PVs count as free of noise, and what is noise in them is taken for the
+        state and the load.
+        """
+        squares = sorted((b[0] - a[0]) ** 2 for a, b in itertools.pairwise(self._first))
+        # Half the mean square of a normal change, by its median (0.455 of it): robust to a slip.
+        variance = 0.5 * squares[len(squares) // 2] / 0.455
+        self._begin(InnovationStatistics(variance, known_for=FIRST))
+        for pv, op in self._first:
+            self._take_in(pv, op)
+
+    def _take_in(self, pv: float, op: float) -> None:
         self.innovations.evidence = 0.0
         if not self.ready:
             if math.isfinite(pv):
                 self.start(pv, op)
             return
+        before = self.best.stem
         self._advance(op)
         self._correct(pv)
+        if math.isfinite(pv):
+            self._fluctuation.push(pv, moved=self.best.stem != before)
 
     def _advance(self, op: float) -> None:
         fs, fd = self.valve.static_friction, self.valve.dynamic_friction
@@ -287,7 +291,7 @@ class StemTracker:
         n = self.prediction.order
         self._scale_now = variance = max(self.innovations.variance, self._floor)
         self._noise_now = variance * self._r
-        self._innovation = float(self._covariance[0, 0]) + self._noise_now
+        self._innovation = max(float(self._covariance[0, 0]), 0.0) + self._noise_now
         self._gain = self._covariance[:, 0] / self._innovation
         # Innovations that a model of too low an order leaves correlated count for fewer in what is
         # learnt of lasting errors; Joseph's form allows any gain.
@@ -310,8 +314,8 @@ class StemTracker:
 
     @property
     def _floor(self) -> float:
-        """Variance below which a loop counts as free of noise."""
-        return 1e-18 + (1e-6 * self.prediction.scale) ** 2
+        """Least variance of the noise: that of rounding, or what counts as free of noise."""
+        return max(1e-18 + (_NOISELESS * self.prediction.scale) ** 2, self._resolution.variance)
 
     def _watch(self, surprise: float) -> None:
         """Follow the noise; learn afresh when innovations keep one sign too long."""

@@ -42,8 +42,9 @@ class Strokes:
         stands fD away from the stem.
         """
         rate, valve, smallest = self.settings.limits.rate, self.valve, self.smallest
+        dwell = max(1, self.settings.dwell)
         if math.isinf(rate):
-            return Ramp()
+            return Ramp(opposite=dwell)
         fd, lead = valve.dynamic_friction, self.op - self.stem
 
         def scans(way: float) -> int:
@@ -54,7 +55,7 @@ class Strokes:
             up=max(0, scans(smallest + fd - lead) - 1),
             down=max(0, scans(smallest + fd + lead) - 1),
             same=max(1, scans(smallest)),
-            opposite=max(1, scans(smallest + 2.0 * fd)),
+            opposite=max(dwell, scans(smallest + 2.0 * fd)),
             largest=smallest + rate if self.creeps(self.settings, valve) else leap,
         )
 
@@ -76,6 +77,12 @@ class Strokes:
             # Too slow to do it in one go: wait at the band's edge, then jump from there.
             return limits.clip(edge, self.op)
         return op
+
+    def dwell(self) -> float:
+        """Return the OP that lets a slow stem arrive: the present one, if it stays in the band."""
+        reach = self.settings.edge * self.valve.static_friction
+        low, high = self.stem - reach, self.stem + reach
+        return self.settings.limits.clip(min(max(self.op, low), high), self.op)
 
     def hold(self) -> float:
         """Return the middle of the band, the OP that no disturbance turns into a slip."""

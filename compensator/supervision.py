@@ -17,6 +17,7 @@ from compensator.figures import LoopFigures
 from compensator.given_up import GivenUp, RetrySettings
 from compensator.hybrid_settings import HybridSettings
 from compensator.prediction import Prediction
+from compensator.record_check import RecordCheckSettings
 from compensator.watch import WatchSettings
 from loop_model import LoopModel, ValveModel
 
@@ -65,11 +66,13 @@ class SupervisorSettings:
         hybrid: settings of the compensator.
         watch: when the compensated loop counts as worse than before.
         retry: when a model that was given up may be tried again.
+        check: what the record must show to contradict a model's sign.
         friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
         history: scans that a new compensator relives, to find stem and load at once; four times as
             many tell how good the loop was before.
         least_known: scans under the base controller that must be known before a take-over: without
-            them nothing tells whether the loop has become worse.
+            them nothing tells whether the loop has become worse. After a restart as many and the
+            dead time must be seen, because stem and load have to be found again.
         gain_sign: sign of the process gain that the loop's own controller counts on; a model of the
             other sign is refused. 0 when it is not known.
         period: seconds between scans; a model of another one is refused. 0 when it is not known.
@@ -82,6 +85,7 @@ class SupervisorSettings:
     hybrid: HybridSettings = field(default_factory=HybridSettings)
     watch: WatchSettings = field(default_factory=WatchSettings)
     retry: RetrySettings = field(default_factory=RetrySettings)
+    check: RecordCheckSettings = field(default_factory=RecordCheckSettings)
     friction_rate: float = 0.05
     history: int = 300
     least_known: int = 40
@@ -121,10 +125,12 @@ class LoopMemory:
     Attributes:
         figures: of the loop under its base controller; None while unknown.
         given_up: models that made it worse.
+        gain_sign: of the process, as the loop's record showed it; 0 while unknown.
     """
 
     figures: LoopFigures | None = None
     given_up: tuple[GivenUp, ...] = ()
+    gain_sign: int = 0
 
 
 class Compensator(Controller, Protocol):

@@ -27,9 +27,9 @@ from compensator.action import (
     RefusalKind,
     require_finite,
 )
+from compensator.admission import Admission
 from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
-from compensator.given_up import GivenUpModels
 from compensator.hybrid import HybridMpc
 from compensator.screen import PvScreen
 from compensator.supervision import (
@@ -100,7 +100,7 @@ class Supervisor:
         self._next: Compensator | None = None
         self._goal: ValveModel | None = None
         self._uncertainty = Uncertainty()
-        self._given_up = GivenUpModels(self.settings.retry)
+        self._admission = Admission(self.settings)
         self._watch: LoopWatch | None = None
         self._known: LoopFigures | None = None
         self._record = LoopRecord(4 * self.settings.history)
@@ -124,12 +124,13 @@ class Supervisor:
     @property
     def memory(self) -> LoopMemory:
         """What to keep over a restart."""
-        return LoopMemory(self._known, self._given_up.known)
+        return LoopMemory(self._known, self._admission.given_up.known, self._admission.gain_sign)
 
     def restore(self, memory: LoopMemory) -> None:
         """Go on with what was known before a restart."""
         self._known = memory.figures
-        self._given_up.restore(memory.given_up)
+        self._admission.given_up.restore(memory.given_up)
+        self._admission.gain_sign = memory.gain_sign
 
     def offer(self, model: LoopModel, uncertainty: Uncertainty | None = None) -> bool:
         """Accept a model for compensation; return whether it is used.
@@ -143,7 +144,8 @@ class Supervisor:
         """
         stated = uncertainty or Uncertainty()
         try:
-            self._require_usable(model)
+            self._admission.require_usable(model)
+            self._admission.require_right_sign(model, self._record.all)
             current = self._next or self._compensator
             if current is not None and current.model.process == model.process:
                 current.require_reachable(model.valve)
@@ -164,33 +166,6 @@ class Supervisor:
         if self.state is SupervisorState.BASE:
             self.state = SupervisorState.WAITING
         return True
-
-    def _require_usable(self, model: LoopModel) -> None:
-        """Raise `CompensatorError` for a model that must not be tried."""
-        s, process = self.settings, model.process
-        if s.period and not math.isclose(process.period, s.period):
-            raise CompensatorError(
-                f"the model's period of {process.period:g} s is not the scan's {s.period:g} s; "
-                "identify with the scan's",
-                RefusalKind.PERIOD,
-            )
-        if s.gain_sign * sum(process.b) < 0.0:  # A(1) is above zero in every stable process
-            raise CompensatorError(
-                "the model's gain has the other sign than the loop's own controller counts on; "
-                "check the signs of OP and PV",
-                RefusalKind.WRONG_SIGN,
-            )
-        given_up = self._given_up.find(model)
-        if given_up is not None:
-            raise CompensatorError(
-                f"this model made the loop worse before ({given_up.why.value}); offer a newly "
-                f"identified one, or wait {given_up.left} scans",
-                given_up.why,
-            )
-        if model.valve.stick_band == 0.0:
-            raise CompensatorError(
-                "the model's stick band is 0: a valve that does not stick needs no compensation"
-            )
 
     def withdraw(self, reason: WithdrawReason) -> None:
         """Give the loop back to the base controller, from the next scan on."""
@@ -213,7 +188,7 @@ class Supervisor:
         moved = self._move_stem(op_applied)
         by_base = automatic and not self.compensating
         self._record.push(Sample(pv, sp, op_applied, by_base))
-        self._given_up.pass_scan()
+        self._admission.given_up.pass_scan()
         for controller in (self.base, self._compensator, self._next):
             if controller is not None:
                 controller.observe(pv, op_applied)
@@ -257,7 +232,7 @@ class Supervisor:
         verdict = self._judge(pv, sp, op_applied, moved)
         if verdict is not WatchVerdict.FINE:
             model = self._compensator.model
-            self._given_up.add(
+            self._admission.given_up.add(
                 LoopModel(self._goal or model.valve, model.process),
                 self._uncertainty,
                 _KINDS[_GIVEN_UP[verdict]],
@@ -311,8 +286,11 @@ class Supervisor:
             return False
         if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
             return False
+        known_scans = self.settings.least_known + candidate.prediction.dead_time
+        if len(self._record) < known_scans:
+            return False
         before = self._figures(candidate)
-        if before is None:
+        if before is None or not self._accept(candidate):
             return False
         if self._watch is None or self._watch.before != before:
             self._watch = LoopWatch(
@@ -329,6 +307,20 @@ class Supervisor:
         self.state = SupervisorState.COMPENSATING
         if self.reason in _PASSING:
             self.reason = WithdrawReason.NONE
+        return True
+
+    def _accept(self, candidate: Compensator) -> bool:
+        """Refuse a candidate that the record contradicts by now; tell whether it may take over."""
+        if candidate is self._compensator:
+            return True
+        try:
+            self._admission.require_right_sign(candidate.model, self._record.all)
+        except CompensatorError as error:
+            if self._compensator is None:
+                self.withdraw(WithdrawReason.REFUSED)
+            self._next = None
+            self.refusal, self.refused = str(error), error.kind
+            return False
         return True
 
     def _figures(self, candidate: Compensator) -> LoopFigures | None:
@@ -354,12 +346,16 @@ class Supervisor:
             have, goal, rate = controller.model.valve, self._goal, self.settings.friction_rate
             if have == goal:
                 continue
-            change_static = goal.static_friction - have.static_friction
-            change_dynamic = goal.dynamic_friction - have.dynamic_friction
-            if max(abs(change_static), abs(change_dynamic)) <= rate:
-                controller.change_valve(goal)
-                continue
-            static = have.static_friction + min(max(change_static, -rate), rate)
-            dynamic = have.dynamic_friction + min(max(change_dynamic, -rate), rate)
-            # fD never passes fS on the way.
-            controller.change_valve(ValveModel.from_friction(static, min(dynamic, static)))
+            controller.change_valve(_towards(have, goal, rate))
+
+
+def _towards(have: ValveModel, goal: ValveModel, rate: float) -> ValveModel:
+    """Return a valve whose frictions are ``rate`` nearer to those of ``goal``."""
+    change_static = goal.static_friction - have.static_friction
+    change_dynamic = goal.dynamic_friction - have.dynamic_friction
+    if max(abs(change_static), abs(change_dynamic)) <= rate:
+        return goal
+    static = have.static_friction + min(max(change_static, -rate), rate)
+    dynamic = have.dynamic_friction + min(max(change_dynamic, -rate), rate)
+    # fD never passes fS on the way.
+    return ValveModel.from_friction(static, min(dynamic, static))

@@ -11,7 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from compensator.prediction import NoiseModel, Prediction
-from compensator.stem import StemTracker, TrackerSettings
+from compensator.stem import StemTracker
+from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
 __all__ = ["NOISE_KINDS", "TrackerBank", "noise_kinds"]

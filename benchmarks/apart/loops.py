@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy import signal
@@ -14,9 +15,21 @@ from compensator import Action, ActionStatus, Controller, MpcSettings, Superviso
 from estimator import identify
 from loop_model import LoopModel, ProcessModel, ValveModel
 
-__all__ = ["DISTURBANCES", "WARM", "WRONG", "Course", "Loop", "nominal", "play"]
+__all__ = [
+    "DISTURBANCES",
+    "UNREACHED",
+    "WARM",
+    "WRONG",
+    "Course",
+    "Loop",
+    "Plant",
+    "nominal",
+    "play",
+]
 
 WARM, SAMPLES = 800, 1700
+UNREACHED = range(1000, 1200)
+"""Scans of the disturbance "saturation" in which the set-point is out of reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +57,49 @@ class Loop:
         """PV that one OP makes; of a level what comes up within twenty samples."""
         p = PROCESSES[self.process]
         return p.gain * (20.0 if p.integrating else 1.0)
+
+    def make_plant(self, seed: int) -> Plant:  # noqa: ARG002
+        """Return the plant at rest near 49; the valves of this family know no chance."""
+        valve = VALVES[self.valve](self.band, self.jump, 49.0)
+        return ApartPlant(PROCESSES[self.process], valve)
+
+    def make_controller(self) -> Controller:
+        """Return the loop's own controller."""
+        process = PROCESSES[self.process]
+        if self.own == "pi":
+            return _OwnPi(process)
+        weight = 0.15 if process.integrating else MpcSettings().op_weight
+        return UnawareMpc(nominal(process), MpcSettings(op_weight=weight))
+
+    def true_model(self) -> LoopModel:
+        """Return the valve and the process at its working point."""
+        return LoopModel(ValveModel(self.band, self.jump), nominal(PROCESSES[self.process]))
+
+
+class Stem(Protocol):
+    """A valve whose friction can be changed."""
+
+    band: float
+    jump: float
+
+    @property
+    def stem(self) -> float:
+        """Position."""
+
+
+class Plant(Protocol):
+    """A process behind a valve."""
+
+    @property
+    def valve(self) -> Stem:
+        """The valve."""
+
+    @property
+    def pv(self) -> float:
+        """PV without measurement noise."""
+
+    def step(self, op: float, load: float = 0.0, noise: float = 0.0) -> float:
+        """Apply ``op`` for a sample."""
 
 
 class _OwnPi:
@@ -153,14 +209,6 @@ class Course:
     offered: bool
 
 
-def _own(loop: Loop) -> Controller:
-    process = PROCESSES[loop.process]
-    if loop.own == "pi":
-        return _OwnPi(process)
-    weight = 0.15 if process.integrating else MpcSettings().op_weight
-    return UnawareMpc(nominal(process), MpcSettings(op_weight=weight))
-
-
 def _identified(op: np.ndarray, pv: np.ndarray, sp: np.ndarray) -> LoopModel | None:
     found = identify(op, pv, sp=sp, period=1.0)
     return found.model if found.verdict.value == "stiction" else None
@@ -171,14 +219,12 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
 
     With ``wrong="none"`` there is no offer: the loop's own controller goes on.
     """
-    process = PROCESSES[loop.process]
     rng = np.random.default_rng(seed)
-    plant = ApartPlant(process, VALVES[loop.valve](loop.band, loop.jump, 49.0))
+    plant = loop.make_plant(seed)
     size = loop.noise * loop.jump * loop.scale
     white = rng.normal(0.0, 1.0, SAMPLES) * size
-    supervisor = Supervisor(_own(loop))
-    truth = LoopModel(ValveModel(loop.band, loop.jump), nominal(process))
-    model: LoopModel | None = WRONG[wrong](truth) if wrong in WRONG else None
+    supervisor = Supervisor(loop.make_controller())
+    model: LoopModel | None = WRONG[wrong](loop.true_model()) if wrong in WRONG else None
     pv, sp, op, stem = (np.zeros(SAMPLES) for _ in range(4))
     held = np.zeros(SAMPLES, dtype=bool)
     applied, offered = 50.0, False
@@ -194,7 +240,7 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
         if k == WARM or (disturbance == "restart" and k in (1100, 1300)):
             if k > WARM:
                 memory = supervisor.memory
-                supervisor = Supervisor(_own(loop))
+                supervisor = Supervisor(loop.make_controller())
                 supervisor.restore(memory)
             if wrong == "identified" and k == WARM:
                 model = _identified(op[100:k], pv[100:k], sp[100:k])
@@ -218,7 +264,7 @@ def _setpoint(loop: Loop, disturbance: str, k: int) -> float:
     if disturbance == "ramps" and k >= WARM:
         swing = abs((k - WARM) % 400 - 200) / 200.0  # 1, down to 0, up to 1
         return first + (1.0 - swing) * 2.0 * loop.band * loop.scale
-    if disturbance == "saturation" and 1000 <= k < 1200:
+    if disturbance == "saturation" and k in UNREACHED:
         return first + 80.0 * loop.scale
     return first
 

@@ -21,29 +21,31 @@ from compensator import (
     EmbeddingSettings,
     HybridMpc,
     HybridSettings,
+    LoopMemory,
     OpLimits,
-    RetrySettings,
     Supervisor,
-    SupervisorSettings,
     Uncertainty,
-    WatchSettings,
     WithdrawReason,
 )
+from fieldlink.compensate.memory_file import load_memory, save_memory
 from fieldlink.compensate.offers import refusal_of, uncertainty_of
-from fieldlink.errors import FieldlinkError
-from fieldlink.links import Clock, Link, LinkError, RegisterAccess, Scan, SystemClock
-from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.compensate.wiring import (
+    CompensateError,
+    exchange_of,
+    link_to,
+    op_out_of,
+    supervising,
+)
+from fieldlink.links import Clock, LinkError, RegisterAccess, Scan, SystemClock
 from fieldlink.registers import (
     BLOCK_REGISTERS,
     Bank,
     BlockReader,
-    ExchangeLayout,
     ExchangeWords,
     Fallback,
     ReaderState,
     Refusal,
     RegisterValueError,
-    Tag,
 )
 from fieldlink.site import Loop, Site
 from fieldlink.site.compensate import CompensateSettings
@@ -52,8 +54,8 @@ from loop_model import LoopModel
 __all__ = ["CompensateError", "CompensateService", "Step", "Verdict"]
 
 
-class CompensateError(FieldlinkError):
-    """A loop that cannot be compensated as the site file describes it."""
+_KEEP_EVERY = 60
+"""Scans between two writes of the memory at least, unless a model is given up."""
 
 
 class Verdict(Enum):
@@ -115,6 +117,7 @@ class CompensateService:
 
     Raises:
         CompensateError: the site file lacks what is needed, or forbids it.
+        MemoryFileError: the file of an earlier run cannot be used.
     """
 
     def __init__(
@@ -126,9 +129,9 @@ class CompensateService:
         self._name = name
         self.settings: CompensateSettings = self.loop.compensate
         self._write = write
-        self._op_out = _op_out(site, self.loop)
-        self._layout = _exchange(name, self.loop)
-        self._link = _link(site, self.loop, self._op_out, write=self.writes, clock=clock)
+        self._op_out = op_out_of(site, self.loop)
+        self._layout = exchange_of(name, self.loop)
+        self._link = link_to(site, self.loop, self._op_out, write=self.writes, clock=clock)
         if not isinstance(self._link, RegisterAccess):
             raise CompensateError(
                 f"loop {name}: device {self.loop.device!r} has no registers; use a Modbus device"
@@ -143,8 +146,15 @@ class CompensateService:
         limits = OpLimits(self.settings.low, self.settings.high, self.settings.rate)
         self._limits = limits
         self.supervisor = Supervisor(
-            _PlcsOwn(), _supervising(self.loop, self.settings, limits), self._builder(limits)
+            _PlcsOwn(), supervising(self.loop, self.settings, limits), self._builder(limits)
         )
+        self._clock = clock or SystemClock()
+        self._memory_file = site.resolve(self.settings.memory or f"{name}.compensator.json")
+        self.supervisor.restore(
+            load_memory(self._memory_file, name, period=self.loop.period, now=self._clock.utc())
+        )
+        self._kept = self.supervisor.memory
+        self._since_kept = 0
         self._model: LoopModel | None = None
         self._told: tuple[int, Refusal | None] = (0, None)
         self.writes_done = 0
@@ -161,6 +171,8 @@ class CompensateService:
     async def close(self) -> None:
         """Stop: nothing is written any more, and the PLC goes on by itself."""
         await self._link.close()
+        if self.supervisor.memory != LoopMemory():
+            self._keep_memory()
 
     async def step(self, now: float) -> Step:
         """Run one scan at ``now`` plant seconds, which never go back."""
@@ -177,6 +189,8 @@ class CompensateService:
             return Step(Verdict.NOT_READ, pv, sp, op, math.nan, words)
         automatic = self._automatic(scan)
         action = self.supervisor.step(pv, sp, op, automatic=automatic)
+        if self._must_keep():
+            self._keep_memory()
         untold = await self._tell_refusal(block)
         if not automatic:
             return Step(Verdict.MANUAL, pv, sp, op, math.nan, "")
@@ -189,6 +203,27 @@ class CompensateService:
             words = (self.supervisor.refusal or self.supervisor.reason.value) + untold
             return Step(Verdict.WAITING, pv, sp, op, math.nan, words)
         return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
+
+    def _must_keep(self) -> bool:
+        """Whether the memory has to be written now: a model was given up, or it is old and other.
+
+        Under the PLC's own controller the figures change a little with every scan.
+        """
+        self._since_kept += 1
+        memory = self.supervisor.memory
+        if len(memory.given_up) > len(self._kept.given_up):
+            return True
+        return self._since_kept >= _KEEP_EVERY and memory != self._kept
+
+    def _keep_memory(self) -> None:
+        self._kept, self._since_kept = self.supervisor.memory, 0
+        save_memory(
+            self._memory_file,
+            self._name,
+            self._kept,
+            period=self.loop.period,
+            now=self._clock.utc(),
+        )
 
     async def _put(self, step: Step) -> Step:
         wanted = self._limits.clip(step.op, step.op_before)
@@ -274,48 +309,3 @@ class CompensateService:
 def _with(step: Step, verdict: Verdict, detail: str | None = None) -> Step:
     words = step.detail if detail is None else detail
     return Step(verdict, step.pv, step.sp, step.op_before, step.op, words)
-
-
-def _supervising(loop: Loop, settings: CompensateSettings, limits: OpLimits) -> SupervisorSettings:
-    return SupervisorSettings(
-        hybrid=HybridSettings(limits),
-        watch=WatchSettings(travel_budget=settings.travel_budget, pv_trip=settings.pv_trip),
-        retry=RetrySettings(after=max(1, round(settings.retry_after / loop.period))),
-        gain_sign=settings.gain_sign,
-        period=loop.period,
-    )
-
-
-def _op_out(site: Site, loop: Loop) -> Tag | None:
-    """The tag that takes OP; None where the site file names none (dry runs only)."""
-    wanted = loop.compensate.op_out
-    return None if wanted is None else site.maps[loop.device][wanted]
-
-
-def _exchange(name: str, loop: Loop) -> ExchangeLayout:
-    layout = loop.writeback.exchange
-    if layout is None:
-        raise CompensateError(
-            f"loop {name} has no exchange area to read the block from; give "
-            f"[loops.{name}.writeback] a base and a loop_id"
-        )
-    if loop.sp is None:
-        raise CompensateError(f"loop {name} has no set-point; name its tag with sp")
-    return layout
-
-
-def _link(site: Site, loop: Loop, op_out: Tag | None, *, write: bool, clock: Clock | None) -> Link:
-    """A Modbus link that can write OP and the refusal's register, and nothing else."""
-    if not site.devices[loop.device].link.startswith("modbus"):
-        raise CompensateError(
-            f"device {loop.device!r} is no Modbus device; simulated plants are studied with "
-            "fieldlink simulate"
-        )
-    ranges: tuple[tuple[int, int], ...] = ()
-    if write and op_out is not None:
-        ranges = ((op_out.address, op_out.end - 1),)
-        layout = loop.writeback.exchange
-        if layout is not None and layout.ack_refusal is not None:
-            ranges += ((layout.ack_refusal, layout.ack_refusal),)
-    settings = ModbusSettings(loop.device, site.devices[loop.device], site, writable=ranges)
-    return ModbusLink(settings, site.requests(loop.device), clock or SystemClock())

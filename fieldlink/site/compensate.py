@@ -32,6 +32,9 @@ class CompensateSettings(Model):
     """Factor of OP's travel, against before compensation, beyond which the model is given up."""
     pv_trip: float = Field(default=3.0, ge=1, le=100)
     """Multiple of the largest error known beyond which PV must return at once."""
+    memory: str | None = None
+    """File that keeps what the compensator must know after a restart, relative to the site file's
+    folder; LOOP.compensator.json unless given."""
     retry_after: float = Field(default=28800.0, gt=0)
     """Seconds after which a model that was given up may be tried again: one shift."""
     gain_sign: Literal[-1, 0, 1] = 0

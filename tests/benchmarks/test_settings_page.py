@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.settings_page import entries_of, page
+from benchmarks.settings_page import compensator_page, entries_of, page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "settings.md"
 
@@ -40,8 +40,10 @@ class _Incomplete:
     second: int = 2
 
 
-def test_the_page_is_current() -> None:
+def test_the_pages_are_current() -> None:
     assert PAGE.read_text() == page(), "run python -m benchmarks.settings_page --out docs"
+    other = PAGE.with_name("compensator-settings.md")
+    assert other.read_text() == compensator_page(), "run python -m benchmarks.settings_page"
 
 
 def test_entries_are_read_with_their_continuations_and_neighbours() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from compensator import (
     EmbeddingMpc,
     EmbeddingSettings,
     LoopFigures,
+    RefusalKind,
     RetrySettings,
     Supervisor,
     SupervisorSettings,
@@ -20,12 +22,15 @@ from compensator import (
     WithdrawReason,
 )
 from compensator.figures import oscillation_period
+from compensator.record_check import RecordCheckSettings
 from compensator.watch import LoopWatch, Watched, WatchVerdict
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 REST = EXAMPLE_1.process.gain * 50.0
 Event = Callable[[Supervisor], object]
+UNCHECKED = SupervisorSettings(check=RecordCheckSettings(shortest=10**6))
+"""For tests of the watch: the record refuses no model beforehand."""
 
 
 class Loop:
@@ -196,7 +201,7 @@ def test_manual_and_back_without_a_jump(compensated: Loop) -> None:
 
 def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
     """A process of the wrong sign drives the loop away; the watch must end that."""
-    loop = Loop()
+    loop = Loop(settings=UNCHECKED)
     loop.run(400)
     p = EXAMPLE_1.process
     wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))
@@ -216,9 +221,34 @@ def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
     assert loop.supervisor.compensating
 
 
+def test_a_sign_that_the_record_contradicts_is_refused_at_the_door() -> None:
+    loop = Loop()
+    loop.run(400)
+    p = EXAMPLE_1.process
+    wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))
+    assert not loop.supervisor.offer(wrong)
+    assert loop.supervisor.refused is RefusalKind.WRONG_SIGN
+    assert "wrong sign" in loop.supervisor.refusal
+    assert loop.supervisor.offer(EXAMPLE_1)
+
+
+def test_the_sign_seen_is_known_after_a_restart() -> None:
+    loop = Loop()
+    loop.run(400)
+    assert loop.supervisor.offer(EXAMPLE_1)
+    memory = loop.supervisor.memory
+    p = EXAMPLE_1.process
+    wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))
+    loop.supervisor = Supervisor(UnawareMpc(p))
+    loop.supervisor.restore(memory)
+    assert not loop.supervisor.offer(wrong)
+    assert loop.supervisor.refused is RefusalKind.WRONG_SIGN
+    assert loop.supervisor.offer(EXAMPLE_1)
+
+
 def test_a_wrong_sign_after_manual_trips_at_once() -> None:
     """Manual shortly before the take-over must not make the watch blind."""
-    loop = Loop()
+    loop = Loop(settings=UNCHECKED)
     loop.run(400)
     p = EXAMPLE_1.process
     loop.run(5, manual=loop.op[-1])
@@ -233,7 +263,7 @@ def test_a_wrong_sign_after_manual_trips_at_once() -> None:
 
 
 def test_a_twin_of_a_model_that_was_given_up_is_refused_until_time_has_passed() -> None:
-    loop = Loop(settings=SupervisorSettings(retry=RetrySettings(after=900)))
+    loop = Loop(settings=replace(UNCHECKED, retry=RetrySettings(after=900)))
     loop.run(400)
     p = EXAMPLE_1.process
     wrong = LoopModel(EXAMPLE_1.valve, ProcessModel(p.a, tuple(-b for b in p.b), 1, 0.0, 1.0))

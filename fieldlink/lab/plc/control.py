@@ -44,6 +44,11 @@ class _PlantLoop:
         """Why the model of the block in force is not used; None if it is, or there is none."""
         return None
 
+    @property
+    def supervisor(self) -> Supervisor | None:
+        """Who has controller and compensator; None for a loop without."""
+        return None
+
     def close(self) -> None:
         """End the plant."""
         self.plant.close()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from compensator import LoopMemory
 from fieldlink.lab.plc.image import RequestRefusedError
 from fieldlink.lab.plc.virtual import BuildProgram, VirtualPlc, scan_period
 from fieldlink.links.base import LinkState, Scan
@@ -38,6 +39,7 @@ class LockstepLink:
         self._device = device
         self._programs = programs
         self._plc: VirtualPlc | None = None
+        self._retained: dict[str, LoopMemory] = {}
         self.scan_period = float(scan_period(site, device))
         self._reader = PlanReader(site.requests(device), self._payload, clock)
         self.requests = 0
@@ -61,7 +63,9 @@ class LockstepLink:
     async def open(self) -> None:
         """Start the plants."""
         if self._plc is None:
-            self._plc = VirtualPlc(self._site, self._device, programs=self._programs)
+            self._plc = VirtualPlc(
+                self._site, self._device, programs=self._programs, retained=self._retained
+            )
 
     async def scan(self) -> Scan:
         """Run one control cycle, then read every mapped tag."""
@@ -69,8 +73,9 @@ class LockstepLink:
         return await self._reader.scan()
 
     async def close(self) -> None:
-        """Stop the plants."""
+        """Stop the plants; what the PLC retains is there when the link is opened again."""
         if self._plc is not None:
+            self._retained = self._plc.retained
             self._plc.close()
             self._plc = None
 

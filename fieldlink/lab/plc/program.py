@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from compensator import Supervisor
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.truth import CycleRecord
@@ -66,6 +67,11 @@ class LoopProgram(Protocol):
         ...
 
     @property
+    def supervisor(self) -> Supervisor | None:
+        """Who has controller and compensator; None for a loop without."""
+        ...
+
+    @property
     def plant(self) -> HostedPlant | None:
         """What is stepped between `begin` and `end`; None without a plant."""
         ...
@@ -101,6 +107,7 @@ class ReplayedLoop:
     plant: HostedPlant | None = None
     stem = math.nan
     refusal: Refusal | None = None
+    supervisor: Supervisor | None = None
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording

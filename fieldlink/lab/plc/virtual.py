@@ -19,9 +19,8 @@ from fractions import Fraction
 from types import TracebackType
 from typing import Literal, Self
 
-from compensator import Supervisor
+from compensator import LoopMemory, Supervisor
 from fieldlink.lab.plc.build import PlcError, Programs
-from fieldlink.lab.plc.control import ControlledLoop
 from fieldlink.lab.plc.hosted import HostedLoop, exact_period
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.plants import step_all
@@ -54,6 +53,7 @@ class VirtualPlc:
             takes longer goes on by itself and its loops stand still meanwhile; after 10 seconds it
             is given up. Without a limit a run is the same on every machine.
         programs: builds the program of a loop of the site; by default what the site file says.
+        retained: what an earlier life of this PLC kept (RETAIN), see `retained`.
 
     Raises:
         PlcError: no loop of the device has a plant, or a plant and its loop do not fit.
@@ -70,6 +70,7 @@ class VirtualPlc:
         isolated: bool = True,
         patience: float = math.inf,
         programs: BuildProgram | None = None,
+        retained: Mapping[str, LoopMemory] | None = None,
     ) -> None:
         self.device = device
         self.speed = speed
@@ -98,6 +99,10 @@ class VirtualPlc:
                 f"device {device}: none of its loops has a plant; add a table [loops.NAME.plant] "
                 "with an fmu or a recording"
             )
+        for name, memory in (retained or {}).items():
+            supervisor = self.supervisor(name)
+            if supervisor is not None:
+                supervisor.restore(memory)
         self._period = scan_period(site, device)
         self._due = [(loop, int(loop.period / self._period)) for loop in self._loops.values()]
 
@@ -153,8 +158,13 @@ class VirtualPlc:
 
     def supervisor(self, loop: str) -> Supervisor | None:
         """Return who decides which controller has the loop, for its state; None without one."""
-        program = self._loops[loop].program
-        return program.supervisor if isinstance(program, ControlledLoop) else None
+        return self._loops[loop].program.supervisor
+
+    @property
+    def retained(self) -> dict[str, LoopMemory]:
+        """What a compensator of this PLC has to know after a restart, by loop."""
+        known = {name: self.supervisor(name) for name in self._loops}
+        return {name: found.memory for name, found in known.items() if found is not None}
 
     def enable(self, loop: str, allowed: bool) -> None:
         """Set or clear a loop's enable register, as its operator would.

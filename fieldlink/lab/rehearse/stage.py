@@ -191,6 +191,10 @@ class _Program:
         return self._inner.refusal
 
     @property
+    def supervisor(self) -> Supervisor | None:
+        return self._inner.supervisor
+
+    @property
     def plant(self) -> HostedPlant:
         return self._inner.plant
 

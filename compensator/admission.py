@@ -1,0 +1,76 @@
+"""Which models may be tried: by what is known of the loop, before any of them has it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from compensator.action import CompensatorError, RefusalKind
+from compensator.figures import Sample
+from compensator.given_up import GivenUpModels
+from compensator.record_check import seen_agreement
+from compensator.supervision import SupervisorSettings
+from loop_model import LoopModel
+
+__all__ = ["Admission"]
+
+
+class Admission:
+    """Refuses models that cannot be right for this loop.
+
+    Args:
+        settings: of the supervisor.
+
+    Attributes:
+        given_up: models that made the loop worse.
+        gain_sign: of the process, as the record showed it; 0 while unknown.
+    """
+
+    def __init__(self, settings: SupervisorSettings) -> None:
+        self._settings = settings
+        self.given_up = GivenUpModels(settings.retry)
+        self.gain_sign = 0
+
+    def require_usable(self, model: LoopModel) -> None:
+        """Raise `CompensatorError` for a model that must not be tried."""
+        s, process = self._settings, model.process
+        if s.period and not math.isclose(process.period, s.period):
+            raise CompensatorError(
+                f"the model's period of {process.period:g} s is not the scan's {s.period:g} s; "
+                "identify with the scan's",
+                RefusalKind.PERIOD,
+            )
+        if s.gain_sign * sum(process.b) < 0.0:  # A(1) is above zero in every stable process
+            raise CompensatorError(
+                "the model's gain has the other sign than the loop's own controller counts on; "
+                "check the signs of OP and PV",
+                RefusalKind.WRONG_SIGN,
+            )
+        given_up = self.given_up.find(model)
+        if given_up is not None:
+            raise CompensatorError(
+                f"this model made the loop worse before ({given_up.why.value}); offer a newly "
+                f"identified one, or wait {given_up.left} scans",
+                given_up.why,
+            )
+        if model.valve.stick_band == 0.0:
+            raise CompensatorError(
+                "the model's stick band is 0: a valve that does not stick needs no compensation"
+            )
+
+    def require_right_sign(self, model: LoopModel, seen: Sequence[Sample]) -> None:
+        """Raise `CompensatorError` if what the loop did, or did before a restart, contradicts the
+        sign of the model's gain.
+        """
+        sign = 1 if sum(model.process.b) > 0.0 else -1
+        agrees = seen_agreement(
+            model, [s.op for s in seen], [s.pv for s in seen], self._settings.check
+        )
+        if agrees:
+            self.gain_sign = agrees * sign
+        if self.gain_sign * sign < 0:
+            raise CompensatorError(
+                "PV moved against what the model makes of OP: its gain has the wrong sign; check "
+                "the signs of OP and PV and identify again",
+                RefusalKind.WRONG_SIGN,
+            )

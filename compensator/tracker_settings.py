@@ -1,0 +1,50 @@
+"""What can be set of the search for the stem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from compensator.action import require_not_negative, require_positive, require_whole
+from compensator.friction import FrictionPrior
+from compensator.prediction import NoiseModel
+
+__all__ = ["TrackerSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSettings:
+    """Settings of `StemTracker`.
+
+    Attributes:
+        noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
+        friction: prior of the static and of the dynamic friction.
+        gain_spread: relative deviation of the process gain.
+        offset_memory: settling times over which the load is averaged in quiet times.
+        delay_spread: samples that the answer to a slip may be early or late; it covers what a
+            model of too low an order leaves of the response, which would else pass for load.
+        hypotheses: how many are kept.
+        memory: samples over which evidence counts.
+        fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
+            variance of some ten independent values is known to a factor of two.
+    """
+
+    noise: NoiseModel
+    friction: FrictionPrior = field(default_factory=FrictionPrior)
+    gain_spread: float = 0.1
+    offset_memory: float = 2.0
+    delay_spread: float = 1.0
+    hypotheses: int = 14
+    memory: float = 60.0
+    fluctuation_margin: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_not_negative(
+            "TrackerSettings", gain_spread=self.gain_spread, delay_spread=self.delay_spread
+        )
+        require_positive(
+            "TrackerSettings",
+            offset_memory=self.offset_memory,
+            memory=self.memory,
+            fluctuation_margin=self.fluctuation_margin,
+        )
+        require_whole("TrackerSettings", 1, hypotheses=self.hypotheses)

@@ -1,0 +1,125 @@
+"""What the compensator learns of a loop: sign, rounding, noise at rest, ramps; slow stems."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from compensator import CompensatorError, HybridMpc, HybridSettings, PiController, PiSettings
+from compensator.fluctuation import RestFluctuation
+from compensator.moves import LeastMoves, MovePlanner
+from compensator.prediction import Prediction
+from compensator.record_check import RecordCheckSettings, seen_agreement
+from compensator.resolution import PvResolution
+from compensator.setpoint_trend import SetpointTrend
+from loop_model import LoopModel, ProcessModel, ValveModel
+
+LAG = ProcessModel((-0.9,), (0.1,), 3, 0.0, 1.0)
+MODEL = LoopModel(ValveModel(6.0, 2.0), LAG)
+
+
+def limit_cycle(samples: int, seed: int = 1) -> tuple[list[float], list[float]]:
+    """Return OP and PV of a PI loop whose valve sticks."""
+    noise = np.random.default_rng(seed).normal(0.0, 0.02, samples)
+    pi = PiController(PiSettings(1.2, 9.0))
+    stem, op, pv = 49.0, 50.0, 49.0
+    late = [49.0] * LAG.dead_time
+    ops, pvs = [], []
+    for k in range(samples):
+        seen = pv + noise[k]
+        ops.append(op)
+        pvs.append(seen)
+        pi.observe(seen, op)
+        op = pi.decide(50.0).op
+        stem = MODEL.valve.step(stem, op)
+        late.append(stem)
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+    return ops, pvs
+
+
+def with_gain(factor: float) -> LoopModel:
+    return LoopModel(MODEL.valve, ProcessModel(LAG.a, (0.1 * factor,), 3, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_limit_cycle_bears_out_the_right_sign_whatever_the_gain(factor: float) -> None:
+    ops, pvs = limit_cycle(400)
+    assert seen_agreement(with_gain(factor), ops, pvs) == 1
+    assert seen_agreement(with_gain(-factor), ops, pvs) == -1
+
+
+def test_a_short_or_bad_record_says_nothing_of_the_sign() -> None:
+    ops, pvs = limit_cycle(400)
+    assert seen_agreement(with_gain(-1.0), ops[:100], pvs[:100]) == 0
+    assert seen_agreement(with_gain(-1.0), ops, [math.nan] * len(ops)) == 0
+    assert seen_agreement(with_gain(-1.0), [50.0] * 400, pvs) == 0
+    with pytest.raises(CompensatorError, match="clear is a correlation between 0 and 1"):
+        RecordCheckSettings(clear=1.5)
+
+
+def test_the_rounding_of_a_coarse_signal_is_found_and_noise_hides_it() -> None:
+    noise = np.random.default_rng(3).normal(0.0, 1.0, 300)
+    coarse, fine = PvResolution(), PvResolution()
+    for value in noise:
+        coarse.push(0.5 * round(float(value) / 0.5))
+        fine.push(float(value))
+    assert coarse.variance == pytest.approx(0.5**2 / 12.0)
+    assert fine.variance < 1e-4
+
+
+def test_what_pv_does_at_rest_bounds_the_noise() -> None:
+    rest = RestFluctuation(settle=10, memory=40)
+    noise = np.random.default_rng(5).normal(0.0, 0.3, 400)
+    rest.push(5.0, moved=True)
+    for k in range(10):
+        rest.push(5.0 - k, moved=False)  # the answer to the move
+    assert rest.variance == math.inf
+    for value in noise:
+        rest.push(7.0 + float(value), moved=False)
+    assert rest.variance == pytest.approx(0.09, rel=0.5)
+
+
+def test_a_ramp_is_expected_to_go_on_for_as_long_as_it_has_lasted() -> None:
+    trend = SetpointTrend(longest=20)
+    points = np.array([1, 5, 50])
+    for k in range(3):
+        trend.push(0.1 * k)
+    assert not trend.ahead(points).any()
+    for k in range(3, 11):
+        trend.push(0.1 * k)
+    assert trend.ahead(points) == pytest.approx([0.1, 0.5, 1.0])
+    trend.push(1.0)  # it stays
+    assert not trend.ahead(points).any()
+    trend.push(9.0)  # a step is no ramp
+    assert not trend.ahead(points).any()
+
+
+def test_op_stays_until_a_slow_stem_has_arrived() -> None:
+    """A stem that moves by 4 a scan must come to where a move of 5 or more sends it."""
+    controller = HybridMpc(MODEL, HybridSettings(unseen=1.0))
+    stem, goal, pv, op = 50.0, 50.0, 50.0, 50.0
+    late = [50.0] * LAG.dead_time
+    noise = np.random.default_rng(2).normal(0.0, 0.01, 200)
+    for k in range(200):
+        controller.observe(pv + float(noise[k]), op)
+        op = controller.decide(50.0 if k < 30 else 56.0).op
+        away = abs(goal - stem) > 1e-9
+        if away or abs(op - stem) > MODEL.valve.static_friction:
+            goal = op - math.copysign(MODEL.valve.dynamic_friction, op - stem)
+        stem += min(max(goal - stem, -4.0), 4.0)
+        late.append(stem)
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+    assert abs(np.mean(pv) - 56.0) < 0.5
+    assert controller.stem == pytest.approx(stem, abs=0.5)
+
+
+def test_no_plan_puts_off_what_does_not_last() -> None:
+    """A lasting error smaller than half the least move is left alone, not met by a move there and
+    back shortly before the horizon ends.
+    """
+    planner = MovePlanner(Prediction.of(LAG, "input"))
+    error = np.full(planner.points.size, -1.4)
+    plan = planner.plan(error, (-9.0, 9.0), LeastMoves.alike(4.4), 1.0, 0.1)
+    assert all(time <= planner.horizon // 3 for time in plan.times)
