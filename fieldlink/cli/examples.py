@@ -43,7 +43,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "compensate site.toml --loop FC101 --write --duration 3600",
     ),
     "web": ("web site.toml", "web data/history.sqlite --port 8080"),
-    "web": ("web site.toml", "web history.sqlite --port 8080"),
     "status": ("status site.toml", "status site.toml --json"),
     "events": ("events site.toml --last 20", "events site.toml --follow"),
     "withdraw": ('withdraw site.toml FC101 --reason "valve is being repaired"',),
