@@ -1,0 +1,2 @@
+"""Why a loop swings and which loop started it: arrays in, a diagnosis out. No file, no wire.
+"""
