@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["DIAGNOSIS", "DiagnosisSettings", "Reading", "Swinging"]
+__all__ = ["DIAGNOSIS", "DiagnosisSettings", "Reading", "Swinging", "Weighing"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +78,37 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
+class Weighing:
+    """How the explanations of a window are compared.
+
+    Attributes:
+        jump: innovations beyond so many robust deviations are jumps of the load; normal noise has
+            one of five in a million.
+        most_jumps: share of rows that may be left out as jumps; more is the noise itself.
+        harmonics: waves from outside: a sine, and one of any shape.
+        radii: damping ratios of a resonance for a wave whose phase wanders.
+        bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
+            range of an equal-percentage valve.
+        parts, best_parts: parts of the window over which a sticky valve's evidence is spread, and
+            how many of the best are left out.
+    """
+
+    jump: float = 5.0
+    most_jumps: float = 0.05
+    harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
+    radii: tuple[float, ...] = (0.002, 0.02)
+    bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
+    parts: int = 8
+    best_parts: int = 2
+
+
+@dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
     """All settings of a diagnosis."""
 
     swinging: Swinging = field(default_factory=Swinging)
     reading: Reading = field(default_factory=Reading)
+    weighing: Weighing = field(default_factory=Weighing)
 
 
 DIAGNOSIS = DiagnosisSettings()

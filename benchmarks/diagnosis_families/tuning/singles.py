@@ -35,10 +35,14 @@ def red(rng: np.random.Generator, n: int, size: float, time: float) -> Floats:
 
 
 def _open_loop(loop: Loop, w: Floats) -> np.ndarray:
-    s = 1j * w
-    core = 1.0 / (loop.lag * s) if loop.integrating else 1.0 / (1.0 + loop.lag * s)
-    core = core / (1.0 + max(loop.second, 0.01) * s) * np.exp(-s * (loop.delay + 1.5))
-    return loop.kc * loop.gain * (1.0 + 1.0 / (loop.ti * s) + loop.td * s) * core
+    """Exact response of the sampled loop, controller included."""
+    q = np.exp(-1j * w)
+    p1 = 1.0 if loop.integrating else math.exp(-1.0 / loop.lag)
+    entry = 1.0 / loop.lag if loop.integrating else 1.0 - p1
+    p2 = math.exp(-1.0 / loop.second) if loop.second > 0.05 else 0.0
+    process = loop.gain * entry * (1.0 - p2) / ((1.0 - p1 * q) * (1.0 - p2 * q))
+    control = loop.kc * (1.0 + 1.0 / (loop.ti * (1.0 - q)) + loop.td * (1.0 - q))
+    return np.asarray(process * control * q ** (loop.delay + 1))
 
 
 def gain_margin(loop: Loop) -> float:
