@@ -7,7 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["DIAGNOSIS", "DiagnosisSettings", "Reading", "Swinging", "Weighing"]
+__all__ = [
+    "DIAGNOSIS",
+    "DiagnosisSettings",
+    "Facts",
+    "Judging",
+    "Reading",
+    "Scope",
+    "Swinging",
+    "Weighing",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +112,93 @@ class Weighing:
 
 
 @dataclass(frozen=True, slots=True)
+class Facts:
+    """What a record shows without a model.
+
+    Attributes:
+        least_run, run_share: samples, and share of the window, of a run of one value that is no
+            chance: a frozen signal, or OP in manual.
+        pushed: share of the time at an extreme in which the error pushes outwards: a limit.
+        least_limit: share of the window at a limit from which it is told.
+        levels: fewer different values of PV are a coarse resolution.
+        spike: deviations from the running median from which a sample is a spike; noise has two
+            of them in a thousand million.
+    """
+
+    least_run: int = 20
+    run_share: float = 0.05
+    pushed: float = 0.8
+    least_limit: float = 0.02
+    levels: int = 60
+    spike: float = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """How much of a record is explained; the facts are taken from all of it.
+
+    Attributes:
+        rows: rows of a window that is explained: the time grows with them, and 30 periods tell
+            all that 300 do.
+        per_period: samples of a period from which a slow oscillation is thinned.
+    """
+
+    rows: int = 1800
+    per_period: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """From figures to causes and their weights.
+
+    Attributes:
+        threshold: nats from which an explanation is taken over its rivals: the estimator's own.
+        told: weight from which a cause is told: a twentieth of what the loop suffers is too little
+            to act on.
+        tight: amplification of a disturbance at the oscillation's period, or at the loop's own,
+            from which a tuning is tight: Astrom and Hagglund (2006) tune for Ms of 1.4 to 2.
+        well: amplification of a well-tuned loop (SIMC: 1.6).
+        damping: damping of the loop's swing below which it rings for three periods and more.
+        slow: share of the error's variance that is predictable an integral time ahead, from which
+            a tuning is slow.
+        slower: factor by which SIMC's integral action is faster than the running one, from which a
+            tuning is slow: the error after a load lasts as many times longer.
+        step: resolution over the error's deviation from which quantisation makes the error.
+        spikes: share of the squared error in spikes.
+        shaken: share of OP's range by which noise moves the valve every sample: 0.5 % is what a
+            positioner resolves.
+        noisy: share of the error's variance that is noise.
+        frozen: share of samples in which PV stands still.
+        ratio: between the largest and the smallest gain over OP's middle nine tenths.
+        by_hand: share of samples in manual from which that is the finding.
+    """
+
+    threshold: float = 10.0
+    told: float = 0.05
+    tight: float = 2.2
+    well: float = 1.6
+    damping: float = 0.15
+    slow: float = 0.3
+    slower: float = 3.0
+    step: float = 0.7
+    spikes: float = 0.2
+    shaken: float = 0.005
+    noisy: float = 0.5
+    frozen: float = 0.08
+    ratio: float = 3.0
+    by_hand: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
     """All settings of a diagnosis."""
 
     swinging: Swinging = field(default_factory=Swinging)
     reading: Reading = field(default_factory=Reading)
     weighing: Weighing = field(default_factory=Weighing)
+    facts: Facts = field(default_factory=Facts)
+    scope: Scope = field(default_factory=Scope)
+    judging: Judging = field(default_factory=Judging)
 
 
 DIAGNOSIS = DiagnosisSettings()
