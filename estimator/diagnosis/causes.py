@@ -31,6 +31,7 @@ class Findings:
         op_span, op_middle: span of OP, and of its middle nine tenths.
         predictable: shares of the error told one and two integral times ahead.
         setpoint_swings: whether SP has the oscillation too.
+        samples: of the window that was explained.
     """
 
     swing: Oscillation
@@ -46,6 +47,7 @@ class Findings:
     op_middle: float = 0.0
     predictable: tuple[float, float] = (math.nan, math.nan)
     setpoint_swings: bool = False
+    samples: int = 0
 
 
 def rank_causes(
@@ -162,7 +164,7 @@ def _rings(found: Findings, settings: DiagnosisSettings) -> bool:
     if found.loop is None or found.explained is None or not found.swing.present:
         return False
     here, _ = _amplification(found)
-    return here > settings.judging.tight and found.explained.outside < 0.0
+    return here > settings.judging.tight and found.explained.outside < -settings.judging.unsure
 
 
 def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
@@ -172,7 +174,7 @@ def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     here, peak = _amplification(found)
     period, damping = found.loop.swing()
     if found.swing.present:
-        if here <= judging.tight or one.outside >= 0.0:
+        if not _rings(found, settings):
             return None
         weight = found.swing.share * max(0.0, 1.0 - (judging.well / here) ** 2)
         evidence = (
@@ -180,7 +182,12 @@ def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
             f"oscillation (well-tuned loops 1.4 to 2), and no wave from outside is needed (log "
             f"Bayes factor {one.outside:.0f})",
         )
-    elif damping < judging.damping and peak > judging.tight and one.process > 2.0 * judging.threshold:
+    elif (
+        damping < judging.damping
+        and peak > 2.0 * judging.tight
+        and one.process > 2.0 * judging.threshold
+        and 4.0 < period < 0.05 * found.samples
+    ):
         weight = max(0.0, 1.0 - (judging.well / peak) ** 2) * 0.5
         evidence = (
             f"the closed loop swings with a period of {period * found.loop.period:.3g} s at a "
@@ -206,7 +213,8 @@ def _outside(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     if one is None or one.model is None:
         return None
     here, _ = _amplification(found)
-    if one.outside < 0.0 and (here > settings.judging.tight or found.loop is None):
+    unsure = settings.judging.unsure
+    if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
         return None
     evidence = [
         f"a wave of {swing.period_s:.4g} s from outside explains PV better than the loop alone: "

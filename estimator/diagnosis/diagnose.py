@@ -107,7 +107,8 @@ def diagnose(
         loop=loop,
         op_span=float(np.ptp(record.op)),
         op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
-        predictable=_predictable(record, swing, controller),
+        predictable=_predictable(record, swing, controller, limits, settings),
+        samples=cut.op.size,
         setpoint_swings=_setpoint_swings(record, swing, settings),
     )
     dead = None
@@ -229,19 +230,35 @@ def _closed(explained: Explained | None, controller: Controller | None) -> Linea
 
 
 def _predictable(
-    record: _Record, swing: Oscillation, controller: Controller | None
+    record: _Record,
+    swing: Oscillation,
+    controller: Controller | None,
+    limits: Limits,
+    settings: DiagnosisSettings,
 ) -> tuple[float, float]:
-    """Shares of the error that are predictable one and two integral times ahead."""
+    """Shares of the error that are predictable one and two integral times ahead.
+
+    Samples in manual, at a limit, and those that an integral time later still show it do not count.
+    """
+    nothing = (math.nan, math.nan)
     if controller is None or not math.isfinite(controller.integral_time_s) or swing.present:
-        return math.nan, math.nan
+        return nothing
     assert record.error is not None
-    ahead = controller.integral_time_s / record.period
-    if controller.integral_time_s <= 0.0 or ahead > 0.1 * record.op.size:
-        return math.nan, math.nan
-    return (
-        predictable_share(record.error, max(1, round(ahead))),
-        predictable_share(record.error, max(1, round(2.0 * ahead))),
-    )
+    ahead = round(controller.integral_time_s / record.period)
+    if not 0 < ahead <= 0.1 * record.op.size:
+        return nothing
+    free = record.good.copy()
+    if record.auto is not None:
+        free &= record.auto
+    if limits.share >= settings.facts.least_limit:
+        free &= ~limits.where
+    held = np.flatnonzero(~free)
+    for at in held[np.diff(held, append=record.op.size + 2) > 1]:
+        free[at : at + 2 * ahead] = False
+    if free.mean() < 0.5:
+        return nothing
+    error = np.where(free, record.error, np.nan)
+    return predictable_share(error, ahead), predictable_share(error, 2 * ahead)
 
 
 def _setpoint_swings(record: _Record, swing: Oscillation, settings: DiagnosisSettings) -> bool:

@@ -27,7 +27,7 @@ from estimator.criteria.noise import WHITE
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.evidence.effect import effect_of
 from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid
+from estimator.evidence.nuisances import Nuisance, Sinusoid
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
 from estimator.evidence.weighing import weigh
@@ -151,7 +151,10 @@ def explain(
         again = polish(masked, None, plain.fit, (), plain.fit.taps, wide=True)
         plain = _Rival(masked, settle(masked, again))
         waves = _outside(masked, plain.fit, cycles, weighing)
-        bends = _curved(masked, plain.fit, weighing)
+        bends = [
+            replace(one, price=one.price + _concentration(masked, one, plain, weighing))
+            for one in _curved(masked, plain.fit, weighing)
+        ]
         outside = max((one.likelihood for one in waves), default=-math.inf) - plain.likelihood
         curved = max((one.likelihood for one in bends), default=-math.inf) - plain.likelihood
         chosen = max((plain, *waves, *bends), key=lambda one: one.likelihood)
@@ -175,6 +178,14 @@ def explain(
         spread=spread,
         effect=effect,
     )
+
+
+def _concentration(case: Case, one: _Rival, other: _Rival, weighing: Weighing) -> float:
+    """Nats of an explanation's evidence that come from the best parts of the window."""
+    evidence = one.likelihood - other.likelihood
+    if evidence <= 0.0:
+        return 0.0
+    return evidence - _spread(case, one.fit, other, evidence, weighing)
 
 
 def _delayed(model: ProcessModel, late: int) -> ProcessModel:
@@ -238,12 +249,14 @@ def _outside(case: Case, plain: Hypothesis, cycles: float, weighing: Weighing) -
         nuisances: tuple[Nuisance, ...] = (wave,)
         for taps in (WHITE, plain.taps):
             found.append(_Rival(case, polish(case, None, plain, nuisances, taps, wide=True)))
-        for radius in weighing.radii:
-            filtered = _resonant_rows(case, wave.cycles, harmonics, radius)
-            fit = polish(filtered, None, plain, (), WHITE, wide=True)
-            # a frequency and a sharpness, and a size of each harmonic
-            price = 0.5 * (2.0 + len(harmonics)) * math.log(case.rows.count)
-            found.append(_Rival(filtered, fit, price))
+        # one peak: the whitening of several takes too much of what lies between them
+        for sharpness, width in weighing.resonances if len(harmonics) == 1 else ():
+            filtered = _resonant_rows(case, wave.cycles, harmonics, sharpness, width)
+            # a frequency, a sharpness and a size; the start is two numbers more
+            price = 0.5 * (3.0 + 2.0 * len(harmonics)) * math.log(case.rows.count)
+            for taps in (WHITE, plain.taps):
+                fit = polish(filtered, None, plain, (), taps, wide=True)
+                found.append(_Rival(filtered, fit, price))
     if not found:
         return found
     best = max(found, key=lambda one: one.likelihood)
@@ -270,22 +283,31 @@ def _sharpest(y: Array, cycles: float, harmonics: tuple[int, ...]) -> float:
     return float(tried[int(np.argmax([power(c) for c in tried]))])
 
 
-def _resonant_rows(case: Case, cycles: float, harmonics: tuple[int, ...], radius: float) -> Case:
-    """The rows whitened of a resonance: for them noise with that resonance is white."""
+def _resonant_rows(
+    case: Case, cycles: float, harmonics: tuple[int, ...], sharpness: float, width: float
+) -> Case:
+    """The rows whitened of narrow resonances: for them noise with these peaks is white.
+
+    Each filter has its zeros at the resonance and its poles a little inside, so that it leaves
+    other frequencies alone. What it remembers from before the window is two more columns.
+    """
     rows = case.rows
-    taps = np.ones(1)
+    zeros, poles = np.ones(1), np.ones(1)
+    k = np.arange(rows.size)
+    memory = []
     for h in harmonics:
         angle = 2.0 * math.pi * h * cycles / rows.size
-        r = math.exp(-radius * angle)
-        taps = np.convolve(taps, [1.0, -2.0 * r * math.cos(angle), r * r])
+        r, inside = math.exp(-sharpness * angle), math.exp(-(sharpness + width) * angle)
+        zeros = np.convolve(zeros, [1.0, -2.0 * r * math.cos(angle), r * r])
+        poles = np.convolve(poles, [1.0, -2.0 * inside * math.cos(angle), inside * inside])
+        memory += [inside**k * np.cos(angle * k), inside**k * np.sin(angle * k)]
 
     def whiten(x: Array) -> Array:
-        return np.asarray(lfilter(taps, [1.0], x - x[0]))
+        return np.asarray(lfilter(zeros, poles, x - x[0]))
 
-    shared = np.stack([whiten(row) if np.ptp(row) > 0.0 else row for row in rows.shared])
+    shared = np.stack([rows.shared[0], *(whiten(row) for row in rows.shared[1:]), *memory])
     return replace(
-        case,
-        rows=replace(rows, u=whiten(rows.u), y=whiten(rows.y), shared=shared),
+        case, rows=replace(rows, u=whiten(rows.u), y=whiten(rows.y), shared=shared)
     )
 
 
@@ -310,4 +332,4 @@ def _curved(case: Case, plain: Hypothesis, weighing: Weighing) -> list[_Rival]:
     return [last, replace(last, fit=sharp)]
 
 
-_ = Characteristic
+

@@ -24,6 +24,7 @@ class Limits:
         cost: share of the squared control error in those samples.
         high, low: whether it is the highest, the lowest value that is the limit.
         value: OP there; the more frequent one of two.
+        where: which samples, ``(n,)``.
     """
 
     share: float
@@ -31,6 +32,7 @@ class Limits:
     high: bool
     low: bool
     value: float
+    where: Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,29 +101,29 @@ def limits_of(
     sides = []
     span = float(np.ptp(op))
     if span == 0.0:
-        return Limits(0.0, 0.0, False, False, math.nan)
+        return Limits(0.0, 0.0, False, False, math.nan, found)
     for side, extreme in ((1.0, op.max()), (-1.0, op.min())):
         at = (np.abs(op - extreme) <= 1e-6 * span) & ~by_hand
         stays = at & np.concatenate([[False], at[:-1]])
         if not stays.any():
             sides.append(False)
             continue
+        # nothing but a limit or a hand holds OP for long at its extreme
+        is_limit = longest_run(np.where(at, 1.0, np.arange(op.size) + 2.0)) >= max(
+            settings.least_run, settings.run_share * op.size
+        )
         if controller is not None and controller.integral_rate:
             # held with the error pushing outwards for most of the time
             push = side * math.copysign(1.0, controller.integral_rate) * error
             outward = stays & (push > 0.0)
-            is_limit = outward.sum() > settings.pushed * stays.sum()
-        else:
-            is_limit = longest_run(np.where(at, 1.0, np.arange(op.size) + 2.0)) >= max(
-                settings.least_run, settings.run_share * op.size
-            )
+            is_limit |= bool(outward.sum() > settings.pushed * stays.sum())
         held = stays if is_limit and stays.mean() > settings.least_limit else np.zeros_like(stays)
         sides.append(bool(held.any()))
         found |= held
     whole = float(np.sum(error**2))
     cost = float(np.sum(error[found] ** 2)) / whole if whole > 0.0 else 0.0
     value = float(np.median(op[found])) if found.any() else math.nan
-    return Limits(float(found.mean()), cost, sides[0], sides[1], value)
+    return Limits(float(found.mean()), cost, sides[0], sides[1], value, found)
 
 
 def sensor_of(

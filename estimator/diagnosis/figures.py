@@ -101,7 +101,9 @@ def predictable_share(error: Array, ahead: int) -> float:
     apart, so that it reaches back as far as the horizon is long.
     """
     apart = max(1, ahead // _ORDER)
-    thinned = error[: error.size // apart * apart].reshape(-1, apart).mean(axis=1)
+    groups = error[: error.size // apart * apart].reshape(-1, apart)
+    # a group with a bad sample is bad
+    thinned = groups.mean(axis=1)
     try:
         index = harris_index(thinned, dead_time=max(1, round(ahead / apart)), order=_ORDER)
     except EstimatorError:

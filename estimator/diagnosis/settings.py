@@ -95,7 +95,8 @@ class Weighing:
             one of five in a million.
         most_jumps: share of rows that may be left out as jumps; more is the noise itself.
         harmonics: waves from outside: a sine, and one of any shape.
-        radii: damping ratios of a resonance for a wave whose phase wanders.
+        resonances: damping ratio of the peak, and its distance to the background, for a wave
+            whose phase wanders.
         bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
             range of an equal-percentage valve.
         parts, best_parts: parts of the window over which a sticky valve's evidence is spread, and
@@ -105,7 +106,7 @@ class Weighing:
     jump: float = 5.0
     most_jumps: float = 0.05
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
-    radii: tuple[float, ...] = (0.002, 0.02)
+    resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2), (0.003, 1.0), (0.02, 1.0))
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
     parts: int = 8
     best_parts: int = 2
@@ -153,12 +154,14 @@ class Judging:
 
     Attributes:
         threshold: nats from which an explanation is taken over its rivals: the estimator's own.
+        unsure: nats around no evidence within which a wave from outside and a tight loop are not
+            told apart.
         told: weight from which a cause is told: a twentieth of what the loop suffers is too little
             to act on.
         tight: amplification of a disturbance at the oscillation's period, or at the loop's own,
             from which a tuning is tight: Astrom and Hagglund (2006) tune for Ms of 1.4 to 2.
         well: amplification of a well-tuned loop (SIMC: 1.6).
-        damping: damping of the loop's swing below which it rings for three periods and more.
+        damping: damping of the loop's own swing below which it rings for five periods.
         slow: share of the error's variance that is predictable an integral time ahead, from which
             a tuning is slow.
         slower: factor by which SIMC's integral action is faster than the running one, from which a
@@ -174,10 +177,11 @@ class Judging:
     """
 
     threshold: float = 10.0
+    unsure: float = 5.0
     told: float = 0.05
     tight: float = 2.2
     well: float = 1.6
-    damping: float = 0.15
+    damping: float = 0.1
     slow: float = 0.3
     slower: float = 3.0
     step: float = 0.7

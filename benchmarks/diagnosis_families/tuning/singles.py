@@ -68,11 +68,13 @@ def draw_healthy(rng: np.random.Generator, n: int, *, integrating: float = 0.2) 
     ti = 4.0 * (closed + wait) if is_level else min(main, 4.0 * (closed + wait))
     td = 0.3 * wait if rng.uniform() < 0.2 else 0.0
     zeros = np.zeros(n)
+    # an engineer filters noise that moves the valve by more than this
+    quiet = min(abs(gain) * log_uniform(rng, 0.02, 0.3), 0.3 / abs(kc))
     return Loop(
         gain, lag, second, delay, is_level, kc, ti, td, 0.0, 0.0, 0.0, 0.0, 100.0,
         load=red(rng, n, rng.uniform(0.5, 1.5), rng.uniform(20.0, 120.0)),
         wave=zeros,
-        noise=rng.standard_normal(n) * abs(gain) * log_uniform(rng, 0.02, 0.3),
+        noise=rng.standard_normal(n) * quiet,
         sp=zeros.copy(),
         hand=np.full(n, np.nan),
     )  # fmt: skip
@@ -83,7 +85,7 @@ def spoil_tuning(loop: Loop, rng: np.random.Generator, how: str) -> Loop:
     if how == "tight_tuning":
         ti = loop.ti * rng.uniform(0.5, 1.0)
         tighter = replace(loop, ti=ti, td=0.0)
-        margin = rng.uniform(1.04, 1.25)
+        margin = rng.uniform(1.04, 1.35)
         return replace(tighter, kc=tighter.kc * gain_margin(tighter) / margin)
     share = log_uniform(rng, 0.06, 0.2)
     if loop.integrating:
@@ -135,8 +137,14 @@ def _apply(cause: str, loop: Loop, rng: np.random.Generator, n: int) -> tuple[Lo
         loop = replace(loop, load=loop.load + red(rng, n, 1.0, 5.0))
     elif cause == "characteristic":
         curve = rng.uniform(3.0, 5.0) * float(rng.choice([-1.0, 1.0]))
-        swing = _steps(rng, n, 35.0, 25.0 * scale)
-        loop = replace(loop, curve=curve, load=loop.load - _flow_of(swing, curve))
+        # tuned where the gain is middling: tight at the one end, slow at the other
+        factor = gain_margin(loop) / rng.uniform(2.0, 3.0)
+        loop = replace(loop, curve=curve, kc=loop.kc * factor)
+        swing = _steps(rng, n, 30.0, 22.0 * scale)
+        if rng.uniform() < 0.5:
+            loop = replace(loop, load=loop.load - _flow_of(swing, curve))
+        else:
+            loop = replace(loop, sp=loop.gain * _flow_of(swing, curve))
     elif cause == "saturation":
         share = rng.uniform(0.3, 0.8)
         size = rng.uniform(10.0, 25.0)
