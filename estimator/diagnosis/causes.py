@@ -164,7 +164,12 @@ def _rings(found: Findings, settings: DiagnosisSettings) -> bool:
     if found.loop is None or found.explained is None or not found.swing.present:
         return False
     here, _ = _amplification(found)
-    return here > settings.judging.tight and found.explained.outside < -settings.judging.unsure
+    if here <= settings.judging.tight or found.explained.outside >= -settings.judging.unsure:
+        return False
+    # a swing that dies out more slowly than the record is long looks like a wave from outside
+    _, damping = found.loop.swing()
+    dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
+    return dies > settings.judging.dies or found.limits.share > settings.facts.least_limit
 
 
 def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
@@ -216,6 +221,9 @@ def _outside(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     unsure = settings.judging.unsure
     if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
         return None
+    if one.outside < -unsure:
+        # the loop and smooth noise explain the hump: nothing steady is outside
+        return None
     evidence = [
         f"a wave of {swing.period_s:.4g} s from outside explains PV better than the loop alone: "
         f"log Bayes factor {one.outside:.0f}"
@@ -232,11 +240,12 @@ def _characteristic(found: Findings, settings: DiagnosisSettings) -> Cause | Non
     if one is None or one.curved < judging.threshold or _is_sticky(found, settings):
         return None
     ratio = math.exp(min(50.0, abs(one.bend) * found.op_middle))
-    if ratio < judging.ratio:
+    is_process = one.process > 2.0 * judging.threshold
+    if not (is_process and judging.ratio <= ratio <= judging.most_ratio):
         return None
     return Cause(
         CauseName.CHARACTERISTIC,
-        1.0 - 1.0 / ratio,
+        (1.0 - 1.0 / ratio) * (1.0 - found.limits.cost),
         (
             f"the gain from OP to PV changes {ratio:.2g} times over OP's middle nine tenths and is "
             f"{'higher' if one.bend > 0.0 else 'lower'} at high OP: log Bayes factor "
@@ -261,7 +270,8 @@ def _slow(
         evidence.append(
             f"as robust settings have {proposal.integral_ratio:.2g} times the integral gain"
         )
-    return Cause(CauseName.SLOW_TUNING, min(1.0, max(one, two)), tuple(evidence))
+    weight = min(1.0, max(one, two)) * (1.0 - found.limits.cost)
+    return Cause(CauseName.SLOW_TUNING, weight, tuple(evidence))
 
 
 def _none(found: Findings, settings: DiagnosisSettings) -> Cause:

@@ -245,7 +245,7 @@ def _predictable(
         return nothing
     assert record.error is not None
     ahead = round(controller.integral_time_s / record.period)
-    if not 0 < ahead <= 0.1 * record.op.size:
+    if not 0 < ahead <= 0.2 * record.op.size:
         return nothing
     free = record.good.copy()
     if record.auto is not None:

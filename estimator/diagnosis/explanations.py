@@ -150,14 +150,18 @@ def explain(
         masked, jumps = _without_jumps(case, plain.fit, weighing)
         again = polish(masked, None, plain.fit, (), plain.fit.taps, wide=True)
         plain = _Rival(masked, settle(masked, again))
-        waves = _outside(masked, plain.fit, cycles, weighing)
         bends = [
             replace(one, price=one.price + _concentration(masked, one, plain, weighing))
             for one in _curved(masked, plain.fit, weighing)
         ]
-        outside = max((one.likelihood for one in waves), default=-math.inf) - plain.likelihood
-        curved = max((one.likelihood for one in bends), default=-math.inf) - plain.likelihood
-        chosen = max((plain, *waves, *bends), key=lambda one: one.likelihood)
+        bent = max(bends, key=lambda one: one.likelihood)
+        curved = bent.likelihood - plain.likelihood
+        # what the characteristic explains needs no wave
+        base = bent if curved >= least else plain
+        waves = _outside(base.case, base.fit, cycles, weighing)
+        wave = max(waves, key=lambda one: one.likelihood, default=base)
+        outside = wave.likelihood - base.fit.likelihood if waves else -math.inf
+        chosen = replace(wave, bend=base.bend) if outside > 0.0 else base
     bend = chosen.bend / window.op_span
     fit = _linear_fit(chosen.case, chosen.fit)
     sticks = sticky if chosen.fit.valve is not None else None

@@ -19,7 +19,8 @@ from estimator.outcomes import EstimatorError
 __all__ = ["figures_of", "predictable_share", "settling"]
 
 _HOUR = 3600.0
-_ORDER = 20
+_PAST = 10
+"""Past values of a regression, as far apart as a tenth of its horizon."""
 _SETTLED = 0.05
 """A loop has settled once the error stays below this share of the step (ISA-51.1's 5 %)."""
 
@@ -100,12 +101,12 @@ def predictable_share(error: Array, ahead: int) -> float:
     assessment", Journal of Process Control 9, 109-124). The past is taken a tenth of the horizon
     apart, so that it reaches back as far as the horizon is long.
     """
-    apart = max(1, ahead // _ORDER)
+    apart = max(1, ahead // _PAST)
     groups = error[: error.size // apart * apart].reshape(-1, apart)
     # a group with a bad sample is bad
     thinned = groups.mean(axis=1)
     try:
-        index = harris_index(thinned, dead_time=max(1, round(ahead / apart)), order=_ORDER)
+        index = harris_index(thinned, dead_time=max(1, round(ahead / apart)), order=_PAST)
     except EstimatorError:
         return math.nan
     return 1.0 - index

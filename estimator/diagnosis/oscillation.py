@@ -26,7 +26,8 @@ from estimator.diagnosis.settings import DIAGNOSIS, Swinging
 from estimator.lanes import Array
 from estimator.outcomes import EstimatorError
 
-__all__ = ["Oscillation", "autocorrelation", "band_of", "bridge", "detect_oscillation"]
+__all__ = ["Oscillation", "autocorrelation", "band_of", "bridge", "detect_oscillation",
+           "detect_oscillations"]
 
 Spectrum = NDArray[np.complex128]
 
@@ -86,12 +87,23 @@ def detect_oscillation(
     excessively oscillatory feedback control loops", IEEE Conference on Control Applications,
     359-364.
     """
+    judged = detect_oscillations(values, period=period, settings=settings)
+    return judged[0] if judged else _NOTHING
+
+
+def detect_oscillations(
+    values: ArrayLike, *, period: float = 1.0, settings: Swinging = DIAGNOSIS.swinging
+) -> tuple[Oscillation, ...]:
+    """Find every oscillation of a signal, those that are present first, then by amplitude.
+
+    Arguments and errors are those of `detect_oscillation`.
+    """
     if not (math.isfinite(period) and period > 0.0):
         raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
     x = bridge(values)
     flat = float(np.ptp(x)) <= 1e-12 * max(1.0, float(np.abs(x).max()))
     if x.size < settings.least_samples or flat:
-        return _NOTHING
+        return ()
     x = np.asarray(signal.detrend(x))
     power = np.abs(fft.rfft(x * signal.windows.hann(x.size, sym=False))) ** 2
     spectrum, padded = _mirrored_spectrum(x)
@@ -107,11 +119,8 @@ def detect_oscillation(
         )
         _merge(found, one, settings)
     judged = [replace(one, present=_is_present(one, settings)) for one in found]
-    judged.sort(key=lambda one: (one.present, one.amplitude * min(1.0, one.regularity)))
-    if not judged:
-        return _NOTHING
-    best = judged[-1]
-    return replace(best, period_s=best.period_s * period)
+    judged.sort(key=lambda one: (not one.present, -one.amplitude * min(1.0, one.regularity)))
+    return tuple(replace(one, period_s=one.period_s * period) for one in judged)
 
 
 def bridge(values: ArrayLike) -> Array:

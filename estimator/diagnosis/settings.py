@@ -11,6 +11,7 @@ __all__ = [
     "DIAGNOSIS",
     "DiagnosisSettings",
     "Facts",
+    "Grouping",
     "Judging",
     "Reading",
     "Scope",
@@ -106,7 +107,7 @@ class Weighing:
     jump: float = 5.0
     most_jumps: float = 0.05
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
-    resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2), (0.003, 1.0), (0.02, 1.0))
+    resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
     parts: int = 8
     best_parts: int = 2
@@ -160,6 +161,8 @@ class Judging:
             to act on.
         tight: amplification of a disturbance at the oscillation's period, or at the loop's own,
             from which a tuning is tight: Astrom and Hagglund (2006) tune for Ms of 1.4 to 2.
+        dies: e-foldings of the loop's own swing within the record that it takes to tell it from a
+            wave of steady phase; three are 5 %.
         well: amplification of a well-tuned loop (SIMC: 1.6).
         damping: damping of the loop's own swing below which it rings for five periods.
         slow: share of the error's variance that is predictable an integral time ahead, from which
@@ -173,6 +176,7 @@ class Judging:
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
         ratio: between the largest and the smallest gain over OP's middle nine tenths.
+        most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
         by_hand: share of samples in manual from which that is the finding.
     """
 
@@ -180,6 +184,7 @@ class Judging:
     unsure: float = 5.0
     told: float = 0.05
     tight: float = 2.2
+    dies: float = 2.0
     well: float = 1.6
     damping: float = 0.1
     slow: float = 0.3
@@ -190,7 +195,45 @@ class Judging:
     noisy: float = 0.5
     frozen: float = 0.08
     ratio: float = 3.0
+    most_ratio: float = 60.0
     by_hand: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """Which loops swing together, and which is the source.
+
+    Attributes:
+        same: periods nearer than this share may be one event's.
+        width: half-width of the narrow band, as a share of the frequency.
+        chance: probability that any two loops of a plant are taken for a group by chance.
+        coherence: least coherence of two loops that both oscillate; half of the amplitude's
+            variance is then in common.
+        hidden: least coherence of a loop that does not oscillate visibly itself.
+        share: least share of the oscillation in such a loop's motion.
+        moving: share of samples in which a cascade's set-point moves.
+        cascade: share of a set-point's variance that a master's OP explains.
+        sticky, tight, external: log odds that a loop is the source, by its own diagnosis (tuning
+            family: a victim is called sticky in one of a hundred cases, tight in one of twenty).
+        harmonics, strength: log odds of the loop with the most harmonics, and of one that holds
+            nothing but the oscillation.
+        outside: log odds of a source that is none of the loops.
+    """
+
+    same: float = 0.1
+    width: float = 0.2
+    chance: float = 0.01
+    coherence: float = 0.7
+    hidden: float = 0.85
+    share: float = 0.1
+    moving: float = 0.3
+    cascade: float = 0.95
+    sticky: float = 5.0
+    tight: float = 3.5
+    external: float = 1.0
+    harmonics: float = 1.0
+    strength: float = 1.0
+    outside: float = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +245,7 @@ class DiagnosisSettings:
     weighing: Weighing = field(default_factory=Weighing)
     facts: Facts = field(default_factory=Facts)
     scope: Scope = field(default_factory=Scope)
+    grouping: Grouping = field(default_factory=Grouping)
     judging: Judging = field(default_factory=Judging)
 
 

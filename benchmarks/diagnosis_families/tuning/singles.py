@@ -80,12 +80,17 @@ def draw_healthy(rng: np.random.Generator, n: int, *, integrating: float = 0.2) 
     )  # fmt: skip
 
 
-def spoil_tuning(loop: Loop, rng: np.random.Generator, how: str) -> Loop:
-    """The loop tuned too tight or too slow."""
+def spoil_tuning(
+    loop: Loop,
+    rng: np.random.Generator,
+    how: str,
+    margins: tuple[float, float] = (1.04, 1.35),
+) -> Loop:
+    """The loop tuned too tight (to a gain margin between those given) or too slow."""
     if how == "tight_tuning":
         ti = loop.ti * rng.uniform(0.5, 1.0)
         tighter = replace(loop, ti=ti, td=0.0)
-        margin = rng.uniform(1.04, 1.35)
+        margin = rng.uniform(*margins)
         return replace(tighter, kc=tighter.kc * gain_margin(tighter) / margin)
     share = log_uniform(rng, 0.06, 0.2)
     if loop.integrating:
@@ -219,6 +224,9 @@ def _draw(
         if not 0.1 < limit < 0.85:
             return None
     elif limit > 0.01:
+        return None
+    if "characteristic" in causes and np.ptp(np.quantile(op, [0.05, 0.95])) < 20.0:
+        # a record of one operating point does not show it
         return None
     error = float(np.std(sp - pv))
     calm = float(np.std(loop.noise))
