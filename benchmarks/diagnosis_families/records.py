@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CAUSES", "EventRecord", "LoopRecord", "SOURCES"]
+__all__ = ["CAUSES", "SOURCES", "EventRecord", "LoopRecord"]
 
 Floats = NDArray[np.float64]
 

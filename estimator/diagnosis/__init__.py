@@ -1,11 +1,12 @@
 """Why a loop swings and which loop started it: arrays in, a diagnosis out. No file, no wire.
 
-    found = diagnose(op, pv, sp, period=1.0)
-    found.first.name, found.first.evidence, found.first.action
+found = diagnose(op, pv, sp, period=1.0)
+found.first.name, found.first.evidence, found.first.action
 """
 
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.groups import Group, LoopSignals, find_groups
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 
@@ -14,8 +15,11 @@ __all__ = [
     "CauseName",
     "Controller",
     "Diagnosis",
+    "Group",
+    "LoopSignals",
     "Oscillation",
     "detect_oscillation",
     "diagnose",
+    "find_groups",
     "read_controller",
 ]

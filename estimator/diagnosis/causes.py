@@ -68,7 +68,7 @@ def rank_causes(
     causes.sort(key=lambda one: -one.weight)
     if causes:
         return tuple(causes)
-    return (_none(found, settings),)
+    return (_none(found),)
 
 
 def _manual(found: Findings, settings: DiagnosisSettings) -> Cause | None:
@@ -254,9 +254,7 @@ def _characteristic(found: Findings, settings: DiagnosisSettings) -> Cause | Non
     )
 
 
-def _slow(
-    found: Findings, settings: DiagnosisSettings, proposal: Advice | None
-) -> Cause | None:
+def _slow(found: Findings, settings: DiagnosisSettings, proposal: Advice | None) -> Cause | None:
     judging = settings.judging
     one, two = found.predictable
     if found.swing.present or not two > judging.slow or found.controller is None:
@@ -274,7 +272,7 @@ def _slow(
     return Cause(CauseName.SLOW_TUNING, weight, tuple(evidence))
 
 
-def _none(found: Findings, settings: DiagnosisSettings) -> Cause:
+def _none(found: Findings) -> Cause:
     """No cause was told: the loop is quiet, or it swings and the record does not show why."""
     swing = found.swing
     if not swing.present:

@@ -41,8 +41,6 @@ class Controller:
         integral_rate: ``Kc / Ti``, OP per PV and second.
         filter_time_s: time constant of a first-order filter in series, 0 where there is none.
         derivative_on: ``"error"`` or ``"pv"``.
-        deadband: largest error that the controller leaves without an answer, units of PV; 0 where
-            none is seen.
         delay: samples from PV to OP's answer in the record, 0 or 1.
         explained: share of OP's moves that these settings explain, 0 to 1.
         exact: whether the record is what the controller saw: the moves are explained to rounding.
@@ -55,7 +53,6 @@ class Controller:
     integral_rate: float
     filter_time_s: float
     derivative_on: str
-    deadband: float
     delay: int
     explained: float
     exact: bool
@@ -70,12 +67,13 @@ class Controller:
         return {
             "structure": self.structure,
             "gain": self.gain,
-            "integral_time_s": self.integral_time_s if math.isfinite(self.integral_time_s) else None,
+            "integral_time_s": self.integral_time_s
+            if math.isfinite(self.integral_time_s)
+            else None,
             "derivative_time_s": self.derivative_time_s,
             "action": self.action,
             "filter_time_s": self.filter_time_s,
             "derivative_on": self.derivative_on,
-            "deadband": self.deadband,
             "delay_samples": self.delay,
             "explained": self.explained,
             "exact": self.exact,
@@ -143,21 +141,22 @@ def read_controller(
         whole = float(np.mean((moves - moves.mean()) ** 2))
         explained = 1.0 - best.squares / best.rows / whole if whole > 0.0 else 0.0
         if explained > settings.exact:
-            return _controller(best, period, explained, exact=True, deadband=0.0)
-    return _read_noisy(u, y, e, rows, period, settings)
+            return _controller(best, period, explained, exact=True)
+    return _read_noisy(u, e, rows, period, settings)
 
 
 def _usable(
     op: ArrayLike, pv: ArrayLike, sp: ArrayLike | None, auto: ArrayLike | None, u: Array
 ) -> Mask:
     """Samples with a good present and past, in automatic, OP not at a limit."""
-    good = np.isfinite(np.asarray(op, dtype=float)) & np.isfinite(np.asarray(pv, dtype=float))
+    good: Mask = np.isfinite(np.asarray(op, dtype=float))
+    good &= np.isfinite(np.asarray(pv, dtype=float))
     if sp is not None:
         good &= np.isfinite(np.asarray(sp, dtype=float))
     if auto is not None:
         good &= np.asarray(auto, dtype=float) > 0.0
     good &= ~at_limit(u)
-    usable = good.copy()
+    usable: Mask = good.copy()
     for late in (1, 2, 3):
         usable[late:] &= good[:-late]
     usable[:3] = False
@@ -179,14 +178,10 @@ def _columns(u: Array, y: Array, e: Array, delay: int) -> dict[str, Array]:
     """What each term adds to OP's move, ``(n - 3,)`` from sample 3 on."""
     n = u.size
 
-    def late(x: Array, by: int) -> Array:
-        return x[3 - by - delay if 3 - by - delay >= 0 else 0 : n - by - delay][-(n - 3) :]
-
     def at(x: Array, by: int) -> Array:
         index = np.maximum(np.arange(3, n) - by - delay, 0)
         return np.asarray(x[index])
 
-    del late
     return {
         "p": at(e, 0) - at(e, 1),
         "ppv": -(at(y, 0) - at(y, 1)),
@@ -226,9 +221,7 @@ def _is_sensible(fit: _Fit) -> bool:
     return len(signs) == 1 and 0.0 <= pole < 0.98
 
 
-def _controller(
-    fit: _Fit, period: float, explained: float, *, exact: bool, deadband: float
-) -> Controller:
+def _controller(fit: _Fit, period: float, explained: float, *, exact: bool) -> Controller:
     values = dict(zip(fit.terms, (float(v) for v in fit.coefficients), strict=False))
     pole = values.get("f", 0.0)
     gain = (values.get("p", values.get("ppv", 0.0))) / (1.0 - pole)
@@ -248,7 +241,6 @@ def _controller(
         integral_rate=rate,
         filter_time_s=-period / math.log(pole) if pole > 1e-3 else 0.0,
         derivative_on="pv" if "dpv" in values else "error",
-        deadband=deadband,
         delay=fit.delay,
         explained=max(0.0, min(1.0, explained)),
         exact=exact,
@@ -256,7 +248,7 @@ def _controller(
 
 
 def _read_noisy(
-    u: Array, y: Array, e: Array, rows: Mask, period: float, settings: Reading
+    u: Array, e: Array, rows: Mask, period: float, settings: Reading
 ) -> Controller | None:
     """PI or P settings from sums over several samples, instrumented by the record before them."""
     found: list[tuple[float, _Fit, float]] = []
@@ -298,4 +290,4 @@ def _read_noisy(
     explained, fit, _ = max(found, key=lambda one: one[0])
     if explained < settings.least_explained:
         return None
-    return _controller(fit, period, explained, exact=False, deadband=0.0)
+    return _controller(fit, period, explained, exact=False)

@@ -185,22 +185,27 @@ def _window(record: _Record, swing: Oscillation, settings: DiagnosisSettings) ->
     last rows.
     """
     scope = settings.scope
-    every = 1
+    size = record.op.size
     if swing.present:
-        samples = swing.period_s / record.period
-        every = max(1, int(samples // scope.per_period))
-        most = max(scope.rows, 1)
-        # long records of slow oscillations are thinned as far as a period still has its samples
-        if record.op.size // every < scope.rows // 2:
-            every = max(1, record.op.size // scope.rows)
-        rows = slice(max(0, record.op.size - most * every), None, every)
+        every = max(1, int(swing.period_s / record.period // scope.per_period))
+        if size // every < scope.rows // 2:
+            # few periods: as many rows as there are, within bounds
+            every = max(1, size // scope.rows)
     else:
-        every = max(1, record.op.size // (2 * scope.rows))
-        rows = slice(max(0, record.op.size - scope.rows * every), None, every)
-    cut = [None if s is None else s[rows] for s in (record.pv, record.sp, record.auto,
-                                                    record.error)]  # fmt: skip
+        every = max(1, size // (2 * scope.rows))
+    rows = slice(max(0, size - scope.rows * every), None, every)
+
+    def cut(signal: Array | None) -> Array | None:
+        return None if signal is None else signal[rows]
+
     return _Record(
-        record.op[rows], cut[0], cut[1], cut[2], cut[3], record.good[rows], record.period * every
+        op=record.op[rows],
+        pv=cut(record.pv),
+        sp=cut(record.sp),
+        auto=None if record.auto is None else record.auto[rows],
+        error=cut(record.error),
+        good=record.good[rows],
+        period=record.period * every,
     )
 
 
@@ -286,7 +291,7 @@ def _advise(
         float(cut.op.max()) if limits.high else math.inf,
     )
     return advise(
-        explained.model, controller, cut.op, cut.pv, sp, explained.stem,
+        explained.model, controller, cut.pv, sp, explained.stem,
         valve if explained.band > 0.0 else None, ends,
     )  # fmt: skip
 

@@ -37,7 +37,7 @@ from estimator.processes.conversion import process_model
 from estimator.rows import rows_of
 from estimator.search.processes import polish, settle
 from estimator.settings import SETTINGS, Settings
-from estimator.window import Window, harmonise, screen
+from estimator.window import harmonise, screen
 from loop_model import ProcessModel
 
 __all__ = ["Explained", "explain"]
@@ -264,7 +264,9 @@ def _outside(case: Case, plain: Hypothesis, cycles: float, weighing: Weighing) -
     if not found:
         return found
     best = max(found, key=lambda one: one.likelihood)
-    settled = settle(best.case, polish(best.case, None, best.fit, best.fit.nuisances, best.fit.taps))
+    settled = settle(
+        best.case, polish(best.case, None, best.fit, best.fit.nuisances, best.fit.taps)
+    )
     return [best, replace(best, fit=settled)]
 
 
@@ -310,9 +312,7 @@ def _resonant_rows(
         return np.asarray(lfilter(zeros, poles, x - x[0]))
 
     shared = np.stack([rows.shared[0], *(whiten(row) for row in rows.shared[1:]), *memory])
-    return replace(
-        case, rows=replace(rows, u=whiten(rows.u), y=whiten(rows.y), shared=shared)
-    )
+    return replace(case, rows=replace(rows, u=whiten(rows.u), y=whiten(rows.y), shared=shared))
 
 
 def _curved(case: Case, plain: Hypothesis, weighing: Weighing) -> list[_Rival]:
@@ -334,6 +334,3 @@ def _curved(case: Case, plain: Hypothesis, weighing: Weighing) -> list[_Rival]:
     last = found[-1]
     sharp = polish(last.case, None, last.fit, (), last.fit.taps, wide=True)
     return [last, replace(last, fit=sharp)]
-
-
-

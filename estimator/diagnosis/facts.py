@@ -1,4 +1,4 @@
-"""Facts that a record shows without any model: manual, limits, and what is wrong with the sensor."""
+"""Facts that a record shows without any model: manual, limits, faults of the sensor."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ class Sensor:
     shaken: float
 
 
-def share_by_hand(op: Array, auto: Array | None, error: Array, settings: Facts) -> float:
+def share_by_hand(op: Array, auto: Mask | None, error: Array, settings: Facts) -> float:
     """Share of the samples in manual; from OP alone where no mode was recorded.
 
     Without a mode a controller is in manual where OP stands still for long while the error moves.
     """
     if auto is not None:
-        return float(np.mean(~(np.asarray(auto, dtype=float) > 0.0)))
+        return float(np.mean(~auto))
     if np.ptp(error) == 0.0:
         return 0.0
     still = _in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
@@ -170,4 +170,3 @@ def _noise(y: Array) -> float:
     third = np.diff(y, 3)
     # white noise of deviation 1 has third differences of variance 20
     return float(np.median(np.abs(third))) / 0.6745 / math.sqrt(20.0)
-

@@ -1,7 +1,7 @@
 """The figures of a loop that practitioners expect; the unit ends the name.
 
-Sources: Harris (1989) and Desborough and Harris (1992) for the index of minimum variance; Thornhill,
-Huang and Zhang (2003) for the oscillation; travel and reversals as ISA-TR75.25.02 counts them.
+Sources: Harris (1989) and Desborough and Harris (1992) for the index of minimum variance;
+Thornhill, Huang and Zhang (2003) for the oscillation; travel and reversals as ISA-TR75.25.02.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def predictable_share(error: Array, ahead: int) -> float:
 
 
 def settling(sp: Array | None, error: Array, period: float) -> dict[str, float]:
-    """Settling time (s), overshoot and decay ratio after set-point steps: medians over the steps."""
+    """Settling time, overshoot and decay ratio after set-point steps: medians over the steps."""
     nothing = {
         "setpoint_steps": 0.0,
         "settling_time_s": math.nan,

@@ -154,8 +154,7 @@ def find_groups(
             Group(
                 names,
                 seed.found.period_s,
-                _candidates(names, seed.found.period_s, signals, diagnoses, inside, members,
-                            settings),
+                _candidates(names, seed.found.period_s, signals, diagnoses, inside, settings),
                 inside,
             )
         )  # fmt: skip
@@ -271,9 +270,7 @@ def _members(
     grid = _grid(signals, period)
     mine, known = _amplitudes(signals[seed.loop], 1.0 / period, grid, grouping.width)
     swinging = {
-        one.loop
-        for one in swings
-        if abs(one.found.period_s / period - 1.0) < grouping.same
+        one.loop for one in swings if abs(one.found.period_s / period - 1.0) < grouping.same
     }
     members = {seed.loop: 1.0}
     pairs = max(1, len(signals) * (len(signals) - 1) // 2)
@@ -287,7 +284,9 @@ def _members(
         free = max(2.0, values * grouping.width)
         chance = math.sqrt(1.0 - (grouping.chance / pairs) ** (1.0 / (free - 1.0)))
         least = grouping.coherence if name in swinging else grouping.hidden
-        if found > max(chance, least) and (name in swinging or _share(one, period) > grouping.share):
+        if found > max(chance, least) and (
+            name in swinging or _share(one, period) > grouping.share
+        ):
             members[name] = found
     return members
 
@@ -297,7 +296,9 @@ def _share(one: LoopSignals, period: float) -> float:
     grid = np.arange(one.start_s, one.start_s + one.period * one.op.size, 0.5 * period)
     z, known = _amplitudes(one, 1.0 / period, grid, 0.2)
     whole = float(np.nanvar(_signal(one)))
-    return 0.5 * float(np.mean(np.abs(z[known]) ** 2)) / whole if whole > 0.0 and known.any() else 0.0
+    return (
+        0.5 * float(np.mean(np.abs(z[known]) ** 2)) / whole if whole > 0.0 and known.any() else 0.0
+    )
 
 
 def _same_event(
@@ -328,7 +329,6 @@ def _candidates(
     signals: Mapping[str, LoopSignals],
     diagnoses: Mapping[str, Diagnosis],
     cascades: tuple[Cascade, ...],
-    members: Mapping[str, float],
     settings: DiagnosisSettings,
 ) -> tuple[Candidate, ...]:
     """The members and the outside, each with its evidence, the likeliest first."""
@@ -339,7 +339,8 @@ def _candidates(
     scores: list[tuple[float, str | None, tuple[str, ...], tuple[str, ...]]] = []
     for name in names:
         score = 0.0
-        evidence, against = [], []
+        evidence: list[str] = []
+        against: list[str] = []
         made, text = _makes(diagnoses[name], period, settings)
         score += made
         (evidence if made > 0.0 else against).append(text)

@@ -26,8 +26,14 @@ from estimator.diagnosis.settings import DIAGNOSIS, Swinging
 from estimator.lanes import Array
 from estimator.outcomes import EstimatorError
 
-__all__ = ["Oscillation", "autocorrelation", "band_of", "bridge", "detect_oscillation",
-           "detect_oscillations"]
+__all__ = [
+    "Oscillation",
+    "autocorrelation",
+    "band_of",
+    "bridge",
+    "detect_oscillation",
+    "detect_oscillations",
+]
 
 Spectrum = NDArray[np.complex128]
 

@@ -96,10 +96,7 @@ def tune_pi(
         return None
     side = math.copysign(1.0, sum(process.b))
     q = np.exp(-2j * math.pi * _GRID)
-    # the hold between PV and OP's answer
-    late = q ** max(0, probe.b.size - len(process.b) - max(0, process.dead_time))
     best, found = 0.0, None
-    del late
     for time in np.geomspace(0.7, 0.25 / _GRID[0], _TIMES):
         shape = side * response * (1.0 + 1.0 / (time * (1.0 - q)))
         gain = _largest_gain(shape, robustness)
@@ -138,7 +135,6 @@ def _largest_gain(shape: np.ndarray, robustness: float) -> float | None:
 def advise(
     process: ProcessModel,
     running: Controller,
-    op: Array,
     pv: Array,
     sp: Array,
     stem: Array,
@@ -149,7 +145,7 @@ def advise(
 
     Args:
         process, running: identified process and the controller read off.
-        op, pv, sp, stem: the record without holes, ``(n,)``; ``stem`` is OP for a healthy valve.
+        pv, sp, stem: the record without holes, ``(n,)``; ``stem`` is OP for a healthy valve.
         valve: the sticky valve, None for a healthy one.
         limits: of OP.
     """

@@ -15,6 +15,7 @@ from fieldlink.cli import (
     compensate,
     demo,
     device_tools,
+    diagnose,
     fleet,
     fmu,
     history,
@@ -36,6 +37,7 @@ app = typer.Typer(
     help="Find sticky control valves from OP and PV, and take their oscillation away.",
 )
 app.command("identify")(identify.identify)
+app.command("diagnose")(diagnose.diagnose)
 app.command("demo")(demo.demo)
 app.command("check")(site.check)
 app.command("schema")(site.schema)

@@ -57,6 +57,7 @@ class Recording:
         irregular: intervals that differ from the period by more than a twentieth of it.
         nan_runs: runs of bad samples in OP, PV and SP.
         notes: what a reader should know about the file, in words.
+        start: the first sample's time in the seconds of the time column, None without one.
     """
 
     path: Path
@@ -69,6 +70,7 @@ class Recording:
     irregular: int
     nan_runs: tuple[NanRun, ...]
     notes: tuple[str, ...]
+    start: float | None = None
 
     def __len__(self) -> int:
         return int(self.op.size)
@@ -100,6 +102,7 @@ def read_recording(
     auto: str | None = None,
     time: str | None = None,
     period: float | None = None,
+    needs_pv: bool = True,
 ) -> Recording:
     """Read a recorded loop.
 
@@ -107,6 +110,7 @@ def read_recording(
         path: CSV file with a header; comma, semicolon or tab between cells.
         op, pv, sp, auto, time: names of the columns; by default those of these names, of which only
             OP and PV must be there.
+        needs_pv: whether a file without PV is refused; otherwise its PV is all NaN.
         period: seconds between rows; it counts more than a time column. Without either a row is a
             second.
 
@@ -114,7 +118,7 @@ def read_recording(
         RecordingError: naming the file, the row and the column, and what to do.
     """
     file = read_csv(Path(path), RecordingError, pipe=True)
-    columns = _Columns(file)
+    columns = _Columns(file, {"op", "pv"} if needs_pv else {"op"})
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
     found = {role: columns.find(role, name) for role, name in wanted.items()}
     numbers = {role: columns.numbers(found[role]) for role in ("op", "pv", "sp")}
@@ -129,6 +133,8 @@ def read_recording(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
         )
     op_values, pv_values = numbers["op"], numbers["pv"]
+    if op_values is not None and pv_values is None and not needs_pv:
+        pv_values = np.full(op_values.size, np.nan)
     if columns.problems or op_values is None or pv_values is None:
         raise RecordingError(columns.problems)
     nan_runs = _nan_runs(numbers)
@@ -143,14 +149,16 @@ def read_recording(
         irregular=0 if sampling is None else sampling.irregular,
         nan_runs=nan_runs,
         notes=_notes(period, sampling, nan_runs),
+        start=None if sampling is None else sampling.start,
     )
 
 
 class _Columns:
     """Finds and converts the columns of a file, and collects what is wrong."""
 
-    def __init__(self, file: CsvFile) -> None:
+    def __init__(self, file: CsvFile, needed: set[str]) -> None:
         self._file = file
+        self._needed = needed
         self.problems: list[Problem] = []
 
     def report(self, column: str, message: str, remedy: str, line: int | None = None) -> None:
@@ -177,7 +185,7 @@ class _Columns:
                 self.report("", "the first row holds numbers, no names", "add a row op,pv", line)
             elif role == "pv" or name is not None:
                 self.report(wanted, "no column of that name", "add a row of column names", line)
-        elif not matches and (name is not None or role in ("op", "pv")):
+        elif not matches and (name is not None or role in self._needed):
             remedy = nearest(wanted, header)
             if name is None:
                 remedy += f", or say which column is {role}"

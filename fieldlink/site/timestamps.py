@@ -41,6 +41,8 @@ class Sampling:
         period: median interval in seconds.
         irregular: intervals that differ from the period by more than a twentieth of it.
         shortest, longest: intervals in seconds.
+        start: the first row's time in the column's own seconds; comparable between files of one
+            notation.
     """
 
     seconds: Floats
@@ -48,6 +50,7 @@ class Sampling:
     irregular: int
     shortest: float
     longest: float
+    start: float
 
 
 def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Floats:
@@ -82,7 +85,9 @@ def sampling_of(seconds: Floats) -> Sampling:
         raise NoClockError(f"the times do not increase (median interval {period:g} s)")
     irregular = int(np.count_nonzero(np.abs(steps - period) > _REGULAR * period))
     first = seconds[known[0]] - known[0] * period
-    return Sampling(seconds - first, period, irregular, float(steps.min()), float(steps.max()))
+    return Sampling(
+        seconds - first, period, irregular, float(steps.min()), float(steps.max()), float(first)
+    )
 
 
 def _parse(cells: Sequence[str], filled: list[int], number: Callable[[str], float]) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import zlib
 from dataclasses import replace
@@ -64,7 +65,7 @@ def _couplings(
             if slave + 1 < m and rng.uniform() < 0.7:
                 master[slave] = slave + 1
         inner = [i for i in range(m) if i not in set(master.tolist())]
-        for before, after in zip(inner[:-1], inner[1:], strict=True):
+        for before, after in itertools.pairwise(inner):
             couple[after, before] = size[after, before]
     return couple, lag, master
 

@@ -81,7 +81,7 @@ def _run(  # type: ignore[no-untyped-def]
     out = np.empty((3, loops, n))
     for k in range(n):
         for i in range(loops):
-            gain, kc, ti, td = par[i, 0], par[i, 3], par[i, 4], par[i, 5]
+            kc, ti, td = par[i, 3], par[i, 4], par[i, 5]
             pv = x2[i] + wave[i, k] + noise[i, k]
             target = sp[i, k]
             if master[i] >= 0:
