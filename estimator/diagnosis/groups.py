@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from estimator.diagnosis.leading import leads
 from estimator.diagnosis.oscillation import Oscillation, bridge, detect_oscillations
 from estimator.diagnosis.result import CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings, Grouping
@@ -130,7 +131,7 @@ def find_groups(
         _Swing(name, found)
         for name, one in signals.items()
         for found in _swings_of(one, settings)
-        if found.present
+        if found.present or _may_cycle(diagnoses[name], found, settings)
     ]
     swings.sort(key=lambda one: -one.found.regularity * one.found.cycles)
     cascades = find_cascades(signals, settings)
@@ -214,6 +215,12 @@ def _signal(one: LoopSignals) -> Array:
 
 def _swings_of(one: LoopSignals, settings: DiagnosisSettings) -> list[Oscillation]:
     return list(detect_oscillations(_signal(one), period=one.period, settings=settings.swinging))
+
+
+def _may_cycle(diagnosis: Diagnosis, found: Oscillation, settings: DiagnosisSettings) -> bool:
+    """Whether an irregular oscillation may be the cycle of a valve that is known to stick."""
+    sticks = any(cause.name is CauseName.STICKY_VALVE for cause in diagnosis.causes)
+    return sticks and found.decay > settings.grouping.cycle
 
 
 def _amplitudes(
@@ -336,6 +343,7 @@ def _candidates(
     harmonics = {name: _harmonics(signals[name], period, grouping.width) for name in names}
     shares = {name: _share(signals[name], period) for name in names}
     most = max(harmonics.values(), default=0.0)
+    ahead = leads(_on_one_grid(names, signals, period, grouping), grouping)
     scores: list[tuple[float, str | None, tuple[str, ...], tuple[str, ...]]] = []
     for name in names:
         score = 0.0
@@ -353,13 +361,22 @@ def _candidates(
         score += grouping.strength * shares[name]
         if shares[name] > 0.3:
             evidence.append(f"the oscillation is {shares[name]:.0%} of its motion")
+        score += grouping.leads * ahead[name]
+        (evidence if ahead[name] > 0.0 else against).append(
+            f"its past tells the others' future {'better' if ahead[name] > 0.0 else 'worse'} than "
+            f"theirs tells its own (lead {ahead[name]:+.2f} of 1)"
+        )
         for cascade in cascades:
             if cascade.master == name:
                 score -= grouping.strength
                 against.append(f"its OP is the set-point of {cascade.slave}, which moves the valve")
         scores.append((score, name, tuple(evidence), tuple(against)))
+    # where no loop makes the oscillation itself it comes from outside, whoever shows it most
+    is_made = any(_makes(diagnoses[name], period, settings)[0] > 0.0 for name in names)
+    most_likely = max(score for score, *_ in scores)
+    outside = grouping.outside if is_made else most_likely + grouping.unmade
     scores.append((
-        grouping.outside, None,
+        outside, None,
         ("no loop of the group must be its source: a machine, a batch or a loop not given may be",),
         (),
     ))  # fmt: skip
@@ -369,6 +386,28 @@ def _candidates(
         Candidate(name, math.exp(score) / total, evidence, against)
         for score, name, evidence, against in scores
     )
+
+
+def _on_one_grid(
+    names: tuple[str, ...],
+    signals: Mapping[str, LoopSignals],
+    period: float,
+    grouping: Grouping,
+) -> dict[str, Array]:
+    """The signals at common times, some a period; NaN in their gaps."""
+    chosen = {name: signals[name] for name in names}
+    start = max(one.start_s for one in chosen.values())
+    stop = min(one.start_s + one.period * one.op.size for one in chosen.values())
+    step = max(period / grouping.per_period, *(one.period for one in chosen.values()))
+    grid = np.arange(start, stop, step)
+    found = {}
+    for name, one in chosen.items():
+        raw = _signal(one)
+        times = one.start_s + one.period * np.arange(raw.size)
+        values = np.interp(grid, times, bridge(raw))
+        known = np.interp(grid, times, np.isfinite(raw).astype(float)) > 0.99
+        found[name] = np.where(known, values - values.mean(), np.nan)
+    return found
 
 
 def _makes(diagnosis: Diagnosis, period: float, settings: DiagnosisSettings) -> tuple[float, str]:

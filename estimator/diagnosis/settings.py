@@ -217,7 +217,14 @@ class Grouping:
             family: a victim is called sticky in one of a hundred cases, tight in one of twenty).
         harmonics, strength: log odds of the loop with the most harmonics, and of one that holds
             nothing but the oscillation.
-        outside: log odds of a source that is none of the loops.
+        leads: log odds of a loop whose past tells the future of all others.
+        order, per_period: past values of the regressions that tell who leads, and samples of a
+            period: together they reach back most of a period.
+        lead_nats: difference of evidence from which a lead is clear.
+        outside: log odds of a source that is none of the loops, where one of them swings by itself;
+            unmade: its lead over the likeliest loop where none does.
+        cycle: height of the autocorrelation two periods away from which a sticky valve's irregular
+            cycle is followed through the plant.
     """
 
     same: float = 0.1
@@ -233,7 +240,13 @@ class Grouping:
     external: float = 1.0
     harmonics: float = 1.0
     strength: float = 1.0
+    leads: float = 3.0
+    order: int = 10
+    per_period: float = 15.0
+    lead_nats: float = 15.0
     outside: float = 2.0
+    unmade: float = 1.0
+    cycle: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -108,7 +108,8 @@ def _draw(
             size = rng.uniform(3.0, 8.0) * float(rng.choice([-1.0, 1.0]))
             loops[i] = replace(loops[i], load=loops[i].load + size * wave)
     else:
-        for i in rng.choice(m, int(rng.integers(0, 3)), replace=False):
+        alone = [i for i in range(m) if i not in set(master.tolist()) and master[i] < 0]
+        for i in rng.choice(alone, min(len(alone), int(rng.integers(0, 3))), replace=False):
             # a loop that swings alone: nothing reaches its neighbours
             couple[:, i] = 0.0
             i = int(i)
