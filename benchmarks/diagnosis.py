@@ -32,7 +32,7 @@ PAIRS = (
     ("external_oscillation", "slow_tuning"), ("saturation", "external_oscillation"),
     ("tight_tuning", "sensor"), ("slow_tuning", "saturation"),
 )  # fmt: skip
-FAMILIES = {"report": report, "tuning": tuning}
+FAMILIES: dict[str, Any] = {"report": report, "tuning": tuning}
 
 
 def judge_loop(job: tuple[tuple[str, ...], int], family: str) -> dict[str, Any]:
@@ -91,15 +91,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--loops", type=int, default=60, help="loops of every cause")
     parser.add_argument("--events", type=int, default=15, help="events of every plant and source")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--family", choices=tuple(FAMILIES), default="report")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--out", type=Path)
     options = parser.parse_args(arguments)
     kinds: list[tuple[str, ...]] = [*((cause,) for cause in CAUSES), *PAIRS]
     jobs = [(kind, seed) for kind in kinds for seed in range(options.loops)]
-    plants = getattr(FAMILIES[options.family], "PLANTS")  # noqa: B009
+    plants = FAMILIES[options.family].PLANTS
     events = [(p, s, seed) for p in plants for s in SOURCES for seed in range(options.events)]
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
         loops = list(pool.map(partial(judge_loop, family=options.family), jobs, chunksize=4))
         plant_wide = list(pool.map(partial(judge_event, family=options.family), events))
     parts = [

@@ -281,7 +281,9 @@ def _advise(
     limits: Limits,
     settings: DiagnosisSettings,
 ) -> Advice | None:
-    if explained.model is None or explained.process < settings.judging.threshold:
+    judging = settings.judging
+    # a process that is hardly told from none gives settings that are not safe
+    if explained.model is None or explained.process < judging.advise_from:
         return None
     assert cut.pv is not None
     sp = cut.sp if cut.sp is not None else np.full(cut.op.size, float(np.mean(cut.pv)))
@@ -290,10 +292,13 @@ def _advise(
         float(cut.op.min()) if limits.low else -math.inf,
         float(cut.op.max()) if limits.high else math.inf,
     )
-    return advise(
+    proposal = advise(
         explained.model, controller, cut.pv, sp, explained.stem,
         valve if explained.band > 0.0 else None, ends,
     )  # fmt: skip
+    if proposal is None or not proposal.integral_ratio <= judging.farthest:
+        return None
+    return proposal
 
 
 def _shares(

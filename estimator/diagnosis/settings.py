@@ -175,6 +175,9 @@ class Judging:
             positioner resolves.
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
+        advise_from: nats of the process over none from which settings are proposed.
+        farthest: largest factor on the integral gain that is proposed: a record shows the process
+            at the frequencies that its loop uses, and not far beyond.
         ratio: between the largest and the smallest gain over OP's middle nine tenths.
         most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
         by_hand: share of samples in manual from which that is the finding.
@@ -194,6 +197,8 @@ class Judging:
     shaken: float = 0.005
     noisy: float = 0.5
     frozen: float = 0.08
+    advise_from: float = 30.0
+    farthest: float = 5.0
     ratio: float = 3.0
     most_ratio: float = 60.0
     by_hand: float = 0.3

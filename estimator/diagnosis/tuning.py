@@ -68,7 +68,7 @@ class Advice:
         return {
             "rule": "largest integral gain at the given Ms (Astrom, Panagopoulos, Hagglund 1998)",
             "structure": self.controller.structure,
-            "gain": self.controller.gain,
+            "gain": float(self.controller.gain),
             "integral_time_s": self.controller.integral_time_s,
             "derivative_time_s": 0.0,
             "ms": self.sensitivity,

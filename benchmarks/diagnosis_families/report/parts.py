@@ -1,4 +1,4 @@
-"""What a loop of the report family is made of: plant, valve, controller, sensor; one object each."""
+"""What a loop of the report family is made of: plant, valve, controller and sensor."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Plant:
         return float(self._c @ self._state)
 
     def simc(self, closed: float) -> tuple[float, float]:
-        """Gain and integral time by Skogestad (2003) for a closed-loop time of ``closed`` delays."""
+        """Gain and integral time by Skogestad (2003); closed-loop time in dead times."""
         late = self.dead + 0.5 + 0.5 * self.second
         wait = (1.0 + closed) * late
         if self.level:
@@ -58,7 +58,8 @@ class Plant:
 class Valve:
     """Kano's valve (2004) with stick band S and slip jump J, 0 for a healthy one.
 
-    ``shape`` bends the characteristic: flow is ``u + shape (u - 50)^2 / 100 ...`` as a rational curve.
+    ``shape`` bends the characteristic: the factor by which the gain grows from the middle of OP to
+    its end, squared; 0 for a straight one.
     """
 
     stick: float = 0.0
