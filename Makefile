@@ -54,6 +54,7 @@ bench: dev
 	$(BIN)/python -m benchmarks.link --out docs/benchmarks
 	$(BIN)/python -m benchmarks.load --out docs/benchmarks
 	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks
+	$(BIN)/python -m benchmarks.fleet --out docs/benchmarks
 
 fmus: install
 	$(BIN)/python -m fmu_models.build

@@ -25,7 +25,8 @@ class Screening:
             the historian's interpolation outweighs what was measured.
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
-        min_strokes: strokes of the stem; a single one is a step, which anything explains.
+        min_strokes: strokes of the stem; fewer are steps and drifts, which other things explain as
+            well (tuning family: three strokes made half of the false alarms).
     """
 
     min_samples: int = 50
@@ -35,7 +36,7 @@ class Screening:
     max_still: float = 0.9
     min_informed: float = 0.5
     min_band: float = 0.02
-    min_strokes: int = 2
+    min_strokes: int = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,8 @@ class Modelling:
             known: four deviations are one error in 16,000.
         max_sinusoids: outside oscillations that may be added to a hypothesis.
         waves: harmonics of the outside oscillations that are offered: a sine, a wave of any shape,
-            and one that is alike up and down (a triangle to its ninth: 1 % of its first).
+            and two that are alike up and down (a triangle's 9th is 1 % of its first, its 21st
+            0.2 %: what little noise leaves standing).
     """
 
     memory: int = 30
@@ -66,7 +68,12 @@ class Modelling:
     startup: float = 40.0
     action_t: float = 4.0
     max_sinusoids: int = 4
-    waves: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3), (1, 3, 5, 7, 9))
+    waves: tuple[tuple[int, ...], ...] = (
+        (1,),
+        (1, 2, 3),
+        (1, 3, 5, 7, 9),
+        tuple(range(1, 22, 2)),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +89,8 @@ class Searching:
         reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
             which anything explains.
         variance: least variance of the stem over OP's, alpha of (11b) of the paper.
-        differencing: pole of the second whitening filter of the first look, between none and
-            differences; the noise of loops lies between the two.
+        laws: laws whose valves are looked for; a valve that is likely under one of them is
+            refined under the others too.
         seeds: valves of each law that a first look follows.
         wide, generations, few: first reach (share of S), rounds and candidates of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
@@ -106,7 +113,7 @@ class Searching:
     delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
     reversals: int = 1
     variance: float = 0.001
-    differencing: float = 0.95
+    laws: tuple[str, ...] = ("he", "sliding")
     seeds: int = 5
     wide: float = 0.12
     generations: int = 12
@@ -155,8 +162,9 @@ class Spreading:
             stroke while the model's do not (tuning family: coverage per kind).
         late: standard deviation of S and J, as a share of what OP moves in a sample: a real valve
             slips between two samples (uniform: 1 over the square root of 12).
-        law, law_jump: standard deviations of S and J, as shares of S, that all laws together
-            leave (tuning family).
+        law, law_jump: standard deviations of S and J, as shares of S, that the law leaves: where
+            one law is far ahead of the others, and where none is (tuning family).
+        lead: nats by which a law is ahead that make it e times surer (tuning family).
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
@@ -167,8 +175,9 @@ class Spreading:
     law_temper: float = 0.05
     temper: float = 0.5
     late: float = 0.29
-    law: float = 0.02
-    law_jump: float = 0.12
+    law: tuple[float, float] = (0.015, 0.085)
+    law_jump: tuple[float, float] = (0.1, 0.3)
+    lead: float = 30.0
     gains: int = 16
     lanes: int = 128
     rounds: int = 5

@@ -11,10 +11,19 @@ from estimator.lanes import Array, solve_spd
 from estimator.rows import Rows
 from estimator.settings import Modelling
 
-__all__ = ["WHITE", "fit_noise", "whitened_squares"]
+__all__ = ["DRIFT", "DRIFT_AND_NOISE", "LOOKS", "WHITE", "fit_noise", "whitened_squares"]
 
 WHITE: Array = np.zeros(0)
 """The noise model of white noise: no taps."""
+
+DRIFT: Array = np.array([0.95])
+"""Nearly a random walk: loads that wander, a sensor without noise."""
+
+DRIFT_AND_NOISE: Array = 0.39 * 0.6 ** np.arange(8.0)
+"""A random walk under white noise: ``(1 - 0.99 z^-1) / (1 - 0.6 z^-1)``, cut after eight taps."""
+
+LOOKS: tuple[Array, ...] = (WHITE, DRIFT, DRIFT_AND_NOISE)
+"""The noise models of the first look; the noise of loops lies between them."""
 
 
 @kernel

@@ -135,7 +135,7 @@ def arx_estimate(
     valve = Valve(float(top[0]), float(top[1]), float(top[2]), "he")
     law = case.settings.spreading
     posterior = Posterior(
-        samples, weights / weights.sum(), (law.law * valve.band, law.law_jump * valve.band)
+        samples, weights / weights.sum(), (law.law[1] * valve.band, law.law_jump[1] * valve.band)
     )
     stem = case.stem(valve)
     orders = choose_orders(case, stem)

@@ -8,11 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from estimator.criteria.design import delay
+from estimator.criteria.noise import DRIFT, DRIFT_AND_NOISE
 from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid
 from estimator.lanes import Array, dot, filter_rows, orthonormal, project_out
+from estimator.search.processes import polish
 
-__all__ = ["add_best", "spectral_peaks"]
+__all__ = ["add_best", "fit_waves", "spectral_peaks"]
 
 _FEWEST_CYCLES = 1.5
 """An oscillation of fewer cycles in the window is a drift."""
@@ -57,7 +59,7 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
     if len(waves) < case.settings.modelling.max_sinusoids:
         cycles = _frequency(case, of, other)
         if cycles is not None:
-            most = 0.25 * case.rows.size / cycles
+            most = 0.4 * case.rows.size / cycles
             for harmonics in case.settings.modelling.waves:
                 if max(harmonics) <= max(1.0, most):
                     found.append(_sharpened(tried, Sinusoid(cycles, harmonics), of.likelihood))
@@ -66,13 +68,50 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
     return max(found, key=lambda one: one.likelihood, default=None)
 
 
-def _sharpened(tried: Callable[[Nuisance], Hypothesis], wave: Sinusoid, least: float) -> Hypothesis:
-    """The hypothesis with the wave at its best frequency: harmonics tell it sharper than a sine."""
+def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
+    """The healthy valve with PV's own oscillation from outside, its process fitted anew with it.
+
+    In a closed loop a process that was fitted first takes the disturbance for its own work: what it
+    leaves shows no peak, and the right process lies behind a ridge. None where PV does not
+    oscillate.
+    """
+    cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
+    if cycles < _FEWEST_CYCLES:
+        return None
+    most = 0.4 * case.rows.size / cycles
+    found = []
+    for harmonics in case.settings.modelling.waves:
+        if max(harmonics) > max(1.0, most):
+            continue
+        for taps in (DRIFT, DRIFT_AND_NOISE):
+            start = polish(case, None, healthy, (Sinusoid(cycles, harmonics),), taps, passes=2)
+            at = start
+
+            def tried(nuisance: Nuisance, at: Hypothesis = at) -> Hypothesis:
+                return case.fit(None, at.poles, at.dead_time, (nuisance,), at.taps, stem=at.stem)
+
+            sharp = _sharpened(tried, Sinusoid(cycles, harmonics), -math.inf, (0.1, 0.05))
+            found.append(polish(case, None, sharp, sharp.nuisances, sharp.taps, passes=2))
+    return max(found, key=lambda one: one.likelihood)
+
+
+def _sharpened(
+    tried: Callable[[Nuisance], Hypothesis],
+    wave: Sinusoid,
+    least: float,
+    rough: tuple[float, ...] = (),
+) -> Hypothesis:
+    """The hypothesis with the wave at its best frequency: harmonics tell it sharper than a sine.
+
+    ``rough`` steps (cycles) come first where the frequency is only that of a peak.
+    """
     best = tried(wave)
-    if len(wave.harmonics) == 1 or best.likelihood < least - _HOPE * len(wave.harmonics):
+    if not rough and (
+        len(wave.harmonics) == 1 or best.likelihood < least - _HOPE * len(wave.harmonics)
+    ):
         return best
     cycles = wave.cycles
-    for step in _SHARP_STEPS:
+    for step in (*rough, *_SHARP_STEPS):
         for moved in (cycles - step, cycles + step):
             found = tried(Sinusoid(moved, wave.harmonics))
             if found.likelihood > best.likelihood:

@@ -131,7 +131,11 @@ class Case:
         # gain, dead time and poles; a straight line where it integrates
         process = 2 + poles.count + int(poles.integrating)
         cost = 0.5 * math.log(n) * (taps.size + process) + price_of(nuisances, n)
-        return cost + (self.settings.judging.price * math.log(n) if valve else 0.0)
+        if not valve:
+            return cost
+        # the law was chosen among several
+        laws = math.log(len(self.settings.searching.laws))
+        return cost + self.settings.judging.price * math.log(n) + laws
 
     def log_likelihood(self, squares: float) -> float:
         """Log-likelihood of innovations with this sum of squares, their size at its best."""

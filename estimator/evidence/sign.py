@@ -6,43 +6,62 @@ import math
 
 import numpy as np
 
-from estimator.lanes import Array, dot, solve_spd
+from estimator.lanes import Array, Mask, dot, solve_spd
 
 __all__ = ["controller_action"]
 
 _LAGS = 4
+"""Errors that a move is explained by: three make a PID controller, one more a slow scan."""
+_OWN = 2
+"""OP's own last moves: the filter of a derivative."""
 _LEAST = 50
+"""Moves below which nothing can be told."""
 
 
 def controller_action(op: Array, pv: Array, sp: Array | None) -> float:
     """t-value of the controller's action on the error, ``(n,)`` each, NaN where bad.
 
-    OP's moves are regressed on the last four errors; the sum of the coefficients over its standard
-    deviation. Positive where OP rises when PV is too low, as it must be with a process of positive
-    gain. 0 where it cannot be told.
+    OP's moves are regressed on the last four errors and on its own last two moves; the sum of the
+    errors' coefficients over its standard deviation. Positive where OP rises when PV is too low, as
+    it must be with a process of positive gain. 0 where it cannot be told. Scans at one of OP's
+    limits tell nothing and are left out.
     """
     known = sp is not None and bool(np.isfinite(sp).all())
     error = (sp - pv) if sp is not None and known else -pv
-    n = op.size
-    moves = np.diff(op)[_LAGS - 2 :]
-    past = np.stack([error[_LAGS - 1 - i : n - i] for i in range(_LAGS)], axis=1)
-    past = past[: moves.size]
-    good = np.isfinite(past).all(axis=1) & np.isfinite(moves)
+    moves = np.diff(op, prepend=np.nan)
+    first = max(_LAGS - 1, _OWN + 1)
+    columns = [error[first - i : op.size - i] for i in range(_LAGS)]
+    columns += [moves[first - i : op.size - i] for i in range(1, _OWN + 1)]
+    past, now = np.stack(columns, axis=1), moves[first:]
+    good = np.isfinite(past).all(axis=1) & np.isfinite(now) & ~_at_limit(op)[first:]
     if int(good.sum()) < _LEAST:
         return 0.0
-    past, moves = past[good], moves[good]
-    ones = np.ones(moves.size)
-    past = past - np.array([dot(column, ones) for column in past.T.copy()]) / moves.size
-    moves = moves - dot(moves, ones) / moves.size
+    past, now = past[good], now[good]
+    ones = np.ones(now.size)
+    past = past - np.array([dot(column, ones) for column in past.T.copy()]) / now.size
+    now = now - dot(now, ones) / now.size
     rows = np.ascontiguousarray(past.T)
     gram = np.array([[dot(a, b) for b in rows] for a in rows])
-    gram.flat[:: _LAGS + 1] *= 1.0 + 1e-9
-    right = np.array([dot(a, moves) for a in rows])
+    size = rows.shape[0]
+    gram.flat[:: size + 1] *= 1.0 + 1e-9
+    right = np.array([dot(a, now) for a in rows])
+    of_errors = np.zeros(size)
+    of_errors[:_LAGS] = 1.0
     found = solve_spd(gram, right)
-    left = moves - found @ rows
-    spread = dot(left, left) / moves.size
+    left = now - found @ rows
+    spread = dot(left, left) / now.size
     # variance of the sum of the coefficients
-    variance = spread * float(solve_spd(gram, np.ones(_LAGS)).sum())
+    variance = spread * float(solve_spd(gram, of_errors) @ of_errors)
     if not variance > 0.0:
         return 0.0
-    return float(found.sum()) / math.sqrt(variance)
+    return float(found @ of_errors) / math.sqrt(variance)
+
+
+def _at_limit(op: Array) -> Mask:
+    """Scans at which OP stands where it stood, at its highest or lowest value."""
+    finite = op[np.isfinite(op)]
+    if finite.size == 0:
+        return np.zeros(op.size, dtype=bool)
+    still = np.diff(op, prepend=np.nan) == 0.0
+    found: Mask = still & ((op == finite.max()) | (op == finite.min()))
+    return found

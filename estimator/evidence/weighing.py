@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.evidence.growing import add_best
+from estimator.criteria.noise import DRIFT, WHITE
+from estimator.evidence.growing import add_best, fit_waves
 from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.lanes import Array
 from estimator.processes.poles import COARSE
 from estimator.search.descent import refine_valve, sweep_jump
 from estimator.search.processes import polish, settle
@@ -37,7 +37,7 @@ class Weighing:
 
     healthy: Hypothesis
     sticky: Hypothesis | None
-    """He's valve: the evidence is his. Further laws would only add ways to explain noise."""
+    """The likeliest valve of the laws that were searched."""
     laws: tuple[Hypothesis, ...] = ()
     """The sticky valve under every law that was tried, the likeliest first, then other valves of
     the search: for the estimate and its intervals."""
@@ -62,6 +62,10 @@ def weigh(case: Case) -> Weighing:
         return Weighing(healthy, sticky, (sticky,))
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
+    if sticky.likelihood - grown_healthy.likelihood > _CLEAR:
+        joint = fit_waves(case, healthy)
+        if joint is not None:
+            grown_healthy = _likelier(grown_healthy, _grown(case, joint, sticky))
     grown_sticky = _grown(case, sticky, healthy)
     if grown_healthy.nuisances:
         again = find_valves(case, grown_healthy, grown_healthy.nuisances)
@@ -98,8 +102,9 @@ def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
 
 
 def _healthy(case: Case) -> Hypothesis:
-    noises: tuple[Array, ...] = (np.zeros(0), np.array([case.settings.searching.differencing]))
-    first, second = (polish(case, None, (COARSE[3], 1), (), taps, passes=2) for taps in noises)
+    first, second = (
+        polish(case, None, (COARSE[3], 1), (), taps, passes=2) for taps in (WHITE, DRIFT)
+    )
     return _likelier(first, second)
 
 
@@ -141,13 +146,6 @@ def _others(sticky: Hypothesis, valves: tuple[Hypothesis, ...]) -> tuple[Hypothe
 def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
     """The likeliest valve of every law, the likeliest of all first: for the estimate."""
     assert sticky.valve is not None
-    found = [sticky]
-    for law in LAWS:
-        if law == sticky.valve.law:
-            continue
-        best = refine_valve(case, sticky, 0.06, law=law)
-        if law == "sliding":
-            for one in find_valves(case, sticky, sticky.nuisances, law)[:1]:
-                best = _likelier(best, sweep_jump(case, settle(case, one)))
-        found.append(best)
+    others = [law for law in LAWS if law != sticky.valve.law]
+    found = [sticky, *(refine_valve(case, sticky, 0.06, law=law) for law in others)]
     return tuple(sorted(found, key=lambda one: -round(one.likelihood, 6)))

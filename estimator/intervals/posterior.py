@@ -103,8 +103,23 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     weight = np.concatenate(weights)
     late = spreading.late * _usual_step(case.rows.u)
     band = best.valve.band
-    blur = math.hypot(late, spreading.law * band), math.hypot(late, spreading.law_jump * band)
-    return Posterior(np.vstack(valves), weight / weight.sum(), blur)
+    doubt = math.exp(-_lead_of_law(explanations) / spreading.lead)
+    blur = tuple(
+        math.hypot(late, band * (known + doubt * (open_ - known)))
+        for known, open_ in (spreading.law, spreading.law_jump)
+    )
+    return Posterior(np.vstack(valves), weight / weight.sum(), (blur[0], blur[1]))
+
+
+def _lead_of_law(explanations: tuple[Hypothesis, ...]) -> float:
+    """Nats by which the likeliest law is ahead of the next one; 0 where only one was tried."""
+    best: dict[str, float] = {}
+    for one in explanations:
+        assert one.valve is not None
+        law = one.valve.law
+        best[law] = max(best.get(law, -math.inf), one.likelihood)
+    ordered = sorted(best.values(), reverse=True)
+    return ordered[0] - ordered[1] if len(ordered) > 1 else 0.0
 
 
 def _usual_step(op: Array) -> float:

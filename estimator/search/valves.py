@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.criteria.noise import WHITE
+from estimator.criteria.noise import LOOKS
 from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.evidence.nuisances import Nuisance
-from estimator.lanes import Array
 from estimator.processes.poles import Poles, Shape
 from estimator.search.coarse import first_apart, one_step_starts, simulated_starts
 from estimator.search.descent import refine_valve
@@ -20,31 +19,40 @@ _SAME = 0.02
 
 
 def find_valves(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...] = (), law: str = "he"
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...] = ()
 ) -> tuple[Hypothesis, ...]:
-    """The most likely sticky valves of one law, the likeliest first.
+    """The most likely sticky valves, the likeliest first.
 
-    Empty where no valve moves often enough. Valves are looked at by simulation under white and
-    under nearly differenced noise, and He's also by one-step errors: which of them shows the valve
-    depends on what else moves PV.
+    Empty where no valve moves often enough. Valves are looked at by simulation under several noise
+    models, and He's also by one-step errors: which of them shows the valve depends on what else
+    moves PV.
     """
     searching = case.settings.searching
-    looks: tuple[Array, ...] = (WHITE, np.array([searching.differencing]))
+    ended: list[Hypothesis] = []
+    for law in searching.laws:
+        starts = _starts(case, near, nuisances, law)
+        found = [
+            polish(case, one.valve, one, nuisances, one.taps, passes=2, wide=False)
+            for one in _best_apart(starts, searching.polished)
+        ]
+        ended += [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
+    return tuple(sorted(ended, key=lambda one: -round(one.likelihood, 6)))
+
+
+def _starts(
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], law: str
+) -> list[Hypothesis]:
+    """The valves of one law that one of the looks takes for likely."""
     starts = [
         case.fit(start.valve, start.poles, start.dead_time, nuisances, taps)
-        for taps in looks
+        for taps in LOOKS
         for start in simulated_starts(case, near, nuisances, taps, law)
     ]
     if law == "he":
         for valve, dead_time in one_step_starts(case, near, nuisances):
             lag = Poles(Shape.LAGS, 6.0), dead_time
             starts.append(polish(case, valve, lag, nuisances, near.taps, passes=2, wide=True))
-    found = [
-        polish(case, one.valve, one, nuisances, one.taps, passes=2, wide=False)
-        for one in _best_apart(starts, searching.polished)
-    ]
-    ended = [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
-    return tuple(sorted(ended, key=lambda one: -one.likelihood))
+    return starts
 
 
 def _best_apart(found: list[Hypothesis], count: int) -> list[Hypothesis]:

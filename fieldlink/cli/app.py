@@ -12,6 +12,7 @@ import sys
 import typer
 
 from fieldlink.cli import (
+    assess,
     compensate,
     demo,
     device_tools,
@@ -38,6 +39,7 @@ app = typer.Typer(
 )
 app.command("identify")(identify.identify)
 app.command("diagnose")(diagnose.diagnose)
+app.command("assess")(assess.assess)
 app.command("demo")(demo.demo)
 app.command("check")(site.check)
 app.command("schema")(site.schema)

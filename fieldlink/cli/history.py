@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fieldlink.cli.moments import parse_moment
 from fieldlink.cli.site import SiteFile
 
 __all__ = ["backup", "export"]
@@ -62,21 +62,8 @@ def export(
         out,
         table=table,
         loop=loop,
-        since=_moment(since, "--from"),
-        until=_moment(until, "--to"),
+        since=parse_moment(since, "--from"),
+        until=parse_moment(until, "--to"),
         overwrite=force,
     )
     typer.echo(f"{made.file}: {made.rows} rows of {table}")
-
-
-def _moment(text: str | None, option: str) -> datetime | None:
-    if text is None:
-        return None
-    try:
-        moment = datetime.fromisoformat(text)
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"{text!r} is no moment; write 2026-11-21 or 2026-11-21T06:00:00+00:00",
-            param_hint=option,
-        ) from error
-    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)

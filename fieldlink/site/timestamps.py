@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["NoClockError", "Sampling", "parse_times", "sampling_of"]
+__all__ = ["NoClockError", "Sampling", "Times", "is_moment", "parse_times", "sampling_of"]
 
 _DAY = 86400.0
+_DATED_FROM, _DATED_TO = 946_684_800.0, 4_102_444_800.0
+"""Numbers between the years 2000 and 2100, taken as seconds since 1970, are moments."""
 _TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?$")
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
@@ -33,28 +35,45 @@ class NoClockError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Times:
+    """A time column in seconds.
+
+    Attributes:
+        seconds: one for each cell, NaN for an empty one.
+        origin: seconds since 1970 (UTC) when ``seconds`` is 0, None without a date.
+    """
+
+    seconds: Floats
+    origin: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Sampling:
     """What a time column says.
 
     Attributes:
         seconds: since the first row, NaN where the cell is empty.
+        start: of the first row, seconds since 1970 (UTC), None without a date.
         period: median interval in seconds.
         irregular: intervals that differ from the period by more than a twentieth of it.
         shortest, longest: intervals in seconds.
-        start: the first row's time in the column's own seconds; comparable between files of one
-            notation.
     """
 
     seconds: Floats
+    start: float | None
     period: float
     irregular: int
     shortest: float
     longest: float
-    start: float
 
 
-def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Floats:
-    """Return the seconds of every cell, NaN for an empty one.
+def is_moment(seconds: float) -> bool:
+    """Whether a number of seconds counts from 1970, not from the begin of a recording."""
+    return _DATED_FROM <= seconds < _DATED_TO
+
+
+def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
+    """Return the seconds of every cell.
 
     Args:
         cells: the column.
@@ -67,16 +86,17 @@ def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Floats:
     if len(filled) < 2:
         raise NoClockError("holds no times")
     seconds = np.full(len(cells), np.nan)
-    seconds[filled] = _parse(cells, filled, number)
-    return seconds
+    seconds[filled], origin = _parse(cells, filled, number)
+    return Times(seconds, origin)
 
 
-def sampling_of(seconds: Floats) -> Sampling:
-    """Return the period and regularity of a column of seconds.
+def sampling_of(times: Times) -> Sampling:
+    """Return the period and regularity of a time column.
 
     Raises:
         NoClockError: the times do not increase.
     """
+    seconds = times.seconds
     known = np.flatnonzero(~np.isnan(seconds))
     # Over an empty cell the interval is shared by the rows it spans.
     steps = np.diff(seconds[known]) / np.diff(known)
@@ -84,18 +104,26 @@ def sampling_of(seconds: Floats) -> Sampling:
     if not period > 0.0:
         raise NoClockError(f"the times do not increase (median interval {period:g} s)")
     irregular = int(np.count_nonzero(np.abs(steps - period) > _REGULAR * period))
-    first = seconds[known[0]] - known[0] * period
+    first = float(seconds[known[0]] - known[0] * period)
     return Sampling(
-        seconds - first, period, irregular, float(steps.min()), float(steps.max()), float(first)
+        seconds - first,
+        None if times.origin is None else times.origin + first,
+        period,
+        irregular,
+        float(steps.min()),
+        float(steps.max()),
     )
 
 
-def _parse(cells: Sequence[str], filled: list[int], number: Callable[[str], float]) -> Floats:
+def _parse(
+    cells: Sequence[str], filled: list[int], number: Callable[[str], float]
+) -> tuple[Floats, float | None]:
     first = cells[filled[0]]
     if _is_number(first, number):
-        return np.array([_number_at(cells, index, number) for index in filled])
+        values = np.array([_number_at(cells, index, number) for index in filled])
+        return values, 0.0 if is_moment(values[0]) else None
     if _TIME_OF_DAY.match(first):
-        return _unwrap([_time_of_day(cells, index) for index in filled])
+        return _unwrap([_time_of_day(cells, index) for index in filled]), None
     return _dates(cells, filled)
 
 
@@ -130,7 +158,7 @@ def _unwrap(times: list[float]) -> Floats:
     return unwrapped
 
 
-def _dates(cells: Sequence[str], filled: list[int]) -> Floats:
+def _dates(cells: Sequence[str], filled: list[int]) -> tuple[Floats, float]:
     """ISO 8601 is tried first; of day first and month first the reading of the shorter span counts.
 
     The wrong one of the two makes months of days or jumps back.
@@ -148,12 +176,14 @@ def _dates(cells: Sequence[str], filled: list[int]) -> Floats:
     ]
     complete = [_seconds(stamps) for stamps in readings if stamps.notna().all()]
     if complete:
-        return min(complete, key=np.ptp)
+        return min(complete, key=lambda reading: float(np.ptp(reading[0])))
     best = max((iso, *readings), key=lambda stamps: int(stamps.notna().sum()))
     wrong = filled[int(np.flatnonzero(best.isna().to_numpy())[0])]
     raise NoClockError(f"{cells[wrong]!r} is no date and time", wrong)
 
 
-def _seconds(stamps: pd.Series[pd.Timestamp]) -> Floats:
+def _seconds(stamps: pd.Series[pd.Timestamp]) -> tuple[Floats, float]:
+    """Seconds since the first stamp, which keeps their digits, and the first stamp's own."""
     elapsed = stamps - stamps.iloc[0]
-    return np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)
+    seconds = np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)
+    return seconds, stamps.iloc[0].timestamp()

@@ -23,6 +23,7 @@ from fieldlink.store.records import (
     WritebackRecord,
 )
 from fieldlink.store.reports import HistorianSettings, StoreReport
+from fieldlink.store.stretches import SampleReader
 
 __all__ = [
     "EXPORTED_TABLES",
@@ -34,6 +35,7 @@ __all__ = [
     "HistorianSettings",
     "Record",
     "Retention",
+    "SampleReader",
     "SampleRecord",
     "SlotRecord",
     "StoreError",

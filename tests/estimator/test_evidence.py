@@ -37,7 +37,8 @@ def test_a_healthy_valve_against_itself_differs_by_its_price_alone(
     healthy = window.fit(None, LAG, dead_time, (), taps)
     itself = window.fit(_frictionless(window), LAG, dead_time, (), taps)
     assert itself.squares == healthy.squares
-    price = window.settings.judging.price * np.log(window.rows.count)
+    laws = np.log(len(window.settings.searching.laws))
+    price = window.settings.judging.price * np.log(window.rows.count) + laws
     assert healthy.likelihood - itself.likelihood == pytest.approx(price, abs=1e-9)
     assert Weighing(healthy, healthy).evidence == 0.0
 
@@ -157,11 +158,8 @@ def test_a_curved_characteristic_does_not_change_the_verdict(loop, valve) -> Non
     assert (result.verdict is Verdict.STICTION) is (valve is not None)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a triangular disturbance in little noise is taken for a sticky valve: its higher odd "
-    "harmonics (5, 7, 9) stand out of the noise, and three harmonics of a sinusoid end at 3",
-)
-def test_a_healthy_valve_under_a_triangular_disturbance_is_not_accused(loop) -> None:
-    op, pv, _ = loop(None, samples=700, noise=0.02, triangle=2.0, seed=0)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_healthy_valve_under_a_triangular_disturbance_is_not_accused(loop, seed: int) -> None:
+    # so little noise that its 21st harmonic stands out
+    op, pv, _ = loop(None, samples=700, noise=0.02, triangle=2.0, seed=seed)
     assert identify(op, pv).verdict is not Verdict.STICTION

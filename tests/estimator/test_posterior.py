@@ -94,7 +94,7 @@ def known(case: CaseOf) -> tuple[Case, Hypothesis]:
     poles = Poles(Shape.LAGS, 4.0)
     pv = poles.response(valve.stem(op)) + 0.04 * rng.normal(size=400)
     window = case(op, pv, signed=False)
-    spreading = replace(window.settings.spreading, late=0.0, law=0.0, law_jump=0.0)
+    spreading = replace(window.settings.spreading, late=0.0, law=(0.0, 0.0), law_jump=(0.0, 0.0))
     window = Case(window.rows, replace(window.settings, spreading=spreading))
     return window, window.fit(valve, poles, 0, (), np.zeros(0))
 

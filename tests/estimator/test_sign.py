@@ -53,17 +53,19 @@ def test_both_valves_have_the_sign_that_the_controller_tells(
 
 
 def test_the_action_is_the_t_value_of_a_regression(loop) -> None:
-    # of OP's moves on the last four errors, by NumPy; the mean taken out of both
+    # of OP's moves on the last four errors and its own last two, by NumPy; means taken out
     op, pv, _ = loop(None, samples=300, noise=0.3)
     op = op + 0.2 * np.random.default_rng(1).normal(size=300)  # a PI alone leaves nothing over
     setpoint = np.full(300, 7.0)
     error = setpoint - pv
-    past = np.stack([error[3 - i : 300 - i] for i in range(4)], axis=1)
-    moves = np.diff(op)[2:]
+    steps = np.diff(op)
+    errors = [error[3 - i : 300 - i] for i in range(4)]
+    past = np.stack([*errors, steps[1:-1], steps[:-2]], axis=1)
+    moves = steps[2:]
     past, moves = past - past.mean(axis=0), moves - moves.mean()
     shares, left, *_ = np.linalg.lstsq(past, moves)
-    spread = left[0] / moves.size * np.linalg.inv(past.T @ past).sum()
-    expected = shares.sum() / np.sqrt(spread)
+    spread = left[0] / moves.size * np.linalg.inv(past.T @ past)[:4, :4].sum()
+    expected = shares[:4].sum() / np.sqrt(spread)
     for sp in (setpoint, None):  # a constant set-point tells nothing more
         assert controller_action(op, pv, sp) == pytest.approx(expected, rel=1e-5)
     assert controller_action(op, -pv, None) == pytest.approx(-expected, rel=1e-5)

@@ -218,3 +218,48 @@ def test_a_row_that_the_server_cannot_hold_costs_itself_only(url: str) -> None:
         time.sleep(0.005)
     assert historian.stop().dropped == 2
     assert read_samples(url)["slot"].tolist() == [0, 1]
+
+
+def test_a_fleet_is_read_from_the_historian_and_from_a_table_of_another(
+    url: str, tmp_path: Path
+) -> None:
+    import sqlalchemy
+
+    from fieldlink.assess import Cut, Job, Piece
+    from fieldlink.assess.places import place_of
+    from fieldlink.assess.readers.registry import reader_of
+
+    begin = 1_767_225_600
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    for k in range(120):
+        historian.put(SampleRecord("FC101", 1000 * (begin + k), k, 1.0 * k, 2.0 * k, None, None, 0))
+    historian.stop()
+    engine = sqlalchemy.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.begin() as connection:
+        for statement in (
+            "CREATE SCHEMA plant",
+            "CREATE TABLE plant.hist (ts timestamptz, name text, out numeric, value real)",
+            "INSERT INTO plant.hist SELECT to_timestamp(1767225600 + k), 'FC101', k, 2 * k "
+            "FROM generate_series(0, 119) AS k",
+        ):
+            connection.execute(sqlalchemy.text(statement))
+    try:
+        (tmp_path / "x.toml").write_text(
+            f'[sql]\nurl = "{url}"\ntable = "plant.hist"\ntime = "ts"\nloop = "name"\n'
+            'op = "out"\npv = "value"\n'
+        )
+        for place in (place_of(url), place_of(str(tmp_path / "x.toml"))):
+            job = Job((place,), cut=Cut(since=begin + 60.0, every=3600.0))
+            reader = reader_of(place.kind)
+            (piece,) = reader.pieces(job, 0, "")
+            assert isinstance(piece, Piece)
+            assert "hunter2" not in piece.file
+            ((loop, window),) = reader.windows(job, piece)
+            assert (loop, window.time[0], window.period) == ("FC101", begin + 60.0, 1.0)
+            assert window.op.tolist() == [1.0 * k for k in range(60, 120)]
+            assert window.pv.tolist() == [2.0 * k for k in range(60, 120)]
+    finally:
+        with engine.begin() as connection:
+            connection.execute(sqlalchemy.text("DROP SCHEMA plant CASCADE"))
+        engine.dispose()

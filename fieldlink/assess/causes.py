@@ -1,0 +1,50 @@
+"""Why a loop swings, and the next step: the columns ``cause`` and ``action``.
+
+The one place where they are decided. The names are those of ``fieldlink diagnose``; what the
+verdict on the valve cannot tell is ``undetermined``, with what would determine it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from estimator import ReasonCode, Verdict
+
+if TYPE_CHECKING:
+    from estimator import Identification
+    from fieldlink.assess.series import Series
+
+__all__ = ["Cause", "cause_of"]
+
+UNDETERMINED = "undetermined"
+
+_CAUSES = {
+    ReasonCode.NOT_IN_AUTOMATIC: "manual",
+    ReasonCode.OP_AT_LIMIT: "saturation",
+    ReasonCode.PV_FROZEN: "sensor",
+    ReasonCode.PV_AT_LIMIT: "sensor",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A cause's name and what to do about it, one sentence."""
+
+    name: str
+    action: str
+
+
+def cause_of(result: Identification, window: Series) -> Cause:
+    """Return the first cause of a window and the next step.
+
+    Args:
+        result: the verdict with its reasons.
+        window: its samples, for a diagnosis that looks at more than the valve.
+    """
+    del window
+    reason = result.reasons[0]
+    if result.verdict is Verdict.STICTION:
+        doubt = [one for one in result.reasons if one.code is ReasonCode.UNCERTAIN]
+        return Cause(UNDETERMINED if doubt else "sticky_valve", (doubt or [reason])[0].advice)
+    return Cause(_CAUSES.get(reason.code, UNDETERMINED), reason.advice)

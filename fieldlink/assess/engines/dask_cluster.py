@@ -1,0 +1,252 @@
+"""A Dask cluster: the same batches and the same workers, on any number of machines.
+
+A task starts a watched worker process on its machine, once for each of the machine's Dask threads,
+so that a window that kills its process never kills a Dask worker. What the cluster loses is asked
+again: a Dask worker that died, or all of it when the scheduler was started anew.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+from fieldlink.assess.engines.base import Answer, Batch, NextBatch, judge_batch
+from fieldlink.assess.errors import AssessError
+from fieldlink.assess.job import Job, Piece
+from fieldlink.assess.run_file import Task
+from fieldlink.assess.workers.watched import WatchedWorker, WorkerClosedError
+
+__all__ = ["DaskEngine"]
+
+CONNECT = 30.0
+"""Seconds to wait for a scheduler, at the begin and when it was lost, and for its first worker."""
+
+TRIES = 10
+"""Times a batch is asked for again. Windows cannot kill a Dask worker, so each loss is a machine's
+or an operator's doing, and ten in a row are a cluster that does not work."""
+
+IDLE = 120.0
+"""Seconds after its last batch until a worker process on a cluster ends; its client may be gone."""
+
+RETRY = 0.2
+"""Seconds between two looks at a client that connects again."""
+
+WAITING = 2
+"""Batches for each Dask thread: one is judged, one waits for it to be done."""
+
+
+class DaskEngine:
+    """A client of a scheduler, or of a cluster of its own on this machine.
+
+    Args:
+        job: what is assessed.
+        scheduler: address such as ``tcp://10.0.0.5:8786``; None starts a cluster here, on loopback.
+        workers: processes of a cluster here.
+
+    Raises:
+        AssessError: `distributed` is not installed, or no scheduler or worker answers.
+    """
+
+    def __init__(self, job: Job, scheduler: str | None, workers: int) -> None:
+        try:
+            import distributed
+        except ImportError as error:
+            raise AssessError(
+                "--engine dask needs distributed; pip install 'fieldlink[dask]' on every machine"
+            ) from error
+        logging.getLogger("distributed").setLevel(logging.ERROR)
+        self._job = job.to_json()
+        self._lib: Any = distributed
+        self._where = scheduler or "this machine"
+        self._threads = 1
+        self._cluster: Any = None
+        if scheduler is None:
+            self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+                n_workers=workers,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address=None,
+                memory_limit=None,
+                silence_logs=logging.ERROR,
+            )
+        try:
+            self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]
+                self._cluster if scheduler is None else scheduler,
+                timeout=CONNECT,
+                set_as_default=False,
+            )
+        except (OSError, TimeoutError, ValueError) as error:
+            self._close_cluster()
+            said = " ".join(str(error).split())
+            raise AssessError(
+                f"no Dask scheduler answers at {self._where} ({said}); start one with dask "
+                "scheduler, or check --scheduler"
+            ) from error
+        self._wait_for_workers()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        error: BaseException | None,
+        _traceback: TracebackType | None,
+    ) -> None:
+        if error is None and self._client.status == "running":
+            self._client.run(_end_workers, on_error="ignore")
+        self._client.close(timeout=2.0)
+        self._close_cluster()
+
+    @property
+    def workers(self) -> int:
+        """Threads of the cluster, as far as it can be asked now."""
+        try:
+            self._threads = sum(self._client.nthreads().values()) or 1
+        except OSError:
+            # The scheduler is gone: the batches that it had will say so.
+            return self._threads
+        return self._threads
+
+    def run(self, next_batch: NextBatch) -> Iterator[Answer]:
+        """Yield the answer of every batch, in any order."""
+        from distributed import as_completed
+
+        asked: dict[str, tuple[Batch, int]] = {}
+        done = as_completed([], loop=self._client.loop)  # type: ignore[no-untyped-call]
+        self._fill(asked, done, next_batch)
+        while asked:
+            future = next(done)
+            batch, tries = asked.pop(future.key)
+            answer = self._answer_of(future)
+            if answer is None:
+                self._refuse_defects(future, tries)
+                self._wait_for_workers()
+                self._ask(asked, done, batch, tries + 1)
+            else:
+                yield answer
+            del future
+            self._fill(asked, done, next_batch)
+
+    def _fill(self, asked: dict[str, Any], done: Any, next_batch: NextBatch) -> None:
+        most = WAITING * self.workers
+        while len(asked) < most and (batch := next_batch()):
+            self._ask(asked, done, batch, 0)
+
+    def _ask(self, asked: dict[str, Any], done: Any, batch: Batch, tries: int) -> None:
+        plain = [(task.number, task.piece.plain()) for task in batch]
+        future = self._client.submit(judge_remotely, self._job, plain, pure=False)
+        asked[future.key] = (batch, tries)
+        done.add(future)
+
+    def _answer_of(self, future: Any) -> Answer | None:
+        """The answer, None when the batch was lost or failed."""
+        if future.status != "finished":
+            return None
+        try:
+            answer: Answer = future.result()
+        except (OSError, TimeoutError, self._lib.CancelledError):
+            # It was finished, and lost with the scheduler before it was fetched.
+            return None
+        return answer
+
+    def _refuse_defects(self, future: Any, tries: int) -> None:
+        """Raise unless the batch was merely lost and may be asked for again."""
+        if future.status == "error":
+            error = future.exception()
+            if isinstance(error, AssessError):
+                raise error
+            if not isinstance(error, self._lib.KilledWorker | WorkerClosedError):
+                said = " ".join(str(error).split())
+                raise AssessError(
+                    f"a Dask worker of {self._where} could not run fieldlink "
+                    f"({type(error).__name__}: {said}); install this release of it on every "
+                    "machine, and go on with the same command"
+                ) from error
+        if tries >= TRIES:
+            raise AssessError(
+                f"the Dask cluster of {self._where} lost one batch {TRIES} times; see its logs, "
+                "and go on with the same command"
+            )
+
+    def _wait_for_workers(self) -> None:
+        """Wait until the client, which connects again by itself, has a scheduler with workers."""
+        until = time.monotonic() + CONNECT
+        while (left := until - time.monotonic()) > 0.0 and self._client.status != "closed":
+            if self._client.status == "running":
+                try:
+                    self._client.wait_for_workers(1, timeout=left)
+                except TimeoutError as error:
+                    raise AssessError(
+                        f"the Dask scheduler of {self._where} has no workers; start some with "
+                        f"dask worker {self._where}, and go on with the same command"
+                    ) from error
+                except OSError:
+                    # It was lost meanwhile.
+                    time.sleep(RETRY)
+                    continue
+                return
+            time.sleep(RETRY)
+        raise AssessError(
+            f"the Dask scheduler of {self._where} was lost; what is done is kept: start the "
+            "cluster, and go on with the same command"
+        )
+
+    def _close_cluster(self) -> None:
+        if self._cluster is not None:
+            self._cluster.close(timeout=10.0)
+
+
+def judge_remotely(job: str, batch: Sequence[tuple[int, dict[str, Any]]]) -> Answer:
+    """The task: judge a batch in this thread's worker process."""
+    tasks = [Task(number, Piece.of(plain)) for number, plain in batch]
+    key = threading.get_ident()
+    with _lock:
+        known, worker, timer = _own.pop(key, (job, None, None))
+    if timer is not None:
+        timer.cancel()
+    if worker is not None and known != job:
+        worker.close()
+        worker = None
+    if worker is None:
+        worker = WatchedWorker(Job.from_json(job))
+    try:
+        answer = judge_batch(worker, tasks)
+    except BaseException:
+        worker.close()
+        raise
+    timer = threading.Timer(IDLE, _end_worker, (key, worker))
+    timer.daemon = True
+    with _lock:
+        _own[key] = (job, worker, timer)
+    timer.start()
+    return answer
+
+
+_own: dict[int, tuple[str, WatchedWorker, threading.Timer]] = {}
+"""In a Dask worker: the idle worker process of each thread, for the next batch."""
+
+_lock = threading.Lock()
+
+
+def _end_worker(key: int, worker: WatchedWorker) -> None:
+    """End a thread's worker process unless it was taken for a batch meanwhile."""
+    with _lock:
+        if key not in _own or _own[key][1] is not worker:
+            return
+        del _own[key]
+    worker.close()
+
+
+def _end_workers() -> None:
+    """End all idle worker processes: the client is done."""
+    with _lock:
+        idle = list(_own.values())
+        _own.clear()
+    for _, worker, timer in idle:
+        timer.cancel()
+        worker.close()

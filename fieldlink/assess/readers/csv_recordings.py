@@ -1,0 +1,50 @@
+"""CSV files of every kind that `fieldlink identify` reads, with one loop or a column ``loop``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fieldlink.assess.cutting import cut_windows
+from fieldlink.assess.job import Job, Piece
+from fieldlink.assess.readers.base import Named
+from fieldlink.assess.series import Recorded, Series
+from fieldlink.site.recording import Recording, read_recordings
+
+__all__ = ["csv_pieces", "csv_windows"]
+
+
+def csv_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
+    """The file as one piece: what is in it is known when it is read."""
+    del job
+    yield piece
+
+
+def csv_windows(job: Job, piece: Piece) -> Iterator[Named]:
+    """Read the file and cut its loops into windows."""
+    path = Path(piece.path)
+    for name, recording in read_recordings(path, job.columns.names(), job.columns.period):
+        for window in cut_windows(Recorded(_series(recording)), piece, job.cut):
+            yield name or path.stem, window
+
+
+def _series(recording: Recording) -> Series:
+    rows = np.arange(len(recording), dtype=np.float64)
+    seconds = recording.time
+    if seconds is None:
+        seconds = rows * recording.period
+    elif np.isnan(seconds).any():
+        known = ~np.isnan(seconds)
+        seconds = np.interp(rows, rows[known], seconds[known])
+    start = recording.start
+    return Series(
+        time=seconds if start is None else start + seconds,
+        op=recording.op,
+        pv=recording.pv,
+        sp=recording.sp,
+        auto=None if recording.auto is None else recording.auto.astype(np.float64),
+        period=recording.period,
+        dated=start is not None,
+    )

@@ -1,0 +1,221 @@
+"""Parquet files: one loop, or a column ``loop``, as ``fieldlink export`` and data lakes write them.
+
+The file's own statistics and filters do the work: a part of a loop is read without the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldlink.assess.cutting import MIN_ROWS, cut_windows
+from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.job import Job, Piece
+from fieldlink.assess.readers.base import Named, split_in_time
+from fieldlink.assess.series import Recorded, Series
+from fieldlink.site.errors import nearest
+from fieldlink.site.timestamps import is_moment
+
+__all__ = ["parquet_pieces", "parquet_windows"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Names of a file's columns by role, None where there is none."""
+
+    op: str
+    pv: str
+    sp: str | None
+    auto: str | None
+    time: str | None
+    loop: str | None
+
+
+def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
+    """List the loops of a file; long ones in parts.
+
+    The columns of loops and times are read once, a batch of rows at a time.
+    """
+    file = _open(piece.path)
+    columns = _find_columns(file.schema_arrow, piece.path, job)
+    if columns.time is None and columns.loop is None:
+        yield piece
+        return
+    spans: dict[str, _Span] = {}
+    read = [name for name in (columns.loop, columns.time) if name is not None]
+    for batch in file.iter_batches(columns=read):
+        _measure(batch, columns, spans)
+    for name, span in spans.items():
+        own = piece if columns.loop is None else replace(piece, loop=name)
+        if columns.time is None or not is_moment(span.first):
+            yield own
+        else:
+            period = job.columns.period or max((span.last - span.first) / max(1, span.rows - 1), 0)
+            yield from split_in_time(own, job.cut, span.first, span.last, period)
+
+
+def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
+    """Read a piece's rows and cut them into windows."""
+    import pyarrow.dataset as ds
+
+    schema = _open(piece.path).schema_arrow
+    columns = _find_columns(schema, piece.path, job)
+    chosen = None
+    if columns.loop is not None:
+        chosen = ds.field(columns.loop) == piece.loop
+    for moment, is_first in ((piece.since, True), (piece.until, False)):
+        if moment is not None and columns.time is not None:
+            bound = _as_stored(moment, schema.field(columns.time).type)
+            field = ds.field(columns.time)
+            side = field >= bound if is_first else field < bound
+            chosen = side if chosen is None else chosen & side
+    names = [columns.op, columns.pv, columns.sp, columns.auto, columns.time]
+    table = ds.dataset(piece.path, format="parquet").to_table(
+        columns=[name for name in names if name is not None], filter=chosen
+    )
+    if table.num_rows < MIN_ROWS:
+        if piece.since is None and piece.until is None:
+            raise ReadingError(f"has {table.num_rows} rows, at least {MIN_ROWS} are needed")
+        return
+    series = _series(table, columns, job.columns.period)
+    for window in cut_windows(Recorded(series), piece, job.cut):
+        yield piece.loop or Path(piece.path).stem, window
+
+
+@dataclass(slots=True)
+class _Span:
+    first: float
+    last: float
+    rows: int
+
+
+def _open(path: str) -> Any:
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise ReadingError("Parquet files need pyarrow; pip install 'fieldlink[assess]'") from error
+    try:
+        return pq.ParquetFile(path)
+    except (OSError, pa.ArrowException) as error:
+        said = " ".join(str(error).split())
+        raise ReadingError(f"cannot be read as Parquet ({said}); export it again") from error
+
+
+def _find_columns(schema: Any, path: str, job: Job) -> _Columns:
+    names = list(schema.names)
+    folded = {name.lower(): name for name in reversed(names)}
+    wanted = job.columns.names() | {"loop": None}
+
+    def find(role: str) -> str | None:
+        named = wanted[role]
+        if named is None:
+            return folded.get(role)
+        found = named if named in names else folded.get(named.strip().lower())
+        if found is None:
+            raise ReadingError(f"has no column {named!r}; {nearest(named, names)}")
+        return found
+
+    found = {role: find(role) for role in wanted}
+    for role in ("op", "pv"):
+        if found[role] is None:
+            remedy = f"{nearest(role, names)}, or say which column is {role}"
+            raise ReadingError(f"{Path(path).name} has no column {role}; {remedy}")
+    return _Columns(**found)  # type: ignore[arg-type]
+
+
+def _seconds(column: Any) -> Floats:
+    """A time column as seconds; since 1970 when it holds moments."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = column.type
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
+        stamps = pc.cast(pc.cast(column, pa.timestamp("us"), safe=False), pa.int64())
+        return np.asarray(stamps.to_numpy(zero_copy_only=False), dtype=np.float64) / 1e6
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+        raise ReadingError(
+            f"its times are of type {kind}; store them as timestamps, or as seconds since 1970"
+        )
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _as_stored(moment: float, kind: Any) -> Any:
+    import pyarrow as pa
+
+    if not pa.types.is_timestamp(kind):
+        return moment
+    return pa.scalar(round(moment * 1e6), pa.timestamp("us", kind.tz)).cast(kind)
+
+
+def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span]) -> None:
+    """Take the rows of a batch into the spans of their loops."""
+    import pyarrow.compute as pc
+
+    times = np.zeros(batch.num_rows)
+    if columns.time is not None:
+        times = _seconds(batch.column(columns.time))
+    names = np.zeros(batch.num_rows, dtype=np.int64)
+    loops = [""]
+    if columns.loop is not None:
+        coded = pc.dictionary_encode(batch.column(columns.loop))
+        names = np.asarray(coded.indices.fill_null(-1))
+        loops = [str(name) for name in coded.dictionary.to_pylist()]
+    for code, loop in enumerate(loops):
+        own = times[(names == code) & np.isfinite(times)]
+        if own.size == 0:
+            continue
+        first, last = float(own.min()), float(own.max())
+        span = spans.setdefault(loop, _Span(math.inf, -math.inf, 0))
+        span.first, span.last = min(span.first, first), max(span.last, last)
+        span.rows += int(own.size)
+
+
+def _series(table: Any, columns: _Columns, period: float | None) -> Series:
+    def numbers(name: str | None) -> Floats | None:
+        return None if name is None else _numbers(table.column(name), name)
+
+    op, pv = numbers(columns.op), numbers(columns.pv)
+    assert op is not None
+    assert pv is not None
+    auto = numbers(columns.auto)
+    if columns.time is None:
+        time = np.arange(op.size, dtype=np.float64) * (period or 1.0)
+    else:
+        time = _seconds(table.column(columns.time).combine_chunks())
+    known = np.flatnonzero(np.isfinite(time))
+    order = known[np.argsort(time[known], kind="stable")]
+    time = time[order]
+    step = period or (float(np.median(np.diff(time))) if time.size > 1 else 0.0)
+    if not step > 0.0:
+        raise ReadingError("its times do not increase; check the time column, or give --period")
+    dated = columns.time is not None and is_moment(float(time[0]))
+    sp = numbers(columns.sp)
+    return Series(
+        time=time if dated else time - time[0],
+        op=op[order],
+        pv=pv[order],
+        sp=None if sp is None or np.isnan(sp).all() else sp[order],
+        auto=None if auto is None or np.isnan(auto).all() else auto[order],
+        period=step,
+        dated=dated,
+    )
+
+
+def _numbers(column: Any, name: str) -> Floats:
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_boolean(kind):
+        column = column.cast(pa.int8())
+    elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+        raise ReadingError(f"its column {name} is of type {kind}; store numbers")
+    return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)

@@ -1,0 +1,172 @@
+"""A historian's SQL table: a row a moment, or a row a value; see `sql_description`."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Column, DateTime, MetaData, Numeric, Select, Table, func, select
+from sqlalchemy.exc import NoSuchTableError, SQLAlchemyError
+
+from fieldlink.assess.cutting import Stretch, cut_windows
+from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.job import Job, Piece
+from fieldlink.assess.readers.base import Named, split_in_time
+from fieldlink.assess.readers.sql_description import LOOP, SqlTable
+from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
+from fieldlink.site.errors import nearest
+from fieldlink.store.database import cause_of, open_for_reading, shown
+
+__all__ = ["SqlReader", "TableReader"]
+
+Floats = NDArray[np.float64]
+
+
+class SqlReader:
+    """A place that is a description; `Place.where` is the description as JSON."""
+
+    def pieces(self, job: Job, place: int, after: str) -> Iterator[Piece]:
+        """List the loops, long ones in parts."""
+        del after
+        where = job.places[place]
+        with closing(TableReader(SqlTable.model_validate_json(where.where))) as table:
+            for loop in table.loops():
+                stretch = table.stretch_of(loop, job.columns.period)
+                piece = Piece(place, where.shown, loop=loop)
+                yield from split_in_time(
+                    piece, job.cut, stretch.first, stretch.last, stretch.period
+                )
+
+    def windows(self, job: Job, piece: Piece) -> Iterator[Named]:
+        """Read a loop, a window at a time."""
+        description = SqlTable.model_validate_json(job.places[piece.place].where)
+        with closing(TableReader(description)) as table:
+            stretch: Stretch = table.stretch_of(piece.loop, job.columns.period)
+            for window in cut_windows(stretch, piece, job.cut):
+                yield piece.loop, window
+
+
+class TableReader:
+    """One table over one connection; `close` it when done.
+
+    Raises:
+        ReadingError: the database, the table or one of its columns is not there.
+    """
+
+    def __init__(self, description: SqlTable) -> None:
+        self.description = description
+        self._shown = shown(description.url)
+        self._engine = open_for_reading(description.url)
+        schema, _, name = description.table.rpartition(".")
+        try:
+            self._table = Table(name, MetaData(), schema=schema or None, autoload_with=self._engine)
+        except NoSuchTableError as error:
+            raise ReadingError(
+                f"{self._shown} has no table {description.table!r}; check sql.table"
+            ) from error
+        except SQLAlchemyError as error:
+            raise self._unreadable(error) from error
+        self.time = self.column(description.time, "time")
+
+    def close(self) -> None:
+        """Give the connection back."""
+        self._engine.dispose()
+
+    def column(self, name: str, key: str) -> Column[Any]:
+        """Return a column by its name in any case."""
+        for column in self._table.columns:
+            if column.name.lower() == name.lower():
+                return column
+        known = [column.name for column in self._table.columns]
+        raise ReadingError(
+            f"{self._shown}: table {self.description.table} has no column {name!r} (sql.{key}); "
+            f"{nearest(name, known)}"
+        )
+
+    def loops(self) -> Iterator[str]:
+        """Yield the loops' names; each costs one look at the index of their column."""
+        about = self.description
+        if about.tags is not None and about.tag is not None:
+            before, after = (re.escape(part) for part in about.tags.pv.split(LOOP))
+            pattern = re.compile(f"{before}(.+){after}", re.DOTALL)
+            for tag in self._distinct(self.column(about.tag, "tag")):
+                if found := pattern.fullmatch(tag):
+                    yield found[1]
+        elif about.loop is None:
+            yield about.name
+        else:
+            yield from self._distinct(self.column(about.loop, "loop"))
+
+    def stretch_of(self, loop: str, period: float | None) -> MomentLoop | ValueLoop:
+        """Return one loop, to be read by time."""
+        kind = MomentLoop if self.description.tags is None else ValueLoop
+        return kind(self, loop, period)
+
+    def rows(self, query: Select[Any]) -> Sequence[Any]:
+        """Run a query."""
+        try:
+            with self._engine.connect() as connection:
+                return connection.execute(query).all()
+        except SQLAlchemyError as error:
+            raise self._unreadable(error) from error
+
+    def between(self, query: Select[Any], since: float, until: float) -> Select[Any]:
+        """The query for moments from ``since`` on and before ``until``, seconds since 1970."""
+        if math.isfinite(since):
+            query = query.where(self.time >= self._stored(since))
+        if math.isfinite(until):
+            query = query.where(self.time < self._stored(until))
+        return query
+
+    def moment(self, value: Any) -> float:
+        """A stamp of the table as seconds since 1970 (UTC)."""
+        if isinstance(value, str):
+            try:
+                value = datetime.fromisoformat(value)
+            except ValueError as error:
+                raise ReadingError(
+                    f"{self._shown}: {value!r} in column {self.time.name} is no moment; store "
+                    "timestamps, ISO 8601 text or numbers"
+                ) from error
+        if isinstance(value, datetime):
+            return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
+        return float(value) / (1000.0 if self.description.time_unit == "ms" else 1.0)
+
+    def numbers(self, values: Sequence[Any]) -> Floats:
+        """Values as numbers, NaN for NULL."""
+        try:
+            return np.array([np.nan if one is None else float(one) for one in values])
+        except (TypeError, ValueError) as error:
+            raise ReadingError(
+                f"{self._shown}: table {self.description.table} holds text where numbers belong "
+                f"({error}); check the names of the columns"
+            ) from error
+
+    def _stored(self, moment: float) -> Any:
+        kind = self.time.type
+        if isinstance(kind, DateTime):
+            aware = datetime.fromtimestamp(moment, UTC)
+            return aware if kind.timezone else aware.replace(tzinfo=None)
+        if isinstance(kind, Numeric) or kind.python_type in (int, float):
+            return moment * (1000.0 if self.description.time_unit == "ms" else 1.0)
+        text = datetime.fromtimestamp(moment, UTC).replace(tzinfo=None).isoformat()
+        sample = self.rows(select(func.min(self.time)))[0][0]
+        return text if isinstance(sample, str) and "T" in sample else text.replace("T", " ")
+
+    def _distinct(self, column: Column[Any]) -> Iterator[str]:
+        query = select(func.min(column))
+        found = self.rows(query)[0][0]
+        while found is not None:
+            yield str(found)
+            found = self.rows(query.where(column > found))[0][0]
+
+    def _unreadable(self, error: SQLAlchemyError) -> ReadingError:
+        return ReadingError(
+            f"{self._shown} cannot be read: {cause_of(error)}; check the address and the rights"
+        )

@@ -1,0 +1,249 @@
+"""the file of a run: what is to be read, what has been, and the rows so far, in one SQLite file.
+
+A batch's rows and the fact that it is done are one transaction, so that a run that ends in any way
+at any moment goes on where it was. The table is sorted by SQLite on disk: no table has to fit in
+memory.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fieldlink.assess.errors import AssessError
+from fieldlink.assess.job import Piece
+from fieldlink.assess.table_row import COLUMNS
+
+__all__ = ["Counts", "RunFile", "Task"]
+
+_SCHEMA = f"""
+CREATE TABLE IF NOT EXISTS meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS pieces (
+    id INTEGER PRIMARY KEY, piece TEXT NOT NULL, done INTEGER NOT NULL DEFAULT 0
+);
+CREATE TABLE IF NOT EXISTS windows (
+    piece INTEGER NOT NULL, number INTEGER NOT NULL, {", ".join(COLUMNS)},
+    PRIMARY KEY (piece, number)
+) WITHOUT ROWID;
+"""
+
+_STANDING = """
+CREATE TEMP TABLE standing AS
+SELECT file, loop,
+    CASE
+        WHEN sticky > 0 AND 2 * sticky >= judged THEN 0
+        WHEN sticky > 0 THEN 1
+        WHEN judged > 0 THEN 2
+        WHEN verdicts > 0 THEN 3
+        ELSE 4
+    END AS class,
+    score, sticky, judged, verdicts, errors, stick_band
+FROM (
+    SELECT file, loop,
+        SUM(verdict = 'stiction') AS sticky,
+        SUM(verdict IN ('stiction', 'no_stiction')) AS judged,
+        COUNT(verdict) AS verdicts,
+        COUNT(error) AS errors,
+        AVG(score) AS score,
+        AVG(CASE WHEN verdict = 'stiction' THEN stick_band END) AS stick_band
+    FROM windows GROUP BY file, loop
+)
+"""
+"""Loops are ranked by whether at least half of their judged windows call the valve sticky, then by
+whether any does, then by the mean evidence."""
+
+_RANKED = "s.class, s.score DESC NULLS LAST, s.file, s.loop"
+
+CACHE_KILOBYTES = 20_000
+"""What SQLite may keep in memory, sorting included."""
+
+TOGETHER = 1_000
+"""Pieces that are stored in one transaction while a run is planned."""
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A piece and its number in the run_file."""
+
+    number: int
+    piece: Piece
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """How far a run is: pieces and those done, rows and those with an error."""
+
+    pieces: int
+    done: int
+    rows: int
+    errors: int
+
+
+class RunFile:
+    """The file in a run's folder; one process at a time may have it open.
+
+    Args:
+        file: made when it is not there.
+
+    Raises:
+        AssessError: another process has it, or the file cannot be written.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        with self._explained():
+            self._db = sqlite3.connect(file, isolation_level=None, timeout=1.0)
+            # The lock is held until the end: two runs would take each other's work.
+            self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            self._db.execute("PRAGMA synchronous = FULL")
+            self._db.execute(f"PRAGMA cache_size = -{CACHE_KILOBYTES}")
+            self._db.execute("PRAGMA temp_store = FILE")
+            self._db.execute("BEGIN EXCLUSIVE")
+            self._db.execute("COMMIT")
+            self._db.executescript(_SCHEMA)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._db.close()
+
+    def meta(self, key: str) -> Any:
+        """Return what is stored under a key, None when nothing is."""
+        found = self._db.execute("SELECT value FROM meta WHERE key = ?", [key]).fetchone()
+        return None if found is None else json.loads(found[0])
+
+    def set_meta(self, key: str, value: Any) -> None:
+        """Store a plain value under a key."""
+        with self._transaction():
+            self._db.execute("REPLACE INTO meta VALUES (?, ?)", [key, json.dumps(value)])
+
+    def plan(self, pieces: Iterable[Piece]) -> None:
+        """Store what is to be read; a plan that was not completed begins anew."""
+        with self._transaction():
+            self._db.execute("DELETE FROM pieces")
+        batch: list[tuple[str]] = []
+        for piece in pieces:
+            batch.append((json.dumps(piece.plain()),))
+            if len(batch) == TOGETHER:
+                self._add(batch)
+                batch.clear()
+        self._add(batch)
+        self.set_meta("planned", True)
+
+    def tasks(self, most: int, after: int) -> list[Task]:
+        """Return the next pieces that are not done, behind piece number ``after``."""
+        found = self._db.execute(
+            "SELECT id, piece FROM pieces WHERE done = 0 AND id > ? ORDER BY id LIMIT ?",
+            [after, most],
+        )
+        return [Task(number, Piece.of(json.loads(text))) for number, text in found]
+
+    def store(self, answers: Sequence[tuple[int, Sequence[Row]]]) -> None:
+        """Store the rows of pieces, by number, and that these are done."""
+        values = ", ".join("?" * (2 + len(COLUMNS)))
+        with self._transaction():
+            for number, rows in answers:
+                self._db.execute("UPDATE pieces SET done = 1 WHERE id = ?", [number])
+                self._db.executemany(
+                    f"REPLACE INTO windows VALUES ({values})",
+                    [
+                        [number, place, *(row[column] for column in COLUMNS)]
+                        for place, row in enumerate(rows)
+                    ],
+                )
+
+    def counts(self) -> Counts:
+        """Count pieces and rows."""
+        pieces, done = self._db.execute("SELECT COUNT(*), SUM(done) FROM pieces").fetchone()
+        rows, errors = self._db.execute("SELECT COUNT(*), COUNT(error) FROM windows").fetchone()
+        return Counts(pieces, done or 0, rows, errors)
+
+    def rank(self) -> None:
+        """Give every loop its place; `ranked_rows` and `ranked_loops` need it."""
+        with self._explained():
+            self._db.execute("DROP TABLE IF EXISTS temp.standing")
+            self._db.execute(_STANDING)
+            self._db.execute("CREATE INDEX temp.standing_by_loop ON standing (file, loop)")
+
+    def ranked_rows(self) -> Iterator[list[Any]]:
+        """Yield all rows, best-ranked loop first, each loop in the order of time."""
+        names = ", ".join(f"w.{column}" for column in COLUMNS)
+        query = (
+            f"SELECT {names} FROM windows AS w JOIN temp.standing AS s "
+            f"ON w.file = s.file AND w.loop = s.loop ORDER BY {_RANKED}, w.piece, w.number"
+        )
+        with self._explained():
+            for row in self._db.execute(query):
+                yield list(row)
+
+    def ranked_loops(self, most: int) -> list[Row]:
+        """Return the first loops of the ranking with their counts."""
+        return self._dicts(f"SELECT * FROM temp.standing AS s ORDER BY {_RANKED} LIMIT ?", [most])
+
+    def classes(self) -> dict[int, int]:
+        """Return how many loops are in each class of the ranking."""
+        found = self._db.execute("SELECT class, COUNT(*) FROM temp.standing GROUP BY class")
+        return dict(found.fetchall())
+
+    def windows_of(self, file: str, loop: str, most: int) -> list[Row]:
+        """Return the last windows of a loop, oldest first."""
+        rows = self._dicts(
+            "SELECT * FROM windows WHERE file = ? AND loop = ? "
+            "ORDER BY piece DESC, number DESC LIMIT ?",
+            [file, loop, most],
+        )
+        return rows[::-1]
+
+    def errors(self, most: int) -> list[Row]:
+        """Return the first rows with an error."""
+        return self._dicts(
+            "SELECT file, loop, start, error FROM windows WHERE error IS NOT NULL "
+            "ORDER BY piece, number LIMIT ?",
+            [most],
+        )
+
+    def index_loops(self) -> None:
+        """Make `windows_of` quick; for a run that gets no more rows."""
+        with self._transaction():
+            self._db.execute("CREATE INDEX IF NOT EXISTS by_loop ON windows (file, loop)")
+
+    def _add(self, batch: Sequence[tuple[str]]) -> None:
+        with self._transaction():
+            self._db.executemany("INSERT INTO pieces (piece) VALUES (?)", batch)
+
+    def _dicts(self, query: str, parameters: Sequence[Any]) -> list[Row]:
+        found = self._db.execute(query, parameters)
+        names = [column[0] for column in found.description]
+        return [dict(zip(names, row, strict=True)) for row in found]
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        with self._explained():
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+            except BaseException:
+                self._db.execute("ROLLBACK")
+                raise
+            self._db.execute("COMMIT")
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            if "locked" in str(error):
+                raise AssessError(
+                    f"{self._file.parent} is in use by another run; wait for it, or name another "
+                    "folder with --out"
+                ) from error
+            raise AssessError(
+                f"{self._file} cannot be used ({error}); check the folder and the free "
+                "space, or name another folder with --out"
+            ) from error

@@ -1,0 +1,138 @@
+"""``fieldlink assess`` as a user runs it: the contract, resumption, refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from estimator import identify
+
+CONTRACT = (
+    "file,loop,start,samples,period_s,verdict,score,stick_band,stick_band_low,"
+    "stick_band_high,slip_jump,cause,action,seconds,error"
+)
+COMMAND = [sys.executable, "-m", "fieldlink.cli", "assess"]
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    with (folder / "loops.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def figures(folder: Path) -> list[dict[str, str]]:
+    """The table without what a clock decides."""
+    return [{k: v for k, v in row.items() if k != "seconds"} for row in table(folder)]
+
+
+def test_a_folder_becomes_a_ranked_table_and_a_poisoned_file_costs_one_row(
+    folder: Path, sticky
+) -> None:
+    # Inside what is read: the tables of a run are no recordings.
+    out = folder / "out"
+    done = run(folder, "--out", out, "--workers", 1)
+    assert done.returncode == 1, done.stderr
+    rows = table(out)
+    assert ",".join(rows[0]) == CONTRACT
+    assert rows[0]["loop"] == "FC101"
+    assert {row["loop"] for row in rows} == {"FC101", "TC202", "LC203", ""}
+    first, last = rows[0], rows[-1]
+    truth = identify(sticky.op, sticky.pv)
+    assert first["verdict"] == truth.verdict == "stiction"
+    assert float(first["stick_band"]) == truth.stick_band.value
+    assert float(first["score"]) == truth.score
+    assert (first["cause"], first["start"], first["samples"]) == ("sticky_valve", "0", "400")
+    assert Path(last["file"]) == folder / "PC104.csv"
+    assert last["error"] == (
+        "line 62: pv: 'off' is no number; correct it, or leave the cell empty where the sample is "
+        "bad"
+    )
+    assert last["verdict"] == ""
+    parquet = pq.read_table(out / "loops.parquet")
+    assert ",".join(parquet.column_names) == CONTRACT
+    assert parquet["score"].to_pylist() == [
+        float(row["score"]) if row["score"] else None for row in rows
+    ]
+    page = (out / "report.html").read_text()
+    assert "FC101" in page
+    assert "is no number" in page
+    assert not (out / "run.sqlite").exists()
+
+
+def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
+    tmp_path: Path, sticky, healthy
+) -> None:
+    loops = tmp_path / "loops"
+    loops.mkdir()
+    for number in range(8):
+        loop = (sticky, healthy)[number % 2]
+        rows = np.column_stack([loop.op, loop.pv])[: 120 + 20 * number]
+        np.savetxt(loops / f"L{number:02}.csv", rows, delimiter=",", header="op,pv", comments="")
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert run(loops, "--out", whole, "--workers", 1).returncode == 0
+    begun = subprocess.Popen(
+        [*COMMAND, str(loops), "--out", str(broken), "--workers", "1"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert begun.stderr is not None
+    with begun:
+        # The first line of progress comes after the first batch is stored.
+        assert " of 8 read" in begun.stderr.readline()
+        os.kill(begun.pid, signal.SIGKILL)
+    kept = sqlite3.connect(broken / "run.sqlite")
+    done = kept.execute("SELECT COUNT(*) FROM pieces WHERE done").fetchone()[0]
+    kept.close()
+    assert 1 <= done < 8
+    other = run(loops, "--out", broken, "--samples", 500)
+    assert other.returncode == 2
+    assert "holds a run with another value of samples (1000)" in other.stderr
+    again = run(loops, "--out", broken, "--workers", 1)
+    assert again.returncode == 0, again.stderr
+    assert f"{8 - done} judged" in again.stdout
+    assert figures(broken) == figures(whole)
+    assert json.loads((broken / "run.json").read_text())["rows"] == 8
+    finished = run(loops, "--out", broken)
+    assert finished.returncode == 0
+    assert "was finished before" in finished.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["missing.csv"], "there is no file or folder missing.csv"),
+        ([".", "--every", "soon"], "is no length of time"),
+        ([".", "--engine", "cloud"], "write local or dask"),
+        ([".", "--out", "taken"], "holds loops.csv of something else"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_with_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
+) -> None:
+    from typer.testing import CliRunner
+
+    from fieldlink.cli.app import app
+    from fieldlink.errors import FieldlinkError
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "loops.csv").write_text("a,b\n")
+    done = CliRunner().invoke(app, ["assess", *arguments])
+    said = str(done.exception) if isinstance(done.exception, FieldlinkError) else done.output
+    assert done.exit_code != 0
+    assert words in " ".join(said.replace("│", " ").split())

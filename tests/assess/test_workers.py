@@ -1,0 +1,97 @@
+"""Workers that die, windows that kill them, and both engines over the same pieces."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fieldlink.assess import Job, Judging, Piece
+from fieldlink.assess.assessment import EngineChoice, assess
+from fieldlink.assess.places import place_of
+from fieldlink.assess.run_file import Counts
+from fieldlink.assess.workers.watched import TRIES, WatchedWorker
+
+
+class Deadly(WatchedWorker):
+    """Its process gets signals over the windows of some loops, one each time."""
+
+    def __init__(self, job: Job, signals: dict[str, list[int]]) -> None:
+        super().__init__(job)
+        self._signals = signals
+        self._killed = False
+
+    def _next(self, process: Any) -> Any:
+        message = super()._next(process)
+        if self._killed:
+            # What it had written before it was killed is not let through.
+            while message is not None:
+                message = super()._next(process)
+            self._killed = False
+        elif message is not None and "at" in message:
+            left = self._signals.get(message["at"]["loop"], [])
+            if left:
+                os.kill(process.pid, left.pop())
+                self._killed = True
+        return message
+
+
+class Quiet:
+    """Progress that is not shown."""
+
+    def planned(self, pieces: int) -> None: ...
+    def judged(self, counts: Counts, rows_per_second: float) -> None: ...
+
+
+def two_loops(folder: Path, sticky: Any, healthy: Any) -> Path:
+    lines = ["loop,op,pv"]
+    for name, loop in (("A", sticky), ("B", healthy), ("C", healthy)):
+        pairs = zip(loop.op[:200].tolist(), loop.pv[:200].tolist(), strict=True)
+        lines += [f"{name},{o!r},{p!r}" for o, p in pairs]
+    (folder / "loops.csv").write_text("\n".join(lines))
+    return folder / "loops.csv"
+
+
+def test_a_window_that_kills_its_worker_costs_one_row_and_one_killed_by_chance_none(
+    tmp_path: Path, sticky, healthy
+) -> None:
+    file = two_loops(tmp_path, sticky, healthy)
+    job = Job((place_of(str(file)),))
+    piece = Piece(0, str(file), str(file))
+    worker = Deadly(job, {"A": [signal.SIGKILL], "B": TRIES * [signal.SIGSEGV]})
+    try:
+        rows = list(worker.judge(piece))
+    finally:
+        worker.close()
+    assert worker.deaths == 1 + TRIES
+    assert [row["loop"] for row in rows] == ["A", "B", "C"]
+    assert rows[0]["verdict"] == "stiction"
+    assert rows[1]["verdict"] is None
+    assert "SIGSEGV" in rows[1]["error"]
+    assert rows[2]["error"] is None
+
+
+def test_a_window_is_ended_by_its_processor_time_not_by_the_clock(tmp_path: Path, sticky) -> None:
+    file = two_loops(tmp_path, sticky, sticky)
+    job = Job((place_of(str(file)),), judging=Judging(limit=0.005))
+    worker = WatchedWorker(job)
+    try:
+        row = next(worker.judge(Piece(0, str(file), str(file))))
+    finally:
+        worker.close()
+    assert "more processor time than a window may" in row["error"]
+
+
+def test_dask_gives_the_rows_of_the_local_pool(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    job = Job((place_of(str(folder)),))
+    texts = []
+    for kind in ("local", "dask"):
+        outcome = assess(job, tmp_path / kind, EngineChoice(kind, workers=1), Quiet())
+        assert (outcome.rows, outcome.errors) == (4, 1)
+        lines = (tmp_path / kind / "loops.csv").read_text().splitlines()
+        texts.append([[cell for n, cell in enumerate(line.split(",")) if n < 11] for line in lines])
+    assert texts[0] == texts[1]
