@@ -127,7 +127,7 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
             "proposed",
             f"PI, gain {tuning['gain']:.4g}, integral time {tuning['integral_time_s']:.4g} s "
             f"(Ms {tuning['ms']:.2f}, now {tuning['running_ms']:.2f}): error "
-            f"{tuning['predicted_change_of_error_std']:+.0%}",
+            f"{tuning['predicted_change_of_error_std']:+.0%}. {tuning['note']}",
         )
     for name, value in found.indices.items():
         if value == value:
