@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.diagnosis.groups import find_cascades
+from estimator.diagnosis.cascades import find_cascades
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
 from tests.diagnosis.loops import Loop, run
 

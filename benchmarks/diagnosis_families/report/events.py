@@ -16,7 +16,7 @@ __all__ = ["PLANTS", "draw_event"]
 
 PLANTS = ("recycle", "cascade", "exchangers", "header")
 _WARM = 300
-_TRIES = 60
+_TRIES = 100
 
 
 @dataclass
@@ -85,8 +85,12 @@ def _draw(
         inner = np.random.default_rng(layout)
         units = _units(plant, inner)
         k = int(inner.integers(len(units)))
-        if units[k].slave is not None:
+        if source == "sticky_valve" and units[k].slave is not None:
+            # the slave moves the valve
             k = int(units[k].slave or 0)
+        if source == "tight_tuning" and plant == "cascade" and units[k].slave is None:
+            # a fast slave's ringing reaches nobody: its master is tuned tight
+            k = min(k + 1, len(units) - 1)
         origin: int | None = k
         hit: list[int] = []
         if source == "sticky_valve" and faulty:
