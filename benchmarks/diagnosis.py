@@ -181,6 +181,8 @@ def pairs(loops: Sequence[dict[str, Any]]) -> str:
 
 def places(events: Sequence[dict[str, Any]]) -> str:
     """Per source: events in which it is first, among the first three, later, or not found."""
+    if not events:
+        return "No event was drawn in this run (``--events 0``)."
     rows: list[list[Any]] = []
     for source in SOURCES:
         mine = [one for one in events if one["source"] == source]

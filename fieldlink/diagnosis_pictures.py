@@ -59,6 +59,8 @@ def diagnosis_figure(recording: Recording, found: Diagnosis, *, title: str) -> F
     right = figure.add_subplot(grid[2, 1])
     names = [cause.name.words for cause in found.causes][::-1]
     right.barh(names, [cause.weight for cause in found.causes][::-1], color=STEM)
-    right.set(xlim=(0.0, 1.0), xlabel="weight", title="causes")
+    right.set(
+        xlim=(0.0, 1.0), ylim=(-0.7, max(2.0, len(names) - 0.3)), xlabel="weight", title="causes"
+    )
     figure.suptitle(f"{title}: {found.first.name.words}")
     return figure
