@@ -54,6 +54,8 @@ bench: dev
 	$(BIN)/python -m benchmarks.fmu_zoo --out docs/benchmarks
 	$(BIN)/python -m benchmarks.link --out docs/benchmarks
 	$(BIN)/python -m benchmarks.load --out docs/benchmarks
+	$(BIN)/python -m benchmarks.upward --out docs/benchmarks
+	$(BIN)/python -m benchmarks.opcua --out docs/benchmarks
 	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks
 	$(BIN)/python -m benchmarks.fleet --out docs/benchmarks
 

@@ -25,8 +25,7 @@ class Screening:
             the historian's interpolation outweighs what was measured.
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
-        min_strokes: strokes of the stem; fewer are steps and drifts, which other things explain as
-            well (tuning family: three strokes made half of the false alarms).
+        min_strokes: strokes of the stem; a single one is a step, which anything explains.
     """
 
     min_samples: int = 50
@@ -36,7 +35,7 @@ class Screening:
     max_still: float = 0.9
     min_informed: float = 0.5
     min_band: float = 0.02
-    min_strokes: int = 4
+    min_strokes: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +138,9 @@ class Judging:
             that were tried.
         threshold: log Bayes factor from which a valve is called sticky. About 1 in 20,000 at even
             odds: a false alarm sends a technician, and loops are judged daily.
+        few_strokes, few_threshold: strokes of the stem below which a window is called sticky only
+            from this log Bayes factor on: two or three strokes also fit a load that drifts (tuning
+            family: half of the false alarms, none beyond 41).
         uncertain: half-width of the zone around the threshold in which the answer is uncertain.
         process: log-likelihood ratio of a process over none, below which PV does not follow OP:
             4.5 is a gain three deviations from zero.
@@ -146,6 +148,8 @@ class Judging:
 
     price: float = 2.0
     threshold: float = 10.0
+    few_strokes: int = 4
+    few_threshold: float = 50.0
     uncertain: float = 4.0
     process: float = 4.5
 

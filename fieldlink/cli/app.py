@@ -13,9 +13,9 @@ import typer
 
 from fieldlink.cli import (
     assess,
+    by_hand,
     compensate,
     demo,
-    device_tools,
     diagnose,
     fleet,
     fmu,
@@ -23,19 +23,25 @@ from fieldlink.cli import (
     identify,
     registers_io,
     rehearse,
+    report,
+    scan,
     simulate,
     site,
     standing,
+    work,
 )
+from fieldlink.cli.examples import FIRST_STEPS, PANELS, examples_of
 
 __all__ = ["app", "main"]
 
 app = typer.Typer(
     name="fieldlink",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    # Brackets in a help text are brackets, as in [web].
+    rich_markup_mode="markdown",
     help="Find sticky control valves from OP and PV, and take their oscillation away.",
+    epilog=FIRST_STEPS,
 )
 app.command("identify")(identify.identify)
 app.command("diagnose")(diagnose.diagnose)
@@ -51,14 +57,35 @@ app.command("compensate")(compensate.compensate)
 app.command("status")(standing.status)
 app.command("events")(standing.events)
 app.command("withdraw")(standing.withdraw)
+app.command("report")(report.report)
+app.command("work")(work.work)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
-app.command("scan")(device_tools.scan)
-app.command("read")(device_tools.read)
-app.command("write")(device_tools.write)
+app.command("scan")(scan.scan)
+app.command("read")(by_hand.read)
+app.command("write")(by_hand.write)
 app.add_typer(registers_io.app, name="map")
 app.add_typer(fmu.app, name="fmu")
 app.command("warm-up")(identify.warm_up)
+
+
+def _add_examples(commands: typer.Typer, group: str = "") -> None:
+    """Give every command its examples, and its section of the list."""
+    panels = {name: panel for panel, names in PANELS.items() for name in names}
+    for info in commands.registered_commands:
+        assert info.name is not None
+        info.epilog = examples_of(f"{group}{info.name}")
+        if not group and info.name in panels:
+            info.rich_help_panel = panels[info.name]
+    for inner in commands.registered_groups:
+        assert inner.typer_instance is not None
+        assert isinstance(inner.name, str)
+        if inner.name in panels:
+            inner.rich_help_panel = panels[inner.name]
+        _add_examples(inner.typer_instance, f"{inner.name} ")
+
+
+_add_examples(app)
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from fieldlink.cli.moments import parse_moment
+from fieldlink.cli.progress import show_work
 from fieldlink.cli.site import SiteFile
 
 __all__ = ["backup", "export"]
@@ -24,7 +25,9 @@ def backup(
     from fieldlink.site import load_site
     from fieldlink.store import back_up
 
-    made = back_up(load_site(site).historian_url, out, overwrite=force)
+    url = load_site(site).historian_url
+    with show_work(f"copying to {out}"):
+        made = back_up(url, out, overwrite=force)
     typer.echo(f"{made.file}: {made.bytes / 1e6:.1f} MB, {made.samples} samples; checked")
 
 
@@ -41,7 +44,7 @@ def export(
     ] = None,
     table: Annotated[
         str,
-        typer.Option(help="samples, averages, slots, estimates, writebacks or events."),
+        typer.Option(help="samples, averages, slots, estimates, writebacks, events or work."),
     ] = "samples",
     force: Force = False,
 ) -> None:
@@ -57,13 +60,15 @@ def export(
             "the historian has of it",
             err=True,
         )
-    made = write(
-        loaded.historian_url,
-        out,
-        table=table,
-        loop=loop,
-        since=parse_moment(since, "--from"),
-        until=parse_moment(until, "--to"),
-        overwrite=force,
-    )
+    begin, end = parse_moment(since, "--from"), parse_moment(until, "--to")
+    with show_work(f"writing {out}"):
+        made = write(
+            loaded.historian_url,
+            out,
+            table=table,
+            loop=loop,
+            since=begin,
+            until=end,
+            overwrite=force,
+        )
     typer.echo(f"{made.file}: {made.rows} rows of {table}")

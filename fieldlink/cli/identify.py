@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldlink.cli.progress import show_work
+
 if TYPE_CHECKING:
     from estimator import Identification
     from fieldlink.site.recording import Recording
@@ -37,7 +39,12 @@ def _window(text: str | None, rows: int) -> slice:
 
 
 def identify(
-    file: Annotated[Path, typer.Argument(help="A recorded loop: CSV with columns op and pv.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A recorded loop (CSV); OP, PV, SP and time are found by the names of its columns."
+        ),
+    ],
     op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
     pv: Annotated[str | None, typer.Option(help="Column of the process variable.")] = None,
     sp: Annotated[str | None, typer.Option(help="Column of the set-point.")] = None,
@@ -59,16 +66,17 @@ def identify(
     recording = read_recording(file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period)
     rows = _window(window, len(recording.op))
     cut = recording.cut(rows)
-    result = estimator.identify(
-        cut.op,
-        cut.pv,
-        sp=cut.sp,
-        auto=cut.auto,
-        period=cut.period,
-        criterion=criterion,
-        confidence=confidence,
-        surface=plot is not None,
-    )
+    with show_work(f"judging {len(cut)} samples"):
+        result = estimator.identify(
+            cut.op,
+            cut.pv,
+            sp=cut.sp,
+            auto=cut.auto,
+            period=cut.period,
+            criterion=criterion,
+            confidence=confidence,
+            surface=plot is not None,
+        )
     if plot is not None:
         from fieldlink.pictures import identification_figure, save
 

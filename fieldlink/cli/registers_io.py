@@ -27,6 +27,13 @@ def import_(
         typer.Option(help="How addresses are written; found out unless given."),
     ] = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook; the first.")] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN=HEADING",
+            help="The list's heading of a register map's column, such as tag=Typ; again for more.",
+        ),
+    ] = None,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Write the good rows although others are bad.")
     ] = False,
@@ -39,7 +46,7 @@ def import_(
     from fieldlink.site.map_export import map_as_csv, write_map
     from fieldlink.site.map_import import import_map
 
-    found = import_map(file, addresses=addresses, sheet=sheet)
+    found = import_map(file, addresses=addresses, sheet=sheet, headings=_headings(column or []))
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     for note in found.notes:
         console.print(f"  {as_printable(note)}", markup=False)
@@ -56,6 +63,21 @@ def import_(
     else:
         write_map(found.tags.values(), out)
         console.print(f"written to {out}")
+
+
+def _headings(pairs: list[str]) -> dict[str, str]:
+    """Return column to heading of ``tag=Typ``."""
+    found: dict[str, str] = {}
+    for pair in pairs:
+        column, equals, heading = pair.partition("=")
+        if not (equals and column.strip() and heading.strip()):
+            raise typer.BadParameter(
+                f"{pair!r} is not COLUMN=HEADING, such as tag=Typ", param_hint="--column"
+            )
+        if column.strip() in found:
+            raise typer.BadParameter(f"{column.strip()} is given twice", param_hint="--column")
+        found[column.strip()] = heading.strip()
+    return found
 
 
 @app.command("export")

@@ -53,6 +53,9 @@ def _print(console: Console, report: CheckReport) -> None:
         _print_device(console, device)
     for loop in report.loops:
         _print_loop(console, loop)
+    if report.upward:
+        console.print()
+        _print_line(console, ("mqtt", "bold"), f"  {report.upward}")
     for warning in report.warnings:
         _print_line(console, ("warning", "yellow"), f" {warning}")
     counts = (
@@ -84,15 +87,17 @@ def _print_device(console: Console, device: DeviceReport) -> None:
     where = f" {device.address}" if device.address else ""
     console.print()
     _print_line(console, (f"device {device.name}", "bold"), f"  {device.link}{where}")
+    order = f"byte order {device.order}, " if device.order else ""
     _print_line(
         console,
-        f"  {counted(device.tags, 'tag')}, byte order {device.order}, "
+        f"  {counted(device.tags, 'tag')}, {order}"
         f"{counted(len(device.requests), 'request')} per scan",
     )
     for request in device.requests:
+        kind = f"FC{request.function}" if request.function else "Read"
         _print_line(
             console,
-            f"  FC{request.function} {request.table} {request.first}-{request.last}: "
+            f"  {kind} {request.table} {request.first}-{request.last}: "
             f"{', '.join(request.tags)}{_rate(request)}",
         )
 

@@ -13,9 +13,10 @@ from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
-from fieldlink.links import Clock, Link, open_link
+from fieldlink.links import Clock, Link, LinkState, open_link
 from fieldlink.site import Site
 from fieldlink.store import Record, StoreReport, WritebackRecord
+from fieldlink.upward import UpwardReport
 
 __all__ = ["Assembly", "OpenLink"]
 
@@ -131,6 +132,7 @@ class Assembly:
         *,
         reloads: int = 0,
         refused: int = 0,
+        upward: UpwardReport | None = None,
     ) -> DaemonStatus:
         """Return a snapshot."""
         return DaemonStatus(
@@ -146,4 +148,28 @@ class Assembly:
             reloads=reloads,
             refused=refused,
             defects=self.journal.defects,
+            upward=upward,
         )
+
+    def health(self, *, store_failing: bool) -> dict[str, object]:
+        """Return the states of devices and loops, for consumers above; cheap enough to poll."""
+        states = {name: runner.status() for name, runner in self.runners.items()}
+        return {
+            "devices": [
+                {
+                    "name": name,
+                    "state": state.state.name.lower(),
+                    "reason": state.last_failure if state.state is not LinkState.GOOD else "",
+                    "missed": sum(
+                        loop.pipeline.counts.missed for loop in self.runners[name].loops.values()
+                    ),
+                }
+                for name, state in states.items()
+            ],
+            "loops": {
+                loop: states[name].state.name.lower()
+                for name, runner in self.runners.items()
+                for loop in runner.loops
+            },
+            "store_failing": store_failing,
+        }

@@ -10,7 +10,9 @@ from fieldlink.site import Device, Loop, Site
 
 __all__ = ["LoopSpec"]
 
-_NOT_ABOUT_SAMPLES = frozenset({"writeback", "estimator", "estimate_every", "plant", "compensate"})
+_NOT_ABOUT_SAMPLES = frozenset(
+    {"writeback", "estimator", "estimate_every", "plant", "compensate", "area"}
+)
 """Keys of a loop that leave its samples what they are."""
 
 _NOT_ABOUT_VALUES = frozenset(

@@ -15,7 +15,7 @@ from fieldlink.site import Site
 
 __all__ = ["FileWatch", "SiteChange", "same_samples"]
 
-_AT_THE_START = ("historian", "estimation", "web")
+_AT_THE_START = ("historian", "estimation", "web", "mqtt")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.reload import FileWatch, SiteChange
 from fieldlink.daemon.reporting.control import control_socket
 from fieldlink.daemon.reporting.documents import live_status
+from fieldlink.daemon.reporting.scheduled_report import REPORT_LOOK, ScheduledReport
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.accounts import ACCOUNT_EVERY, SlotAccounts
 from fieldlink.daemon.sampling.clock_watch import CHECK_EVERY, ClockWatch
@@ -29,7 +30,8 @@ from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
 from fieldlink.site import Site, load_site
-from fieldlink.store import Historian, HistorianSettings, StoreError, last_blocks
+from fieldlink.store import Historian, HistorianSettings, Record, StoreError, last_blocks
+from fieldlink.upward import Publishing
 
 __all__ = ["Daemon"]
 
@@ -77,15 +79,18 @@ class Daemon:
         self._clock = clock or SystemClock()
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._clock_watch = ClockWatch(self._clock)
+        self._publishing: Publishing | None = None
         self._assembly = Assembly(
             site,
             self._clock,
-            self._historian.put,
+            self._put,
             read_only=read_only,
             live=True,
             watch=self._clock_watch,
             keep=self._historian.keep,
         )
+        self._publishing = self._way_upward(site)
+        self._schedule: Schedule | None = None
         self._pool_settings = pool or pool_settings_of(site)
         self._pool: EstimatorPool | None = None
         self._reread = reread or partial(load_site, site.path)
@@ -107,6 +112,7 @@ class Daemon:
             PoolReport() if self._pool is None else self._pool.report(),
             reloads=self._reloads,
             refused=self._refused,
+            upward=None if self._publishing is None else self._publishing.report(),
         )
 
     def stuck(self) -> tuple[str, ...]:
@@ -147,11 +153,12 @@ class Daemon:
             try:
                 await self._assembly.open()
                 async with (
+                    self._upward() as sending,
                     self._at_work() as failures,
                     control_socket(self._data_dir, self._answer),
                 ):
                     self.started.set()
-                    await _until(stop, duration, failures)
+                    await _until(stop, duration, [*failures, *sending])
             finally:
                 await self._assembly.close()
                 await self._pool.close()
@@ -179,6 +186,23 @@ class Daemon:
             )
         loop.withdraw(reason, self._clock.utc())
 
+    def estimate_soon(self, name: str) -> None:
+        """Judge a loop's window now instead of at its next time.
+
+        Raises:
+            FieldlinkError: there is no such loop, or its window is not full.
+        """
+        loop = self._assembly.loop(name)
+        if loop is None or self._schedule is None:
+            raise FieldlinkError(f"the running daemon has no loop {name!r}; see fieldlink status")
+        loop.pipeline.forget_estimate()
+        if missing := loop.pipeline.samples_until_estimate:
+            raise FieldlinkError(
+                f"the window of loop {name!r} lacks {missing} of {loop.spec.loop.window} samples; "
+                "it is judged when they are there"
+            )
+        self._schedule.postpone(_job(name), 0.0)
+
     def _answer(self, request: Mapping[str, object]) -> Mapping[str, object]:
         """Answer a request that came through the control socket."""
         command = request.get("command")
@@ -198,17 +222,48 @@ class Daemon:
         else:
             self._assembly.resume(last)
 
+    def _put(self, record: Record) -> object:
+        """Hand a record to the store and, where the site publishes, upward; never waits."""
+        if self._publishing is not None:
+            self._publishing.put(record)
+        return self._historian.put(record)
+
+    def _way_upward(self, site: Site) -> Publishing | None:
+        if site.file.mqtt is None:
+            return None
+        return Publishing(
+            site,
+            health=lambda: self._assembly.health(store_failing=self._historian.report().failing),
+            actions={
+                "withdraw": self.withdraw,
+                "estimate_now": lambda loop, _: self.estimate_soon(loop),
+            },
+            tell=self._assembly.journal.event,
+            defect=self._assembly.journal.defect,
+        )
+
+    @asynccontextmanager
+    async def _upward(self) -> AsyncIterator[list[asyncio.Task[None]]]:
+        """Publish while the block runs; yield what must not end by itself."""
+        if self._publishing is None:
+            yield []
+            return
+        async with self._publishing.running() as tasks:
+            yield tasks
+
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
         """Start everything; yield what must not end by itself; end it in order."""
         assert self._pool is not None
         self._failed = asyncio.get_running_loop().create_future()
-        schedule = Schedule()
+        schedule = self._schedule = Schedule()
         accounts = SlotAccounts(self._historian.put, self._clock)
         warming = spawn(self._pool.warm_up(), "warm-up")
         self._begin_devices(schedule)
         schedule.every(ACCOUNT_EVERY, "slot accounts", self._do(self._account, accounts))
         schedule.every(TIDY_EVERY, "retention", self._do(self._historian.tidy))
+        reports = ScheduledReport(self._assembly.journal)
+        schedule.every(REPORT_LOOK, "report", partial(self._report, reports))
         self._historian.tidy()
         schedule.start()
         watching = [
@@ -345,6 +400,8 @@ class Daemon:
                     begin = before.begin
             self._begin(runner, begin, schedule)
         self._site = site
+        if self._publishing is not None:
+            self._publishing.follow(site)
         self._reloads += 1
         journal.event("site.reloaded", "daemon", str(change))
 
@@ -359,6 +416,12 @@ class Daemon:
                 self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
+
+    async def _report(self, reports: ScheduledReport) -> None:
+        try:
+            await reports.write_due(self._site)
+        except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
+            self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
     async def _judge(self, schedule: Schedule, loop: str) -> None:
         async with self._turns:

@@ -45,6 +45,7 @@ class Quality(Enum):
     NOT_DUE = (8, "not asked for in this scan: its loop has a longer period than others")
     NO_COUNT = (9, "the cycle counter holds no count: check its type and its word order in the map")
     LATE = (10, "asked for so late that the value is not of its slot: look at the lateness metric")
+    BAD_STATUS = (11, "the server gives no good status with the value: look at its diagnostics")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
     def __init__(self, code: int, advice: str) -> None:

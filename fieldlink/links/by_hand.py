@@ -7,18 +7,28 @@ range. A write is never repeated, and what the device holds afterwards is read b
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fieldlink.errors import FieldlinkError
-from fieldlink.links.base import Reading
+from fieldlink.links.base import Link, Reading
 from fieldlink.links.clock import SystemClock
 from fieldlink.links.errors import AccessRefusedError
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.links.registry import open_link
 from fieldlink.registers import DataType, RegisterValueError, Table, Tag, plan_reads
 from fieldlink.site import Device, Site
 
-__all__ = ["ByHandError", "Point", "parse_point", "read_points", "words_for", "write_point"]
+__all__ = [
+    "ByHandError",
+    "Point",
+    "as_manual_address",
+    "parse_point",
+    "read_points",
+    "words_for",
+    "write_point",
+]
 
 
 class ByHandError(FieldlinkError):
@@ -45,8 +55,28 @@ class Point:
     def where(self) -> str:
         """The place as people write it: table, registers, device."""
         tag = self.tag
+        if tag.node:
+            return f"{tag.node} of {self.name} ({self.device.where})"
         last = f" to {tag.end - 1}" if tag.count > 1 else ""
-        return f"{tag.table} {tag.address}{last} of {self.name} ({self.device.where})"
+        place = self.device.where
+        # A host is its own name.
+        named = place if place.startswith(self.name) else f"{self.name} ({place})"
+        return f"{tag.table} {tag.address}{last} of {named}"
+
+
+_MANUAL = re.compile(r"([0134])(\d{4,5})")
+_MANUAL_TABLES = {"0": Table.COIL, "1": Table.DISCRETE, "3": Table.INPUT, "4": Table.HOLDING}
+
+
+def as_manual_address(text: str) -> str | None:
+    """Return the point that manuals write as ``text``: 40001 is holding:0; None for any other.
+
+    Only a bare number of five or six digits is written so; a type or a table says what is meant.
+    """
+    found = _MANUAL.fullmatch(text)
+    if found is None or not 1 <= int(found[2]) <= 0x10000:
+        return None
+    return f"{_MANUAL_TABLES[found[1]]}:{int(found[2]) - 1}"
 
 
 def parse_point(text: str, device: Device) -> Tag:
@@ -55,6 +85,8 @@ def parse_point(text: str, device: Device) -> Tag:
     Raises:
         ByHandError: it describes none.
     """
+    if device.is_opcua:
+        raise ByHandError(f"{text!r} is no tag of an OPC UA device; add its node to the node map")
     parts = text.split(":")
     table = Table.HOLDING
     if parts[0] in list(Table):
@@ -62,6 +94,9 @@ def parse_point(text: str, device: Device) -> Tag:
     default = DataType.BOOL if table.is_bits else DataType.UINT16
     number, kind, length, *rest = (*parts, *("",) * (3 - len(parts)))
     usage = "write [table:]address[:type[:length]], such as 7, input:7 or holding:100:float32"
+    manual = as_manual_address(number)
+    if manual is not None and int(number) > 0xFFFF:
+        raise ByHandError(f"{text!r} is how manuals write {manual}; give {manual}")
     if not number.isdecimal() or int(number) > 0xFFFF or rest:
         raise ByHandError(f"{text!r} is no tag and no address; {usage}")
     if kind and kind not in list(DataType):
@@ -92,7 +127,7 @@ async def read_points(points: Sequence[Point]) -> list[Reading]:
         LinkError: the device gave none of them.
     """
     first = points[0]
-    link = _link(first, [point.tag for point in points])
+    link = _reader(first, [point.tag for point in points])
     try:
         scan = await link.scan()
     finally:
@@ -157,6 +192,14 @@ async def write_point(point: Point, words: Sequence[int]) -> Reading:
     if scan.failures:
         raise scan.failures[0]
     return scan[tag.name]
+
+
+def _reader(point: Point, tags: Sequence[Tag]) -> Link:
+    if not point.device.is_opcua or point.site is None:
+        return _link(point, tags)
+    asked = point.device.opcua.model_copy(update={"mode": "read"})
+    site = point.site.with_device(point.name, opcua=asked)
+    return open_link(site, point.name)
 
 
 def _link(point: Point, tags: Sequence[Tag]) -> ModbusLink:

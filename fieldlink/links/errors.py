@@ -68,7 +68,9 @@ class LinkError(FieldlinkError):
     """
 
     def __init__(self, device: str, what: str, remedy: str) -> None:
-        super().__init__(f"device {device}: {what}; {remedy}")
+        # A host has no name but its address, which the message gives already.
+        named = any(mark in device for mark in ".:/") and device in what
+        super().__init__(f"{what}; {remedy}" if named else f"device {device}: {what}; {remedy}")
         self.device = device
         self.what = what
         self.remedy = remedy

@@ -13,6 +13,7 @@ from fieldlink.links.connection import ModbusConnection
 from fieldlink.links.errors import AccessRefusedError
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.links.transports import line_settings
+from fieldlink.links.writable import Ranges, find_writable
 from fieldlink.registers import ReadRequest, Table, unpack_payload
 from fieldlink.site import Device, Site
 
@@ -23,11 +24,6 @@ WRITE_LIMIT = 123
 
 COIL_WRITE_LIMIT = 1968
 """The most coils one FC15 request may write (same source)."""
-
-WRITTEN_PARTS = frozenset({"heartbeat", "writer", "commit", "bank_a", "bank_b"})
-"""The parts of an exchange area that are Fieldlink's to write; the others are the PLC's."""
-
-Ranges = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,23 +90,12 @@ class ModbusLink:
         Writable are the registers that Fieldlink has in the exchange areas of loops whose
         write-back is enabled, and nothing else.
         """
-        layouts = [
-            loop.writeback.exchange
-            for loop in site.loops_of(device).values()
-            if loop.writeback.enabled
-        ]
         return cls(
             ModbusSettings(
                 name=device,
                 device=site.devices[device],
                 site=site,
-                writable=tuple(
-                    (first, last)
-                    for layout in layouts
-                    if layout is not None
-                    for part, first, last in layout.spans()
-                    if part in WRITTEN_PARTS
-                ),
+                writable=find_writable(site, device),
                 beat=site.poll_period(device) / site.devices[device].speed,
             ),
             site.requests(device),

@@ -24,6 +24,20 @@ def _modbus(site: Site, device: str, clock: Clock) -> Link:
     return ModbusLink.of_site(site, device, clock)
 
 
+def _opcua(site: Site, device: str, clock: Clock) -> Link:
+    from importlib.util import find_spec
+
+    if find_spec("asyncua") is None:
+        raise UnknownLinkKindError(
+            device,
+            'link = "opcua" needs the package asyncua',
+            "pip install 'fieldlink[opcua]', or use another kind of link",
+        )
+    from fieldlink.links.opcua import OpcuaLink
+
+    return OpcuaLink.of_site(site, device, clock)
+
+
 def _recording(site: Site, device: str, clock: Clock) -> Link:
     from fieldlink.links.recorded import RecordedLink
 
@@ -36,6 +50,7 @@ _FACTORIES: dict[str, LinkFactory] = {
     "modbus-rtu-tcp": _modbus,
     "modbus-udp": _modbus,
     "modbus-tls": _modbus,
+    "opcua": _opcua,
     "recording": _recording,
 }
 

@@ -1,7 +1,9 @@
 """Looking at a device nobody has described: which units answer, which addresses can be read.
 
 Only reads are sent, one at a time, with a pause between them and never more than allowed. A block
-that is refused is cut in halves; single addresses that are refused are not readable.
+that is refused is cut in halves; single addresses that are refused are not readable. Behind a long
+stretch of them only every tenth address of a refused block is tried, and the block is cut in halves
+as soon as one can be read; `SurveySettings.thorough` always cuts.
 """
 
 from __future__ import annotations
@@ -26,6 +28,12 @@ from fieldlink.site import Device
 
 __all__ = ["Survey", "SurveySettings", "TableSurvey", "UnitSurvey", "survey"]
 
+BARREN = 100
+"""Addresses in a row, each tried and refused, behind which a stretch is plainly unreadable."""
+
+STRIDE = 10
+"""Distance of the addresses that are tried there: register lists begin at round addresses."""
+
 Progress = Callable[[str, int], None]
 """Called with what is looked at, and the requests sent so far."""
 
@@ -39,6 +47,7 @@ class SurveySettings:
         tables: tables to look at.
         first, last: addresses, both included.
         block: addresses asked for at once.
+        thorough: try every address of every refused block.
         pause: seconds between a reply and the next request.
         max_requests: most requests in all.
     """
@@ -48,6 +57,7 @@ class SurveySettings:
     first: int = 0
     last: int = 499
     block: int = 100
+    thorough: bool = False
     pause: float = 0.02
     max_requests: int = 2000
 
@@ -61,12 +71,14 @@ class TableSurvey:
         served: whether the unit knows the table's function code at all.
         ranges: readable addresses (first, last), both included.
         looked_to: the last address that was looked at.
+        sampled: stretches (first, last) of which only every tenth address was tried.
     """
 
     table: str
     served: bool
     ranges: tuple[tuple[int, int], ...]
     looked_to: int
+    sampled: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +124,7 @@ class _Look:
 
     settings: SurveySettings
     progress: Progress
+    unit: int = 0
     requests: int = 0
     silent_in_a_row: int = 0
     connections: list[ModbusConnection] = field(default_factory=list)
@@ -120,8 +133,19 @@ class _Look:
         if self.requests >= self.settings.max_requests:
             raise _EnoughError(f"the limit of {self.settings.max_requests} requests is reached")
         self.requests += 1
-        self.progress(f"{table} {first}", self.requests)
+        self.progress(f"unit {self.unit}, {table} {first} to {first + count - 1}", self.requests)
         await link.read(table, first, count)
+
+    def heed(self, error: LinkError) -> None:
+        """Count silence; let out what ends the look at a table or at the device."""
+        if isinstance(error, ExceptionReplyError) and not error.code.is_the_gateways:
+            self.silent_in_a_row = 0
+            if error.code is ExceptionCode.ILLEGAL_FUNCTION:
+                raise error
+            return
+        self.silent_in_a_row += 1
+        if self.silent_in_a_row >= 3:
+            raise _EnoughError(f"the device fell silent: {error}") from error
 
 
 async def survey(
@@ -143,6 +167,7 @@ async def survey(
         for unit in settings.units:
             link = _connection(device, unit, settings.pause, resolve)
             look.connections.append(link)
+            look.unit = unit
             if not await _answers(look, link):
                 silent.append(unit)
                 await link.close()
@@ -195,17 +220,53 @@ async def _answers(look: _Look, link: ModbusConnection) -> bool:
 async def _look_at(look: _Look, link: ModbusConnection, table: Table) -> TableSurvey:
     settings = look.settings
     readable: list[int] = []
+    sampled: list[int] = []
     first = settings.first
     while first <= settings.last:
         count = min(settings.block, settings.last - first + 1)
+        refused = first - (readable[-1] + 1 if readable else settings.first)
         try:
-            readable.extend(await _readable(look, link, table, first, count))
+            if (
+                refused < BARREN
+                or settings.thorough
+                or await _has_some(look, link, table, first, count)
+            ):
+                readable.extend(await _readable(look, link, table, first, count))
+            else:
+                sampled.extend(range(first, first + count))
         except ExceptionReplyError as error:
             if error.code is not ExceptionCode.ILLEGAL_FUNCTION:
                 raise
             return TableSurvey(table.value, False, (), first)
         first += count
-    return TableSurvey(table.value, True, tuple(_runs(readable)), settings.last)
+    runs = tuple(_runs(readable))
+    return TableSurvey(table.value, True, runs, settings.last, tuple(_runs(sampled)))
+
+
+async def _has_some(
+    look: _Look, link: ModbusConnection, table: Table, first: int, count: int
+) -> bool:
+    """Whether the block, or one of the round addresses in it, can be read."""
+    if await _can_read(look, link, table, first, count):
+        return True
+    begin = -(-first // STRIDE) * STRIDE
+    for address in range(begin, first + count, STRIDE):
+        if await _can_read(look, link, table, address, 1):
+            return True
+    return False
+
+
+async def _can_read(
+    look: _Look, link: ModbusConnection, table: Table, first: int, count: int
+) -> bool:
+    """Whether a request is answered with data; the same errors as `_readable` go on."""
+    try:
+        await look.ask(link, table, first, count)
+    except LinkError as error:
+        look.heed(error)
+        return False
+    look.silent_in_a_row = 0
+    return True
 
 
 async def _readable(
@@ -215,14 +276,7 @@ async def _readable(
     try:
         await look.ask(link, table, first, count)
     except LinkError as error:
-        if isinstance(error, ExceptionReplyError) and not error.code.is_the_gateways:
-            look.silent_in_a_row = 0
-            if error.code is ExceptionCode.ILLEGAL_FUNCTION:
-                raise
-            return await _halves(look, link, table, first, count)
-        look.silent_in_a_row += 1
-        if look.silent_in_a_row >= 3:
-            raise _EnoughError(f"the device fell silent: {error}") from error
+        look.heed(error)
         return await _halves(look, link, table, first, count)
     look.silent_in_a_row = 0
     return list(range(first, first + count))

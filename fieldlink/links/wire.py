@@ -9,6 +9,8 @@ stray one is never kept for later, and nothing that arrives can raise inside the
 from __future__ import annotations
 
 import asyncio
+import os
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -211,8 +213,14 @@ class Wire(ModbusProtocol):
                 self._waiting.reply.set_exception(error)
 
 
+_ERRNO = re.compile(r"\[Errno (\d+)\]")
+
+
 def _reason(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    if "Connect call failed" in text and (numbers := _ERRNO.findall(str(error))):
+        # What asyncio adds is the address, as Python writes it.
+        text = ", ".join(dict.fromkeys(os.strerror(int(number)) for number in numbers))
     if isinstance(error, TerminalError) and not isinstance(error, OSError):
         number, said = (*error.args, "")[:2] if error.args else (None, "")
         text = f"the serial port refuses its settings ({said or number})"

@@ -75,6 +75,7 @@ class Tag:
         invalid: raw numbers (before the scale) that mean invalid.
         invalid_patterns: the same as bits of the registers, in big-endian order.
         every: seconds between reads; 0 reads it in every scan.
+        node: node id of an OPC UA variable; empty for registers.
     """
 
     name: str
@@ -96,6 +97,7 @@ class Tag:
     invalid: tuple[float, ...] = ()
     invalid_patterns: tuple[int, ...] = ()
     every: float = 0.0
+    node: str = ""
 
     @property
     def count(self) -> int:

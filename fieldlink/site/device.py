@@ -6,7 +6,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from fieldlink.site.base import Model
+from fieldlink.site.opcua import OPCUA_PORT, OpcuaSettings
 
 __all__ = ["Address", "Device", "Model", "Quirks", "Seconds", "Tls"]
 
@@ -20,16 +23,8 @@ Pause = Annotated[float, Field(ge=0, le=60)]
 TLS_PORT = 802
 """The port that the Modbus Security specification (MB-TCP-Security v2.1) registers."""
 
-_NEEDS_HOST = ("modbus-tcp", "modbus-rtu-tcp", "modbus-udp", "modbus-tls")
+_NEEDS_HOST = ("modbus-tcp", "modbus-rtu-tcp", "modbus-udp", "modbus-tls", "opcua")
 _SERIAL_KEYS = ("serial_port", "plc_serial_port", "baud", "parity", "data_bits", "stop_bits")
-
-
-class Model(BaseModel):
-    """What every table of a site file is: frozen, strict, without unknown keys."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
 
 class Tls(Model):
@@ -73,7 +68,7 @@ class Quirks(Model):
 
 
 def _default_port(keys: dict[str, Any]) -> int:
-    return TLS_PORT if keys.get("link") == "modbus-tls" else 502
+    return {"modbus-tls": TLS_PORT, "opcua": OPCUA_PORT}.get(str(keys.get("link")), 502)
 
 
 class Device(Model):
@@ -85,14 +80,15 @@ class Device(Model):
         "modbus-rtu-tcp",
         "modbus-udp",
         "modbus-tls",
+        "opcua",
         "fmu",
         "recording",
     ]
-    """Kind of link: Modbus on a transport, a simulated plant in lockstep, or recorded data."""
+    """Kind of link: Modbus on a transport, OPC UA, a plant in lockstep, or recorded data."""
     host: str | None = None
-    """Host name or address; needed for Modbus over a network."""
+    """Host name or address; needed for Modbus over a network and for OPC UA."""
     port: int = Field(default_factory=_default_port, ge=1, le=0xFFFF)
-    """TCP or UDP port; 802 unless given for modbus-tls."""
+    """TCP or UDP port; 802 unless given for modbus-tls, 4840 for opcua."""
     serial_port: str | None = None
     """Serial port of modbus-rtu, such as /dev/ttyUSB0; devices that share it take turns."""
     plc_serial_port: str | None = None
@@ -129,6 +125,8 @@ class Device(Model):
     """Who paces a simulated plant that is served: the clock, or the plant as fast as it can."""
     tls: Tls | None = None
     """Certificates; needed for modbus-tls."""
+    opcua: OpcuaSettings = OpcuaSettings()
+    """How an OPC UA server is asked."""
     quirks: Quirks = Quirks()
     """What the device does not bear."""
 
@@ -138,13 +136,20 @@ class Device(Model):
         return self.link.startswith("modbus-")
 
     @property
+    def is_opcua(self) -> bool:
+        """Whether the device is an OPC UA server."""
+        return self.link == "opcua"
+
+    @property
     def is_rtu(self) -> bool:
         """Whether requests are framed as on a serial line, without a transaction id."""
         return self.link in ("modbus-rtu", "modbus-rtu-tcp")
 
     @property
     def where(self) -> str:
-        """The device's address as people write it; empty for what is no Modbus device."""
+        """The device's address as people write it; empty for what has none."""
+        if self.is_opcua:
+            return f"opc.tcp://{self.host}:{self.port}{self.opcua.path}"
         if self.link == "modbus-rtu":
             serial = f"{self.baud} {self.data_bits}{self.parity[0].upper()}{self.stop_bits}"
             return f"{self.serial_port} ({serial}) unit {self.unit}"
@@ -155,6 +160,8 @@ class Device(Model):
         """What two devices of a site share when they are one unit of one PLC."""
         if self.link == "modbus-rtu":
             return (self.serial_port, self.unit)
+        if self.is_opcua:
+            return (self.host, self.port, self.opcua.path)
         return (self.host, self.port, self.unit) if self.is_modbus else ()
 
     @model_validator(mode="after")
@@ -182,6 +189,10 @@ class Device(Model):
             raise ValueError(
                 'link = "modbus-tls" and the table tls belong together; add tls = { ca = "ca.pem", '
                 'cert = "client.pem", key = "client.key" } or remove it'
+            )
+        if not self.is_opcua and self.opcua != OpcuaSettings():
+            raise ValueError(
+                f'the table opcua is for link = "opcua", this is "{self.link}"; remove it'
             )
         if self.link != "recording" and self.register_map is None:
             raise ValueError(f'link = "{self.link}" needs a register_map; name its CSV file')

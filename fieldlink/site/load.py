@@ -9,6 +9,7 @@ from typing import Any
 from fieldlink.registers import Tag
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import SiteFile
+from fieldlink.site.node_map import read_node_map
 from fieldlink.site.register_map import read_register_map
 from fieldlink.site.resolved import Site
 from fieldlink.site.rules import find_problems
@@ -48,8 +49,12 @@ def _read_maps(
         if device.register_map is None:
             continue
         try:
+            path = source.path.parent / device.register_map
+            if device.is_opcua:
+                maps[name] = read_node_map(path)
+                continue
             maps[name] = read_register_map(
-                source.path.parent / device.register_map,
+                path,
                 word_order=device.word_order,
                 byte_order=device.byte_order,
             )

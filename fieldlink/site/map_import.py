@@ -15,11 +15,11 @@ from pathlib import Path
 
 from fieldlink.registers import DataType, Order, Tag
 from fieldlink.site.csv_file import read_csv
-from fieldlink.site.errors import Problem, SiteError
+from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.map_addresses import AddressStyle, guess_style, parse_address
 from fieldlink.site.map_row import REQUIRED, RowReader
 from fieldlink.site.map_words import column_of, meaning_of
-from fieldlink.site.register_map import collect_tags
+from fieldlink.site.register_map import COLUMNS, collect_tags
 from fieldlink.spreadsheet import from_cell
 
 __all__ = ["ImportedMap", "import_map"]
@@ -64,6 +64,7 @@ def import_map(
     *,
     addresses: AddressStyle | None = None,
     sheet: str | None = None,
+    headings: Mapping[str, str] | None = None,
     word_order: Order = "big",
     byte_order: Order = "big",
 ) -> ImportedMap:
@@ -73,14 +74,15 @@ def import_map(
         path: a CSV file, or an Excel workbook (.xlsx, .xlsm).
         addresses: how addresses are written; found out unless given.
         sheet: name of the workbook's sheet; the first unless given.
+        headings: register map's column to the list's heading, where the list has words of its own.
         word_order, byte_order: of rows without an order of their own.
 
     Raises:
         SiteError: the file cannot be read, or names no columns that a register map needs.
     """
     workbook = path.suffix.lower() in (".xlsx", ".xlsm")
-    table = _read_workbook(path, sheet) if workbook else _read_text(path)
-    columns, notes = _columns(path, table)
+    table = _read_workbook(path, sheet, headings or {}) if workbook else _read_text(path)
+    columns, notes = _columns(path, table, headings or {})
     texts = [cells[columns["address"]] for _, cells in table.rows]
     style = addresses or guess_style(texts)
     notes.append(_about(style, guessed=addresses is None))
@@ -106,7 +108,7 @@ def _read_text(path: Path) -> _Sheet:
     return _Sheet(file.header, file.header_line, rows)
 
 
-def _read_workbook(path: Path, sheet: str | None) -> _Sheet:
+def _read_workbook(path: Path, sheet: str | None, headings: Mapping[str, str]) -> _Sheet:
     try:
         import openpyxl
     except ImportError as error:
@@ -143,18 +145,22 @@ def _read_workbook(path: Path, sheet: str | None) -> _Sheet:
         for number, row in enumerate(frame.itertuples(index=False), start=1)
     ]
     for at, (number, cells) in enumerate(lines[:_HEADER_WITHIN]):
-        if "address" in {column_of(cell) for cell in cells}:
+        if "address" in {column_of(cell) for cell in cells} or headings.get("address") in cells:
             return _Sheet(cells, number, tuple(row for row in lines[at + 1 :] if any(row[1])))
     remedy = "name a column address, or another sheet with --sheet"
     message = f"no heading of an address in the first {_HEADER_WITHIN} rows"
     raise SiteError([Problem(str(path), "", message, remedy)])
 
 
-def _columns(path: Path, table: _Sheet) -> tuple[dict[str, int], list[str]]:
+def _columns(
+    path: Path, table: _Sheet, headings: Mapping[str, str]
+) -> tuple[dict[str, int], list[str]]:
     """Return the place of every known column, and what was made of the headings."""
-    columns: dict[str, int] = {}
-    notes: list[str] = []
+    columns = _named_columns(path, table, headings)
+    notes = [f"column {headings[column]!r} is {column}, as you said" for column in columns]
     for number, heading in enumerate(table.header):
+        if number in columns.values():
+            continue
         column = column_of(heading)
         if column is None or column in columns:
             if heading:
@@ -168,7 +174,7 @@ def _columns(path: Path, table: _Sheet) -> tuple[dict[str, int], list[str]]:
             str(path),
             name,
             "no column means it",
-            f"rename the heading that does to {name!r}",
+            f"name the heading that does with --column {name}=HEADING",
             table.header_line,
         )
         for name in REQUIRED
@@ -177,6 +183,26 @@ def _columns(path: Path, table: _Sheet) -> tuple[dict[str, int], list[str]]:
     if problems:
         raise SiteError(problems)
     return columns, notes
+
+
+def _named_columns(path: Path, table: _Sheet, headings: Mapping[str, str]) -> dict[str, int]:
+    columns: dict[str, int] = {}
+    problems = []
+    for column, heading in headings.items():
+        if column not in COLUMNS:
+            message, remedy = "a register map has no such column", nearest(column, COLUMNS)
+            problems.append(Problem(str(path), column, message, remedy))
+        elif heading not in table.header:
+            message, remedy = (
+                f"no column has the heading {heading!r}",
+                nearest(heading, table.header),
+            )
+            problems.append(Problem(str(path), column, message, remedy, table.header_line))
+        else:
+            columns[column] = table.header.index(heading)
+    if problems:
+        raise SiteError(problems)
+    return columns
 
 
 def _about(style: AddressStyle, *, guessed: bool) -> str:

@@ -15,8 +15,14 @@ from pydantic import Field, model_validator
 from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.mqtt import MqttSettings
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
-from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
+from fieldlink.site.upkeep import (
+    EstimationSettings,
+    HistorianTable,
+    ReportSettings,
+    WebSettings,
+)
 
 __all__ = [
     "Device",
@@ -29,6 +35,7 @@ __all__ = [
     "PiSettings",
     "PlantSettings",
     "PlantVariables",
+    "ReportSettings",
     "SiteFile",
     "SiteSettings",
     "WebSettings",
@@ -166,6 +173,8 @@ class Loop(Model):
 
     device: str
     """Name of the device that has the loop's tags."""
+    area: str = Field(default="plant", min_length=1)
+    """Part of the plant that the loop belongs to, for topics and reports."""
     op: str
     """Tag of the controller output."""
     pv: str
@@ -220,3 +229,7 @@ class SiteFile(Model):
     """The processes in which windows are judged."""
     web: WebSettings = WebSettings()
     """The endpoints for health and metrics."""
+    report: ReportSettings = ReportSettings()
+    """The work list and its schedule."""
+    mqtt: MqttSettings | None = None
+    """Publishing to an MQTT broker."""

@@ -1,10 +1,13 @@
-"""The columns of a recorded file: found by name, converted, and what is wrong with them."""
+"""The columns of a recording: which is which signal, and cells as numbers, modes and times."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.site.column_names import guess_columns
 from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.timestamps import NoClockError, Sampling, parse_times, sampling_of
@@ -20,44 +23,94 @@ Floats = NDArray[np.float64]
 
 
 class RecordedColumns:
-    """Finds and converts the columns of a file, and collects what is wrong."""
+    """Finds and converts the columns of a file.
+
+    Attributes:
+        problems: what is wrong.
+        notes: what was taken for what, for a person to agree or not.
+    """
 
     def __init__(self, file: CsvFile, needed: tuple[str, ...] = ("op", "pv")) -> None:
         self._file = file
         self._needed = needed
+        self._unsure: frozenset[str] = frozenset()
+        self._several: set[str] = set()
         self.problems: list[Problem] = []
+        self.notes: list[str] = []
 
     def report(self, column: str, message: str, remedy: str, line: int | None = None) -> None:
-        """Collect a problem of the file, or of one of its columns."""
+        """Add a problem."""
         self.problems.append(Problem(str(self._file.path), column, message, remedy, line))
 
-    def find(self, role: str, name: str | None) -> int | None:
-        """Return the number of a column; a missing one is an error if it was named or is needed."""
+    def find_all(self, wanted: Mapping[str, str | None]) -> dict[str, int | None]:
+        """Return the number of each role's column, None for one that is not there.
+
+        What was named has to be there; the needed ones have to be there in any case.
+        """
+        found = {role: self._find(role, name) for role, name in wanted.items()}
+        known = {role: number for role, number in found.items() if number is not None}
+        asked = {role for role, name in wanted.items() if name is not None}
+        guess = guess_columns(self._file.header, known)
+        header = self._file.header
+        guessed = {
+            role: number
+            for role, number in guess.columns.items()
+            if role not in known and role not in asked and role not in self._several
+        }
+        self._unsure = guess.unsure & guessed.keys()
+        for role, names in guess.ambiguous.items():
+            if role not in asked and role not in self._several:
+                self.report(
+                    role,
+                    f"several columns may be meant: {', '.join(names)}",
+                    f"choose one with --{role} {names[0]!r}",
+                    self._file.header_line,
+                )
+        missing = [role for role in self._needed if role not in known.keys() | guessed.keys()]
+        for role in missing:
+            if role not in asked and role not in guess.ambiguous and role not in self._several:
+                self._report_missing(role, role, is_named=False)
+        if guessed:
+            taken = ", ".join(f"{role} is {header[number]!r}" for role, number in guessed.items())
+            self.notes.append(f"columns taken by their names: {taken}")
+        return found | guessed
+
+    def is_guessed(self, role: str) -> bool:
+        """Whether a role's column was taken by a name that means it only vaguely."""
+        return role in self._unsure
+
+    def _find(self, role: str, name: str | None) -> int | None:
+        """Return the number of the column of exactly this name; a missing one is named wrongly."""
         header = self._file.header
         wanted = role if name is None else name
         exact = [number for number, column in enumerate(header) if column == wanted]
         folded = [n for n, column in enumerate(header) if column.lower() == wanted.strip().lower()]
         matches = exact or folded
-        line = self._file.header_line
         if len(matches) > 1:
+            self._several.add(role)
             shown = ", ".join(header[number] for number in matches)
             self.report(
                 wanted,
                 f"several columns match: {shown}",
                 "give the one that is meant by its exact name",
-                line,
+                self._file.header_line,
             )
-        elif not matches and all(map(_is_number, header)):
+        elif not matches and name is not None:
+            self._report_missing(role, wanted, is_named=True)
+        return matches[0] if len(matches) == 1 else None
+
+    def _report_missing(self, role: str, wanted: str, *, is_named: bool) -> None:
+        header, line = self._file.header, self._file.header_line
+        if all(map(_is_number, header)):
             if role == "op":
                 self.report("", "the first row holds numbers, no names", "add a row op,pv", line)
-            elif role == "pv" or name is not None:
+            else:
                 self.report(wanted, "no column of that name", "add a row of column names", line)
-        elif not matches and (name is not None or role in self._needed):
-            remedy = nearest(wanted, header)
-            if name is None:
-                remedy += f", or say which column is {role}"
-            self.report(wanted, "no column of that name", remedy, line)
-        return matches[0] if len(matches) == 1 else None
+            return
+        remedy = nearest(wanted, header)
+        if not is_named:
+            remedy += f", or say which column is {role}"
+        self.report(wanted, "no column of that name", remedy, line)
 
     def numbers(self, column: int | None) -> Floats | None:
         """Return a column of numbers, NaN where a cell is empty or marked bad."""
@@ -87,9 +140,19 @@ class RecordedColumns:
             self.report(name, "holds no number at all", "choose another column")
         return values
 
-    def switch(self, column: int | None) -> NDArray[np.bool_] | None:
-        """Return a column of yes and no; an empty cell is no."""
+    def switch(self, column: int | None, *, is_guessed: bool = False) -> NDArray[np.bool_] | None:
+        """Return a column of yes and no; an empty cell is no.
+
+        A column that is only guessed to be one counts when it holds words: of a number alone it is
+        not known which mode it means.
+        """
         if column is None:
+            return None
+        if is_guessed and any(
+            row.cells[column].lower() not in _BAD | _TRUE | _FALSE for row in self._file.rows
+        ):
+            name = self._file.header[column]
+            self.notes.append(f"{name} is left out: name it with --auto if 1 means automatic there")
             return None
         values = np.zeros(len(self._file.rows), dtype=np.bool_)
         wrong = 0
@@ -115,8 +178,8 @@ class RecordedColumns:
             self._report_more(column, wrong - _MAX_PROBLEMS)
         return values
 
-    def sampling(self, column: int | None) -> Sampling | None:
-        """Return what the time column says."""
+    def sampling(self, column: int | None, *, is_guessed: bool = False) -> Sampling | None:
+        """Return what the time column says; nothing where a guessed one tells no time."""
         if column is None:
             return None
         name = self._file.header[column]
@@ -125,6 +188,9 @@ class RecordedColumns:
         try:
             return sampling_of(parse_times(cells, self._file.number))
         except NoClockError as error:
+            if is_guessed:
+                self.notes.append(f"{name} is left out: {error}")
+                return None
             line = None if error.index is None else self._file.rows[error.index].line
             self.report(name, str(error), remedy, line)
             return None

@@ -3,9 +3,9 @@
     recording = read_recording(Path("FC101.csv"))
     recording.op, recording.pv, recording.period
 
-Columns are found by name in any case, whatever their order and whatever else the file holds. An
-empty cell, ``nan`` or ``null`` is a bad sample (NaN); any other text in a number column is an error
-that names its row.
+Columns are found by name in any case, whatever their order and whatever else the file holds: by the
+names of the roles, or by what people write for them (`column_names`). An empty cell, ``nan`` or
+``null`` is a bad sample (NaN); any other text in a number column is an error that names its row.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ def read_recording(
 
     Args:
         path: CSV file with a header; comma, semicolon or tab between cells.
-        op, pv, sp, auto, time: names of the columns; by default those of these names, of which only
-            OP and PV must be there.
+        op, pv, sp, auto, time: names of the columns; by default those of these names or of names
+            that mean the same (`column_names`), of which only OP and PV must be there.
         period: seconds between rows; it counts more than a time column. Without either a row is a
             second.
         needs_pv: whether a file without PV is refused; otherwise its PV is all NaN.
@@ -156,14 +156,14 @@ def _recording_of(
     needs_pv: bool = True,
 ) -> Recording:
     columns = RecordedColumns(file, ("op", "pv") if needs_pv else ("op",))
-    found = {role: columns.find(role, name) for role, name in wanted.items()}
+    found = columns.find_all(wanted)
     numbers = {role: columns.numbers(found[role]) for role in ("op", "pv", "sp")}
-    switched = columns.switch(found["auto"])
+    switched = columns.switch(found["auto"], is_guessed=columns.is_guessed("auto"))
     if period is not None and not 0 < period < np.inf:
         columns.report("", f"a period of {period} s is impossible", "give seconds above 0")
     sampling = None
     if wanted["time"] is not None or period is None:
-        sampling = columns.sampling(found["time"])
+        sampling = columns.sampling(found["time"], is_guessed=columns.is_guessed("time"))
     if not columns.problems and len(file.rows) < MIN_ROWS:
         columns.report(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
@@ -185,7 +185,7 @@ def _recording_of(
         start=None if sampling is None else sampling.start,
         irregular=0 if sampling is None else sampling.irregular,
         nan_runs=nan_runs,
-        notes=_notes(period, sampling, nan_runs),
+        notes=(*columns.notes, *_notes(period, sampling, nan_runs)),
     )
 
 

@@ -11,7 +11,7 @@ from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.map_row import COLUMNS, REQUIRED, RowReader
 from fieldlink.spreadsheet import from_cell
 
-__all__ = ["COLUMNS", "collect_tags", "read_register_map"]
+__all__ = ["COLUMNS", "collect_tags", "find_columns", "read_register_map"]
 
 
 def read_register_map(
@@ -23,7 +23,7 @@ def read_register_map(
         SiteError: every bad row, duplicate tag and overlap of registers in the file.
     """
     file = read_csv(path, SiteError)
-    columns = _columns(file)
+    columns = find_columns(file, COLUMNS, REQUIRED)
     rows = [_reader(file, row, columns) for row in file.rows if any(row.cells)]
     tags, problems = collect_tags(str(path), rows, word_order, byte_order)
     if problems:
@@ -68,12 +68,17 @@ def _reader(file: CsvFile, row: CsvRow, columns: Mapping[str, int]) -> tuple[int
     return row.line, RowReader(str(file.path), row.line, cell, file.number)
 
 
-def _columns(file: CsvFile) -> dict[str, int]:
+def find_columns(file: CsvFile, known: Sequence[str], required: Sequence[str]) -> dict[str, int]:
+    """Return the number of each column of a map by its name.
+
+    Raises:
+        SiteError: columns that are unknown, given twice or missing.
+    """
     columns: dict[str, int] = {}
     problems: list[Problem] = []
     for number, name in enumerate(name.lower() for name in file.header):
-        if name not in COLUMNS:
-            remedy = nearest(name, COLUMNS)
+        if name not in known:
+            remedy = nearest(name, known)
             problems.append(
                 Problem(str(file.path), name, "unknown column", remedy, file.header_line)
             )
@@ -82,7 +87,7 @@ def _columns(file: CsvFile) -> dict[str, int]:
                 Problem(str(file.path), name, "column given twice", "remove one", file.header_line)
             )
         columns[name] = number
-    for name in REQUIRED:
+    for name in required:
         if name not in columns:
             problems.append(
                 Problem(str(file.path), name, "column is missing", "add it", file.header_line)

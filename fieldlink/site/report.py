@@ -29,6 +29,8 @@ BITS_PER_BYTE = 11
 class RequestReport:
     """One read request: Modbus function code, table, first and last address, the tags it brings.
 
+    A Read request of OPC UA has function 0 and table "nodes"; its addresses count the nodes.
+
     ``every`` is the number of seconds between two of them; 0 means that every scan sends it, or
     every ``polls``-th one where its loops have longer periods than others of the device.
     """
@@ -89,7 +91,10 @@ class LoopReport:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """A site in figures, with warnings about what is allowed and yet unwise."""
+    """A site in figures, with warnings about what is allowed and yet unwise.
+
+    ``upward`` says what is published where, empty when nothing is.
+    """
 
     name: str
     file: str
@@ -98,6 +103,7 @@ class CheckReport:
     devices: tuple[DeviceReport, ...]
     loops: tuple[LoopReport, ...]
     warnings: tuple[str, ...]
+    upward: str = ""
 
     @property
     def requests_per_scan(self) -> int:
@@ -130,6 +136,19 @@ def check(site: Site) -> CheckReport:
             _loop(site, name, loop, requests[loop.device]) for name, loop in site.loops.items()
         ),
         warnings=tuple(warnings),
+        upward=_upward(site),
+    )
+
+
+def _upward(site: Site) -> str:
+    mqtt = site.file.mqtt
+    if mqtt is None:
+        return ""
+    secured = "with TLS" if mqtt.tls is not None else "not encrypted"
+    commands = f"commands {', '.join(mqtt.commands)}" if mqtt.commands else "no commands"
+    return (
+        f"{', '.join(mqtt.publish)} as {' and '.join(mqtt.formats)} to {mqtt.host}:{mqtt.port} "
+        f"({secured}); {commands}"
     )
 
 
@@ -140,12 +159,12 @@ def _device(
         name=name,
         link=device.link,
         address=device.where,
-        order=order_name(device.word_order, device.byte_order),
+        order="" if device.is_opcua else order_name(device.word_order, device.byte_order),
         tags=len(site.maps.get(name, {})),
         requests=tuple(
             RequestReport(
-                function=request.table.read_function,
-                table=request.table.value,
+                function=0 if device.is_opcua else request.table.read_function,
+                table="nodes" if device.is_opcua else request.table.value,
                 first=request.address,
                 last=request.end - 1,
                 tags=tuple(tag.name for tag in request.tags),

@@ -14,8 +14,9 @@ from fieldlink.registers import ReadRequest, Tag, plan_reads
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
+from fieldlink.site.node_plan import plan_nodes
 from fieldlink.site.polling import poll_period, polls_by_tag
-from fieldlink.site.upkeep import EstimationSettings, HistorianTable, WebSettings
+from fieldlink.site.upkeep import EstimationSettings, HistorianTable, ReportSettings, WebSettings
 
 __all__ = ["Site"]
 
@@ -70,6 +71,11 @@ class Site:
         return self.file.web
 
     @property
+    def report(self) -> ReportSettings:
+        """The settings of the work list."""
+        return self.file.report
+
+    @property
     def data_dir(self) -> Path:
         """The folder for what Fieldlink writes."""
         return self.resolve(self.file.site.data_dir)
@@ -121,6 +127,8 @@ class Site:
         tags = self.maps.get(device, {})
         if not tags:
             return ()
+        if settings.is_opcua:
+            return plan_nodes(tags, self.loops_of(device).values(), settings.opcua.max_nodes)
         return plan_reads(
             tags.values(),
             settings.max_gap,

@@ -21,6 +21,9 @@ from fieldlink.site.compensate_rules import compensate_fits
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
+from fieldlink.site.mqtt_rules import mqtt_fits
+from fieldlink.site.named_files import find_missing
+from fieldlink.site.opcua_rules import opcua_fits
 from fieldlink.site.plant_rules import plant_fits
 from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
@@ -42,6 +45,8 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems.extend(_printable(site, source))
     problems.extend(_readable(site, source))
     problems.extend(_certificates(site, source))
+    problems.extend(mqtt_fits(site, source))
+    problems.extend(opcua_fits(site, source))
     problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))
     return problems
@@ -166,6 +171,8 @@ def _heartbeat_lives(site: Site, source: TomlSource, name: str, loop: Loop) -> I
 
 def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
+        if device.is_opcua:
+            continue
         for tag in site.maps.get(name, {}).values():
             try:
                 plan_reads([tag], device.max_gap, device.max_registers, device.ranges)
@@ -175,14 +182,11 @@ def _readable(site: Site, source: TomlSource) -> Iterator[Problem]:
 
 def _certificates(site: Site, source: TomlSource) -> Iterator[Problem]:
     for name, device in site.devices.items():
-        for key in ("ca", "cert", "key", "plc_cert", "plc_key") if device.tls is not None else ():
-            path: Path | None = getattr(device.tls, key)
-            if path is not None and not site.resolve(path).is_file():
-                yield source.problem(
-                    ("devices", name, "tls", key),
-                    f"there is no file {site.resolve(path)}",
-                    "correct the path",
-                )
+        keys = ("ca", "cert", "key", "plc_cert", "plc_key") if device.tls is not None else ()
+        files: dict[tuple[str, ...], Path | None] = {
+            ("devices", name, "tls", key): getattr(device.tls, key) for key in keys
+        }
+        yield from find_missing(site, source, files)
 
 
 def _lines(site: Site, source: TomlSource) -> Iterator[Problem]:
@@ -277,7 +281,7 @@ def _area_is_free(
     key = ("loops", name, "writeback", "base")
     mine = site.devices[loop.device]
     for device_name, device in site.devices.items():
-        if _endpoint(device_name, device) != _endpoint(loop.device, mine):
+        if device.is_opcua or _endpoint(device_name, device) != _endpoint(loop.device, mine):
             continue
         for tag in site.maps.get(device_name, {}).values():
             for area in _areas(name, layout):

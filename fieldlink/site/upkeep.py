@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from ipaddress import ip_address
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from fieldlink.site.base import is_loopback
 from fieldlink.site.device import Model, Seconds
 
-__all__ = ["EstimationSettings", "HistorianTable", "WebSettings"]
+__all__ = ["EstimationSettings", "HistorianTable", "ReportSettings", "WebSettings"]
 
 LONGEST_DAYS = 36_500
 """A century: whoever means for ever leaves the key out."""
@@ -51,6 +51,27 @@ class EstimationSettings(Model):
     """Memory that one process may take; a window that needs more is given up."""
 
 
+class ReportSettings(Model):
+    """``[report]``: the work list, and when it is written by itself."""
+
+    folder: Path | None = None
+    """Folder for scheduled reports, relative to data_dir; none are written unless given."""
+    weekday: Literal[
+        "monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday", "daily"
+    ] = "monday"
+    """Day on which a report is written, or daily."""
+    hour: int = Field(default=5, ge=0, le=23)
+    """Hour (UTC) from which it is written; one that was missed is written later."""
+    formats: tuple[Literal["html", "pdf", "csv", "xlsx"], ...] = Field(
+        default=("html", "csv"), min_length=1
+    )
+    """Formats, one file each."""
+    audience: Literal["technician", "engineer", "manager"] = "engineer"
+    """Who reads it."""
+    stick_band_limit: float = Field(default=5.0, gt=0, le=100)
+    """Stick band, in % of OP's span, that maintenance should not let pass."""
+
+
 class WebSettings(Model):
     """``[web]``: the endpoints for health and metrics."""
 
@@ -70,10 +91,7 @@ class WebSettings(Model):
     @property
     def is_local(self) -> bool:
         """Whether only this machine can reach it."""
-        try:
-            return ip_address(self.host).is_loopback
-        except ValueError:
-            return self.host == "localhost"
+        return is_loopback(self.host)
 
     @model_validator(mode="after")
     def _guarded(self) -> Self:

@@ -3,6 +3,7 @@
 from fieldlink.store.backup import Backup, back_up
 from fieldlink.store.errors import StoreError
 from fieldlink.store.export import EXPORTED_TABLES, Export, export
+from fieldlink.store.fleet_reader import FleetReader
 from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.last_blocks import last_blocks
@@ -20,17 +21,22 @@ from fieldlink.store.records import (
     Record,
     SampleRecord,
     SlotRecord,
+    WorkRecord,
     WritebackRecord,
 )
 from fieldlink.store.reports import HistorianSettings, StoreReport
 from fieldlink.store.stretches import SampleReader
+from fieldlink.store.work import WORK_DONE, WORK_STATES, record_work
 
 __all__ = [
     "EXPORTED_TABLES",
+    "WORK_DONE",
+    "WORK_STATES",
     "Backup",
     "EstimateRecord",
     "EventRecord",
     "Export",
+    "FleetReader",
     "Historian",
     "HistorianSettings",
     "Record",
@@ -40,6 +46,7 @@ __all__ = [
     "SlotRecord",
     "StoreError",
     "StoreReport",
+    "WorkRecord",
     "WritebackRecord",
     "back_up",
     "export",
@@ -50,4 +57,5 @@ __all__ = [
     "read_samples",
     "read_slots",
     "read_writebacks",
+    "record_work",
 ]

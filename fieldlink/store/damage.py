@@ -17,9 +17,9 @@ _HEADER = b"SQLite format 3\0"
 _COMPANIONS = ("", "-wal", "-shm")
 
 
-def is_corruption(error: SQLAlchemyError) -> bool:
+def is_corruption(error: SQLAlchemyError | sqlite3.Error) -> bool:
     """Whether SQLite says that the file itself is damaged, not only out of reach for now."""
-    code = getattr(getattr(error, "orig", None), "sqlite_errorcode", None)
+    code = getattr(getattr(error, "orig", error), "sqlite_errorcode", None)
     # The lowest byte of an extended result code is the code it extends.
     return code is not None and (code & 0xFF) in _CORRUPTION
 

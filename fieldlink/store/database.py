@@ -13,7 +13,7 @@ from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 from fieldlink.store.damage import is_corruption, was_a_database
 from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.ownership import refuse_foreign_file, refuse_foreign_tables
-from fieldlink.store.records import EventRecord
+from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
 
 __all__ = ["cause_of", "file_of", "open_for_reading", "open_for_writing", "shown"]
@@ -23,10 +23,10 @@ FILE_MODE = 0o640
 """The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
 
 
-def open_for_writing(url: str, opened: EventRecord, busy_timeout: float = 5.0) -> Engine:
-    """Create what is missing, store the event ``opened``, and return the engine.
+def open_for_writing(url: str, opened: Record, busy_timeout: float = 5.0) -> Engine:
+    """Create what is missing, store the record ``opened``, and return the engine.
 
-    The event is the proof that the database can be written; a daemon that finds out later has
+    The record is the proof that the database can be written; a daemon that finds out later has
     samples that it cannot keep.
 
     Raises:
@@ -125,7 +125,7 @@ def _make_file(file: Path) -> None:
         ) from error
 
 
-def _prepare(engine: Engine, opened: EventRecord) -> None:
+def _prepare(engine: Engine, opened: Record) -> None:
     if engine.dialect.name != "sqlite":
         refuse_foreign_tables(engine)
     METADATA.create_all(engine)

@@ -7,8 +7,9 @@ the last moment wanted; all raise `StoreError` when there is no historian to rea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Table, select
 from sqlalchemy.exc import SQLAlchemyError
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "frame_of",
     "read_averages",
     "read_estimates",
     "read_events",
@@ -98,9 +100,6 @@ def read_events(
 def _read(
     url: str, table: Table, loop: str | None, since: datetime | None, until: datetime | None
 ) -> pd.DataFrame:
-    # Here, because a daemon that only writes needs no pandas.
-    import pandas as pd
-
     query = select(table).order_by(table.c.utc_ms, table.c.id)
     if loop is not None:
         query = query.where(table.c.loop == loop)
@@ -112,7 +111,7 @@ def _read(
     try:
         with engine.connect() as connection:
             result = connection.execute(query)
-            frame = pd.DataFrame(result.mappings().all(), columns=list(result.keys()))
+            frame = frame_of(result.mappings().all(), list(result.keys()))
     except SQLAlchemyError as error:
         cause = getattr(error, "orig", None) or error
         raise StoreError(
@@ -121,8 +120,17 @@ def _read(
         ) from error
     finally:
         engine.dispose()
-    frame.insert(0, "time", pd.to_datetime(frame.pop("utc_ms"), unit="ms", utc=True))
     return frame.drop(columns="id")
+
+
+def frame_of(rows: Sequence[Any], columns: Sequence[str]) -> pd.DataFrame:
+    """Return rows (mappings) as a frame whose first column ``time`` stands for ``utc_ms``."""
+    # Here, because a daemon that only writes needs no pandas.
+    import pandas as pd
+
+    frame = pd.DataFrame(rows, columns=list(columns))
+    frame.insert(0, "time", pd.to_datetime(frame.pop("utc_ms"), unit="ms", utc=True))
+    return frame
 
 
 def _milliseconds(moment: datetime) -> int:

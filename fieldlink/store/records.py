@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from sqlalchemy import Table
 
-from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
+from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, SLOTS, WORK, WRITEBACKS
 
 __all__ = [
     "EstimateRecord",
@@ -17,6 +17,7 @@ __all__ = [
     "Record",
     "SampleRecord",
     "SlotRecord",
+    "WorkRecord",
     "WritebackRecord",
 ]
 
@@ -160,6 +161,28 @@ class EventRecord(Record):
     source: str
     message: str
     detail: Mapping[str, object] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WorkRecord(Record):
+    """What somebody said about the work on a loop; the newest row of a loop counts.
+
+    Attributes:
+        loop: its name.
+        utc_ms: when it was said.
+        state: open, planned, done or verified.
+        owner: who does the work; empty where nobody does yet.
+        note: in words.
+        author: who said it.
+    """
+
+    table: ClassVar[Table] = WORK
+    loop: str
+    utc_ms: int
+    state: str
+    owner: str
+    note: str
+    author: str
 
 
 def _storable(value: object) -> object:

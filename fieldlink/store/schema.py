@@ -31,11 +31,12 @@ __all__ = [
     "SAMPLES",
     "SCHEMA_VERSION",
     "SLOTS",
+    "WORK",
     "WRITEBACKS",
     "upgrade",
 ]
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 METADATA = MetaData()
 
@@ -161,6 +162,19 @@ EVENTS = Table(
     Column("message", Text, nullable=False),
     Column("detail", JSON),
     Index("events_by_time", "utc_ms"),
+)
+
+WORK = Table(
+    "work",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", Text, nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("state", String(40), nullable=False),
+    Column("owner", Text, nullable=False),
+    Column("note", Text, nullable=False),
+    Column("author", Text, nullable=False),
+    Index("work_by_loop", "loop", "utc_ms"),
 )
 
 

@@ -45,6 +45,7 @@ class _Snapshot(CollectorRegistry):
         yield from _of_devices(self._status)
         yield from _of_the_store(self._status)
         yield from _of_the_daemon(self._status)
+        yield from _of_the_broker(self._status)
 
 
 def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
@@ -178,6 +179,35 @@ def _of_the_store(status: DaemonStatus) -> Iterator[Metric]:
         GaugeMetricFamily("fieldlink_store_waiting", "Records that wait.", store.waiting),
         GaugeMetricFamily(
             "fieldlink_store_failing", "1 while the store cannot be written.", store.failing
+        ),
+    )
+
+
+def _of_the_broker(status: DaemonStatus) -> Iterator[Metric]:
+    upward = status.upward
+    if upward is None:
+        return
+    connected = GaugeMetricFamily(
+        "fieldlink_mqtt_connected", "1 while the broker has accepted us.", labels=["format"]
+    )
+    delivered = CounterMetricFamily(
+        "fieldlink_mqtt_delivered", "Messages that the broker has.", labels=["format"]
+    )
+    waiting = GaugeMetricFamily(
+        "fieldlink_mqtt_waiting", "Messages on disk that the broker has not.", labels=["format"]
+    )
+    for name, report in upward.formats.items():
+        connected.add_metric([name], float(report.connected))
+        delivered.add_metric([name], report.delivered)
+        waiting.add_metric([name], report.waiting)
+    yield from (
+        connected,
+        delivered,
+        waiting,
+        CounterMetricFamily(
+            "fieldlink_mqtt_dropped",
+            "Messages lost to the spool's bound or age, or to a disk that could not be written.",
+            upward.dropped,
         ),
     )
 

@@ -16,7 +16,8 @@ from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.writer import BlockWriter
 from fieldlink.links import LinkError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
-from fieldlink.links.modbus import WRITTEN_PARTS, ModbusLink, ModbusSettings
+from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.links.writable import WRITTEN_PARTS
 from fieldlink.registers import ExchangeLayout, Order
 from fieldlink.site import Device
 from fieldlink.site import WriteBack as Settings

@@ -9,7 +9,7 @@ import pytest
 
 from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
-from fieldlink.links.modbus import WRITTEN_PARTS
+from fieldlink.links.writable import WRITTEN_PARTS
 from fieldlink.registers import (
     ExchangeLayout,
 )

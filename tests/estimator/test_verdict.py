@@ -50,9 +50,28 @@ def _judge(**changes: float) -> tuple[Verdict, ReasonCode, bool]:
             ReasonCode.NO_MODEL_EXPLAINS_PV,
         ),
         ({"strokes": 1}, Verdict.NOT_ASSESSABLE, ReasonCode.TOO_FEW_MOVES),
+        (
+            {"strokes": 3, "log_bayes_factor": 40.0},
+            Verdict.NOT_ASSESSABLE,
+            ReasonCode.TOO_FEW_MOVES,
+        ),
+        (
+            {"strokes": 3, "log_bayes_factor": 60.0},
+            Verdict.STICTION,
+            ReasonCode.STICKY_VALVE_EXPLAINS,
+        ),
         ({"band_over_span": 0.015}, Verdict.NO_STICTION, ReasonCode.BAND_TOO_SMALL),
     ],
-    ids=["clear", "healthy", "disturbed", "no process", "single stroke", "small band"],
+    ids=[
+        "clear",
+        "healthy",
+        "disturbed",
+        "no process",
+        "single stroke",
+        "few strokes",
+        "few but clear",
+        "small band",
+    ],
 )
 def test_evidence_makes_a_verdict_with_its_reason(
     changes: dict[str, float], verdict: Verdict, code: ReasonCode

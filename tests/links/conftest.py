@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 import trustme
 
+from fieldlink.site import Site
 from tests.links.fake_device import FakeDevice
+from tests.links.opcua_server import write_site
 from tests.serial_lines import serial_line as joined_ends
 
 
@@ -53,3 +56,8 @@ def certificates(tmp_path: Path) -> Callable[[str], Path]:
 async def serial_line(tmp_path: Path) -> AsyncIterator[tuple[str, str]]:
     async with joined_ends(tmp_path) as ends:
         yield ends
+
+
+@pytest.fixture
+def make_opcua_site(tmp_path: Path) -> Callable[..., Site]:
+    return partial(write_site, tmp_path)

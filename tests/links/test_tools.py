@@ -15,6 +15,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.modbus_device import modbus_device, other_units
+from fieldlink.links.by_hand import as_manual_address
 from fieldlink.registers import Table
 from tests.links.serving import served_in_a_thread
 
@@ -50,6 +51,8 @@ def image() -> RegisterImage:
     image.put(Table.HOLDING, 10, [425, 0x41C8, 0, 8])
     image.put(Table.HOLDING, 14, [0x4643, 0x3130, 0x3100, 0])
     image.define(Table.HOLDING, 40, 3)
+    image.define(Table.HOLDING, 330, 7)
+    image.define(Table.HOLDING, 341, 2)
     image.define(Table.INPUT, 0, 2)
     image.define(Table.COIL, 16, 16, writable=True)
     return image
@@ -212,5 +215,69 @@ def test_a_survey_stops_at_its_limit(port: int) -> None:
     assert "not complete: the limit of 9 requests is reached" in result.stdout
 
 
+def scan_holding(port: int, *more: str) -> tuple[int, list[list[int]], list[list[int]]]:
+    """Requests, readable ranges and sampled stretches of the holding registers up to 499."""
+    what = ("--units", "1", "--tables", "holding", "--pause", "0", "--timeout", "5", "--json")
+    found = json.loads(run("scan", f"127.0.0.1:{port}", *what, *more).stdout)
+    (table,) = found["units"][0]["tables"]
+    return found["requests"], table["ranges"], table["sampled"]
+
+
+def test_a_survey_samples_a_long_unreadable_stretch_and_finds_what_is_behind(port: int) -> None:
+    requests, ranges, sampled = scan_holding(port)
+    thorough, all_ranges, none = scan_holding(port, "--thorough")
+    # What is found at the round address 330 has its whole block looked at.
+    assert ranges == all_ranges == [[10, 19], [40, 42], [330, 336], [341, 342]]
+    assert (sampled, none) == ([[200, 299]], [])
+    # Trying each of a hundred addresses takes 199 requests, sampling them 11.
+    assert thorough - requests > 150
+
+
 def test_an_absent_host_is_no_empty_survey() -> None:
     assert "no connection" in refusal(run("scan", "127.0.0.1:1"))
+
+
+@pytest.mark.parametrize("command", [("scan",), ("read", "0"), ("write", "0", "1")])
+def test_a_message_names_a_host_once_and_says_what_to_do(command: tuple[str, ...]) -> None:
+    name, *rest = command
+    said = refusal(run(name, "127.0.0.1:1", *rest))
+    assert said.count("127.0.0.1") == 1
+    assert "Connection refused" in said
+    assert "check that the device is on" in said
+
+
+@pytest.mark.parametrize(
+    ("written", "point"),
+    [
+        ("40001", "holding:0"), ("30008", "input:7"), ("10005", "discrete:4"),
+        ("00017", "coil:16"), ("465536", "holding:65535"),
+    ],
+)  # fmt: skip
+def test_an_address_of_a_manual_is_told(written: str, point: str) -> None:
+    assert as_manual_address(written) == point
+
+
+@pytest.mark.parametrize("text", ["4000", "20001", "40000", "holding:40001", "40001:int16", "OP"])
+def test_any_other_address_means_what_it_says(text: str) -> None:
+    assert as_manual_address(text) is None
+
+
+def test_reading_40001_says_that_0_may_be_meant(port: int) -> None:
+    result = run("read", f"127.0.0.1:{port}", "40001", "10", "--timeout", "5")
+    assert "if the manual's 40001 is meant, give holding:0" in result.stderr
+    assert "10 = 425" in result.stdout
+    assert "holding:0" in refusal(run("read", f"127.0.0.1:{port}", "400001"))
+
+
+def test_reading_40001_asks_on_a_terminal(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fieldlink.cli.by_hand.is_terminal", lambda: True)
+    result = run("read", f"127.0.0.1:{port}", "40011", "--timeout", "5", stdin="y\n")
+    assert "is holding:10 meant" in result.stdout
+    assert "holding:10 = 425" in result.stdout
+
+
+def test_an_address_of_a_manual_is_never_written_by_guess(port: int, image: RegisterImage) -> None:
+    result = run("write", f"127.0.0.1:{port}", "40011", "7", "--yes")
+    assert result.exit_code == 2
+    assert "holding:10" in result.output
+    assert image.get(Table.HOLDING, 10, 1) == [425]

@@ -29,9 +29,13 @@ from fieldlink.site.models import (
     ExchangeAddresses,
     ExternalSettings,
     PlantVariables,
+    ReportSettings,
     SiteSettings,
     WebSettings,
 )
+from fieldlink.site.mqtt import MqttSettings, MqttSpool, MqttTls
+from fieldlink.site.node_map import NODE_COLUMNS
+from fieldlink.site.opcua import OpcuaSettings
 from fieldlink.site.register_map import COLUMNS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "site-file.md").read_text(encoding="utf-8")
@@ -41,6 +45,7 @@ MODELS: list[type[BaseModel]] = [
     Device,
     Tls,
     Quirks,
+    OpcuaSettings,
     Loop,
     EstimatorSettings,
     WriteBack,
@@ -53,7 +58,11 @@ MODELS: list[type[BaseModel]] = [
     ExternalSettings,
     HistorianTable,
     EstimationSettings,
+    ReportSettings,
     WebSettings,
+    MqttSettings,
+    MqttTls,
+    MqttSpool,
 ]
 
 
@@ -94,3 +103,8 @@ def test_every_column_and_type_of_a_register_map_is_documented() -> None:
     assert tuple(re.findall(r"^\| (\w+) \|", section, re.MULTILINE)[1:]) == COLUMNS
     assert ", ".join(DataType) in section
     assert all(table in section for table in Table)
+
+
+def test_every_column_of_a_node_map_is_documented() -> None:
+    section = PAGE.split("## Node map")[1].split("\n## ")[0]
+    assert tuple(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == NODE_COLUMNS

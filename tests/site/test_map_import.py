@@ -183,3 +183,27 @@ def test_of_two_rows_that_cannot_both_be_right_the_later_is_left_out(tmp_path: P
     assert "has the registers of FLOW (line 2)" in str(found.problems[0])
     assert "reaches into TEMP (line 3)" in str(found.problems[1])
     assert len(found.tags) + found.bad_rows == found.rows
+
+
+def test_a_heading_is_named_where_the_list_has_words_of_its_own(tmp_path: Path) -> None:
+    text = "Typ;Modbus Address;Data Type;Tag\nFC1.OP;40001;REAL;7\n"
+    file, out = write(tmp_path, text), tmp_path / "map.csv"
+    result = CliRunner().invoke(
+        app, ["map", "import", str(file), "--out", str(out), "--column", "tag=Typ"]
+    )
+    assert result.exit_code == 0, result.output
+    assert set(read_register_map(out)) == {"FC1.OP"}
+
+
+@pytest.mark.parametrize(
+    ("pair", "said"),
+    [
+        ("tag=Typp", "did you mean 'Typ'?"),
+        ("tags=Typ", "did you mean 'tag'?"),
+        ("tag", "is not COLUMN=HEADING"),
+    ],
+)
+def test_a_heading_that_is_not_there_is_said(tmp_path: Path, pair: str, said: str) -> None:
+    file = write(tmp_path, "Typ;Modbus Address;Data Type\nFC1.OP;40001;REAL\n")
+    result = CliRunner().invoke(app, ["map", "import", str(file), "--column", pair])
+    assert said in f"{' '.join(result.output.replace('│', ' ').split())} {result.exception}"

@@ -13,6 +13,7 @@ from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.links import LinkState
 from fieldlink.registers import ParameterBlock
 from fieldlink.store import SampleRecord, StoreReport
+from fieldlink.upward import UpwardReport
 
 __all__ = ["DaemonStatus", "DeviceStatus", "LoopStatus"]
 
@@ -96,6 +97,7 @@ class DaemonStatus:
         clock_steps: times the wall clock was seen to step.
         reloads: site files taken over while running; refused: those that were wrong.
         defects: errors met that the program does not foresee; the log tells where.
+        upward: what became of messages to the broker; None where the site publishes nothing.
     """
 
     devices: Mapping[str, DeviceStatus]
@@ -106,6 +108,7 @@ class DaemonStatus:
     reloads: int = 0
     refused: int = 0
     defects: int = 0
+    upward: UpwardReport | None = None
 
     @property
     def pool_rebuilt(self) -> int:

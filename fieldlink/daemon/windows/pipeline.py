@@ -116,6 +116,10 @@ class LoopPipeline:
             self._estimated_at = None
         self._every = max(1, round(loop.estimate_period / loop.period))
 
+    def forget_estimate(self) -> None:
+        """Let the next estimate be due as soon as the window is full."""
+        self._estimated_at = None
+
     @property
     def filled(self) -> float:
         """How much of the window is there, 0 to 1."""

@@ -1,0 +1,138 @@
+"""``fieldlink scan``: which units of a device answer, and which addresses can be read."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fieldlink.cli.target import Connect, Target, TargetArgument, find_target, takes_connection
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fieldlink.links.survey import Survey, TableSurvey
+    from fieldlink.registers import Table
+
+__all__ = ["scan"]
+
+
+@takes_connection(unit=False)
+def scan(
+    target: TargetArgument,
+    units: Annotated[
+        str, typer.Option(help="Unit ids to try, such as 1,5,10-20; for a site the device's own.")
+    ] = "",
+    tables: Annotated[
+        str, typer.Option(help="Tables to look at, such as holding,input; all four.")
+    ] = "",
+    first: Annotated[int, typer.Option(min=0, max=65535, help="First address.")] = 0,
+    last: Annotated[int, typer.Option(min=0, max=65535, help="Last address.")] = 499,
+    block: Annotated[int, typer.Option(min=1, max=125, help="Addresses asked for at once.")] = 100,
+    thorough: Annotated[
+        bool,
+        typer.Option("--thorough", help="Try every address, also in long unreadable stretches."),
+    ] = False,
+    pause: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="Seconds between two requests.")
+    ] = 0.02,
+    max_requests: Annotated[int, typer.Option(min=1, help="Most requests in all.")] = 2000,
+    connect: Connect = Connect(),  # noqa: B008  (immutable)
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
+) -> None:
+    """Find out which unit ids answer and which addresses can be read; nothing is written."""
+    from rich.console import Console
+
+    from fieldlink.links.survey import SurveySettings, survey
+
+    if last < first:
+        raise typer.BadParameter(f"{last} is before --first {first}", param_hint="--last")
+    found = find_target(target, connect)
+    if found.device.is_opcua:
+        raise typer.BadParameter(
+            f"{found.name} is an OPC UA server, scan looks at Modbus devices; browse it with an "
+            "OPC UA client and name its nodes in the node map",
+            param_hint="TARGET",
+        )
+    settings = SurveySettings(
+        units=_unit_ids(units) or ((found.device.unit,) if found.site else _usual_units(found)),
+        tables=_tables(tables),
+        first=first,
+        last=last,
+        block=block,
+        thorough=thorough,
+        pause=pause,
+        max_requests=max_requests,
+    )
+    errors = Console(stderr=True, highlight=False, markup=False)
+    with errors.status("looking") as status:
+
+        def progress(what: str, requests: int) -> None:
+            status.update(f"{what}; {requests} of at most {max_requests} requests")
+
+        result = asyncio.run(survey(found.device, settings, progress, found.resolve))
+    if as_json:
+        typer.echo(json.dumps(result.to_dict()))
+    else:
+        _print_survey(Console(highlight=False, soft_wrap=True), result)
+
+
+def _unit_ids(text: str) -> tuple[int, ...]:
+    """Return the ids in ``1,5,10-20``."""
+    ids: list[int] = []
+    for part in filter(None, text.split(",")):
+        low, _, high = part.strip().partition("-")
+        if not low.isdecimal() or not (high or low).isdecimal():
+            raise typer.BadParameter(f"{part!r} is no unit id and no range", param_hint="--units")
+        ids.extend(range(int(low), int(high or low) + 1))
+    if ids and max(ids) > 255:
+        raise typer.BadParameter(f"{max(ids)} is above 255", param_hint="--units")
+    return tuple(dict.fromkeys(ids))
+
+
+def _tables(text: str) -> tuple[Table, ...]:
+    """Return the tables in ``holding,input``; all of them for none."""
+    from fieldlink.registers import Table
+
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if unknown := [name for name in names if name not in list(Table)]:
+        raise typer.BadParameter(
+            f"{unknown[0]!r} is no table; use {', '.join(Table)}", param_hint="--tables"
+        )
+    return tuple(Table(name) for name in names) or tuple(Table)
+
+
+def _usual_units(found: Target) -> tuple[int, ...]:
+    """Return the ids that most devices have; all of a serial line is asked for with --units."""
+    return tuple(range(1, 17)) if found.device.is_rtu else (1, 255, 0, *range(2, 11))
+
+
+def _print_survey(console: Console, result: Survey) -> None:
+    console.print(f"[bold]{result.where}[/bold]  {result.requests} requests")
+    for unit in result.units:
+        console.print(f"  unit {unit.unit} answers")
+        for table in unit.tables:
+            console.print(f"    {table.table:8} {_describe(table)}")
+    if not result.units:
+        console.print("  no unit answers")
+    if result.silent:
+        console.print(f"  silent: {', '.join(map(str, result.silent))}")
+    alike = {unit.tables for unit in result.units}
+    if len(result.units) > 3 and len(alike) == 1:
+        console.print("  all units answer alike: probably one device that ignores the unit id")
+    if not result.complete:
+        console.print(f"[yellow]not complete[/yellow]: {result.note}")
+
+
+def _describe(table: TableSurvey) -> str:
+    if not table.served:
+        return "not served"
+    said = f"nothing readable up to {table.looked_to}"
+    if table.ranges:
+        said = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in table.ranges)
+    if table.sampled:
+        rough = ", ".join(f"{a}-{b}" for a, b in table.sampled)
+        said += f" (only every tenth address tried in {rough}; --thorough tries all)"
+    return said

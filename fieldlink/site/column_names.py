@@ -1,0 +1,143 @@
+"""Which column of a recording is which signal, as people and historians name them.
+
+    guess_columns(("Date", "FC101.OP", "FC101.PV"), {}).columns    # {"op": 1, "pv": 2, "time": 0}
+
+A heading is read word by word: ``FC101.OP``, ``PV_FC101``, ``Controller output (%)`` and
+``Sollwert`` say what they are. What is left of a heading is the loop's name; columns of one loop
+belong together.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+__all__ = ["ColumnGuess", "guess_columns"]
+
+_WORDS: Mapping[str, tuple[str, ...]] = {
+    "op": (
+        "op",
+        "out mv co output controlleroutput manipulatedvariable manipulatedvalue valve "
+        "valveposition lmn stellgroesse stellwert stellsignal",
+    ),
+    "pv": (
+        "pv",
+        "processvariable processvalue measurement meas measuredvalue istwert prozesswert "
+        "regelgroesse",
+    ),
+    "sp": ("sp", "setpoint sv setvalue sollwert fuehrungsgroesse"),
+    "auto": ("auto", "automatic automatik automode", "mode betriebsart"),
+    "time": (
+        "time",
+        "timestamp datetime dateandtime datetimeutc zeitstempel utc ts",
+        "zeit uhrzeit t seconds sekunden",
+        "date datum day",
+    ),
+}
+"""By role, the words that name it, the plainest first; words of one group are equally plain."""
+
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnGuess:
+    """What the headings say.
+
+    Attributes:
+        columns: role to number of its column.
+        ambiguous: role to the headings that may all be meant.
+        unsure: roles whose heading names them only vaguely (``mode``, ``date``).
+    """
+
+    columns: Mapping[str, int]
+    ambiguous: Mapping[str, tuple[str, ...]]
+    unsure: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A column that may be meant: how plain its word is (0 is plainest), and the loop's name."""
+
+    number: int
+    group: int
+    loop: str
+
+
+def guess_columns(header: Sequence[str], named: Mapping[str, int]) -> ColumnGuess:
+    """Return the columns of op, pv, sp, auto and time that the headings tell.
+
+    Args:
+        header: the headings.
+        named: role to column, as the user said; these are not guessed, and tell the loop.
+    """
+    taken = set(named.values())
+    found = {
+        role: [c for c in _candidates(role, header) if c.number not in taken]
+        for role in _WORDS
+        if role not in named
+    }
+    loops = {
+        candidate.loop
+        for role, number in named.items()
+        for candidate in _candidates(role, header)
+        if candidate.number == number
+    } | {group[0].loop for role in ("op", "pv") if len(group := found.get(role, [])) == 1}
+    loops.discard("")
+    columns: dict[str, int] = {}
+    ambiguous: dict[str, tuple[str, ...]] = {}
+    unsure = set()
+    for role, candidates in found.items():
+        # A time belongs to every loop of the file.
+        fitting = candidates if role == "time" else _of_loops(candidates, loops)
+        if role in ("sp", "auto") and "op" not in columns and "op" not in named:
+            continue
+        if len(fitting) == 1:
+            columns[role] = fitting[0].number
+            taken.add(fitting[0].number)
+            if fitting[0].group == len(_WORDS[role]) - 1 and role in ("auto", "time"):
+                unsure.add(role)
+        elif fitting:
+            ambiguous[role] = tuple(header[candidate.number] for candidate in fitting)
+    return ColumnGuess(columns, ambiguous, frozenset(unsure))
+
+
+def _of_loops(candidates: Sequence[_Candidate], loops: set[str]) -> list[_Candidate]:
+    """The candidates of the loops that are known; those without a loop's name where none is."""
+    if not loops:
+        return list(candidates)
+    own = [candidate for candidate in candidates if candidate.loop in loops]
+    return own or [candidate for candidate in candidates if not candidate.loop]
+
+
+def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
+    """The columns whose headings name a role in its plainest words."""
+    found = []
+    for number, heading in enumerate(header):
+        words = _split(heading)
+        for group, known in enumerate(_WORDS[role]):
+            loop = _rest(words, known.split())
+            if loop is not None:
+                found.append(_Candidate(number, group, loop))
+                break
+    plainest = min((candidate.group for candidate in found), default=0)
+    # A heading that is the word itself is meant before one that has it beside others.
+    best = [c for c in found if c.group == plainest]
+    bare = [c for c in best if not c.loop]
+    return bare if role == "time" and bare else best
+
+
+def _split(heading: str) -> list[str]:
+    """The words of a heading, without what stands in brackets."""
+    plain = re.sub(r"[\[(].*?[\])]", " ", heading).casefold().translate(_UMLAUTS)
+    return [word for word in re.split(r"[^a-z0-9]+", plain) if word]
+
+
+def _rest(words: Sequence[str], known: Sequence[str]) -> str | None:
+    """What is left of a heading without the word it is known by; None where it has none."""
+    for size in (3, 2, 1):
+        # The signal stands at the end of a tag, or at its begin.
+        for start in (len(words) - size, 0):
+            if start >= 0 and "".join(words[start : start + size]) in known:
+                return ".".join([*words[:start], *words[start + size :]])
+    return None

@@ -1,0 +1,141 @@
+"""Reading a historian loop by loop for a whole fleet: one connection, no document more than needed.
+
+A year of daily estimates of 200 loops is 73,000 documents; a fleet view needs 200 of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from sqlalchemy import Column, Select, Table, inspect, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.errors import StoreError
+from fieldlink.store.queries import frame_of
+from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, WORK
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["FleetReader"]
+
+_COURSE = (
+    "loop", "utc_ms", "window_end_ms", "first_slot", "last_slot", "outcome", "verdict", "score",
+    "stick_band", "stick_band_low", "stick_band_high", "slip_jump", "slip_jump_low",
+    "slip_jump_high", "confidence",
+)  # fmt: skip
+
+
+class FleetReader:
+    """An open historian; use it in a ``with`` statement.
+
+    Frames have ``utc_ms`` replaced by ``time`` (UTC), oldest row first. Every method raises
+    `StoreError` when the historian cannot be read.
+
+    Raises:
+        StoreError: there is no historian.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._engine = open_for_reading(url)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._engine.dispose()
+
+    def loops(self) -> tuple[str, ...]:
+        """Return the loops that have estimates, by name."""
+        query = select(ESTIMATES.c.loop).distinct().order_by(ESTIMATES.c.loop)
+        return tuple(str(row[0]) for row in self._rows(query))
+
+    def course(self, loop: str) -> pd.DataFrame:
+        """Return the estimates of a loop without their documents."""
+        columns = [ESTIMATES.c[name] for name in _COURSE]
+        query = select(*columns).where(ESTIMATES.c.loop == loop)
+        return self._frame(query.order_by(ESTIMATES.c.utc_ms, ESTIMATES.c.id), columns)
+
+    def documents(
+        self, loop: str, *, until: datetime | None = None, last: int = 1
+    ) -> list[dict[str, Any]]:
+        """Return the newest estimates of a loop with a verdict, newest first.
+
+        Each has ``document`` (the estimator's whole result) and the columns of `course`, with
+        times as milliseconds since 1970.
+        """
+        columns = [*(ESTIMATES.c[name] for name in _COURSE), ESTIMATES.c.document]
+        query = select(*columns).where(ESTIMATES.c.loop == loop, ESTIMATES.c.verdict.is_not(None))
+        if until is not None:
+            query = query.where(ESTIMATES.c.window_end_ms <= round(1000.0 * until.timestamp()))
+        query = query.order_by(ESTIMATES.c.utc_ms.desc(), ESTIMATES.c.id.desc()).limit(last)
+        return [dict(row._mapping) for row in self._rows(query)]
+
+    def samples(self, loop: str, count: int, *, until: datetime | None = None) -> pd.DataFrame:
+        """Return the newest ``count`` samples of a loop, or the newest up to ``until``."""
+        columns = [SAMPLES.c[name] for name in ("utc_ms", "slot", "op", "pv", "sp", "auto")]
+        query = select(*columns).where(SAMPLES.c.loop == loop)
+        if until is not None:
+            query = query.where(SAMPLES.c.utc_ms <= round(1000.0 * until.timestamp()))
+        query = query.order_by(SAMPLES.c.utc_ms.desc(), SAMPLES.c.id.desc()).limit(count)
+        frame = self._frame(query, columns).iloc[::-1].reset_index(drop=True)
+        numbers = ["op", "pv", "sp"]
+        frame[numbers] = frame[numbers].astype("float64")
+        return frame
+
+    def work(self) -> list[dict[str, Any]]:
+        """Return what people have said about the work; nothing in a store of an earlier release.
+
+        Rows are dictionaries, oldest first, with ``time`` (UTC) instead of ``utc_ms``.
+        """
+        if not self._has(WORK):
+            return []
+        columns = [column for column in WORK.columns if column.name != "id"]
+        return self._records(select(*columns).order_by(WORK.c.utc_ms, WORK.c.id))
+
+    def events(self, kinds: Sequence[str]) -> list[dict[str, Any]]:
+        """Return the events of some kinds; rows as of `work`."""
+        columns = [EVENTS.c[name] for name in ("utc_ms", "kind", "source", "message")]
+        query = select(*columns).where(EVENTS.c.kind.in_(kinds))
+        return self._records(query.order_by(EVENTS.c.utc_ms, EVENTS.c.id))
+
+    def _has(self, table: Table) -> bool:
+        try:
+            return inspect(self._engine).has_table(table.name)
+        except SQLAlchemyError as error:
+            raise self._problem(error) from error
+
+    def _frame(self, query: Select[Any], columns: Sequence[Column[Any]]) -> pd.DataFrame:
+        return frame_of(
+            [row._mapping for row in self._rows(query)], [column.name for column in columns]
+        )
+
+    def _records(self, query: Select[Any]) -> list[dict[str, Any]]:
+        records = [dict(row._mapping) for row in self._rows(query)]
+        return [
+            {"time": datetime.fromtimestamp(record.pop("utc_ms") / 1000.0, UTC)} | record
+            for record in records
+        ]
+
+    def _rows(self, query: Select[Any]) -> Sequence[Any]:
+        try:
+            with self._engine.connect() as connection:
+                return connection.execute(query).all()
+        except SQLAlchemyError as error:
+            raise self._problem(error) from error
+
+    def _problem(self, error: SQLAlchemyError) -> StoreError:
+        return StoreError(
+            f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; "
+            "check that it is a Fieldlink historian"
+        )

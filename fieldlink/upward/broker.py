@@ -1,0 +1,260 @@
+"""One connection to an MQTT broker, from CONNECT to DISCONNECT.
+
+paho-mqtt's own thread does the network; what it reports is handed to the event loop, where all
+bookkeeping happens. A connection that is lost is never revived: who holds it opens a new one, with
+a new will.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import Any
+
+from fieldlink.upward.broker_settings import BrokerSettings
+from fieldlink.upward.errors import BrokerError, BrokerRefusalError
+from fieldlink.upward.packets import Incoming, Outgoing
+
+__all__ = ["BrokerSession"]
+
+CONNECT_WITHIN = 5.0
+"""Seconds for the TCP connection: as long as a lost packet is sent again three times."""
+
+ANSWER_WITHIN = 10.0
+"""Seconds for an acknowledgement; a broker that takes longer is taken for gone."""
+
+GOODBYE_WITHIN = 2.0
+"""Seconds for the last packets of a session; without them the broker publishes the will."""
+
+MOST_INCOMING = 100
+"""Commands that may wait; more than that is no operator's doing."""
+
+
+class BrokerSession:
+    """A connection.
+
+    Args:
+        settings: the broker.
+        will: what the broker publishes when the connection is lost.
+        wake: set when a message came in or the connection was lost.
+
+    Attributes:
+        was_reached: whether CONNECT may have been sent.
+        overrun: messages from the broker that were dropped because too many came at once.
+    """
+
+    def __init__(self, settings: BrokerSettings, will: Outgoing, wake: asyncio.Event) -> None:
+        from paho.mqtt import client as paho
+        from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+
+        self._settings = settings
+        self._wake = wake
+        self._loop = asyncio.get_running_loop()
+        self._connected: asyncio.Future[None] = self._loop.create_future()
+        self._lost: str | None = None
+        self._incoming: list[Incoming] = []
+        self.overrun = 0
+        self.was_reached = False
+        self._unanswered: set[int] = set()
+        self._answered = asyncio.Event()
+        self._closed = asyncio.Event()
+        client: Any = paho.Client(
+            CallbackAPIVersion.VERSION2,
+            client_id=settings.client_id,
+            clean_session=True,  # tck-id-message-flow-edge-node-birth-publish-connect
+            protocol=MQTTProtocolVersion.MQTTv311,
+            reconnect_on_failure=False,
+        )
+        client.connect_timeout = CONNECT_WITHIN
+        client.max_inflight_messages_set(0)  # what is under way is bounded by the batches
+        if settings.username is not None and settings.password is not None:
+            client.username_pw_set(settings.username, settings.password.reveal())
+        if settings.tls is not None:
+            client.tls_set_context(settings.tls)
+        client.will_set(will.topic, will.payload, will.qos, will.retain)
+        client.on_connect = lambda *args: self._hand(self._on_connect, args[3])
+        client.on_disconnect = lambda *args: self._hand(self._on_lost, str(args[3]))
+        client.on_publish = lambda *args: self._hand(self._on_answer, args[2])
+        client.on_subscribe = lambda *args: self._hand(self._on_subscribed, args[2], args[3])
+        client.on_message = lambda *args: self._hand(
+            self._on_message,
+            Incoming(args[2].topic, bytes(args[2].payload), bool(args[2].retain)),
+        )
+        self._client = client
+
+    async def open(self) -> None:
+        """Connect.
+
+        Raises:
+            BrokerError: the broker does not answer, or refuses us.
+        """
+        settings = self._settings
+        try:
+            await asyncio.to_thread(
+                self._client.connect, settings.host, settings.port, settings.keepalive
+            )
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise BrokerError(
+                f"no connection to the broker {settings.where}: {reason}; check that it runs, its "
+                "address and its certificates"
+            ) from error
+        self.was_reached = True
+        self._client.loop_start()
+        await asyncio.wait([self._connected], timeout=ANSWER_WITHIN)
+        if not self._connected.done():
+            raise BrokerError(
+                f"the broker {settings.where} does not answer CONNECT; check that it is not stuck, "
+                "and whether it takes more clients"
+            )
+        self._connected.result()
+
+    async def subscribe(self, filters: Sequence[str]) -> None:
+        """Subscribe with QoS 1 and wait for the answer.
+
+        The broker works through what it gets in order, so the answer also proves that everything
+        sent before has reached it, QoS 0 included.
+
+        Raises:
+            BrokerError: no answer, or the broker does not allow it.
+        """
+        result, number = self._client.subscribe([(name, 1) for name in filters])
+        self._expect(result, number)
+        await self._all_answered()
+
+    async def publish(self, messages: Iterable[Outgoing]) -> None:
+        """Send messages in order and wait until those with QoS 1 are acknowledged.
+
+        Raises:
+            BrokerError: the connection was lost; what has arrived is not known.
+        """
+        for message in messages:
+            info = self._client.publish(message.topic, message.payload, message.qos, message.retain)
+            if message.qos:
+                self._expect(info.rc, info.mid)
+            elif info.rc:
+                raise self._gone()
+        await self._all_answered()
+
+    def take_incoming(self) -> list[Incoming]:
+        """Return the messages that came since the last call.
+
+        Raises:
+            BrokerError: the connection was lost.
+        """
+        if self._lost is not None:
+            raise self._gone()
+        taken, self._incoming = self._incoming, []
+        return taken
+
+    def abort(self) -> None:
+        """Give the connection up: whoever waits for it gets a `BrokerError`."""
+        self._on_lost("fieldlink stops")
+
+    async def close(self, farewell: Sequence[Outgoing] = ()) -> None:
+        """Say goodbye where the connection still stands, and let go of it.
+
+        Args:
+            farewell: sent last; with it the broker does not publish the will.
+        """
+        if farewell and self._lost is None and self._connected.done():
+            try:
+                await self.publish(farewell)
+            except BrokerError:
+                # The broker is gone too, and publishes the will when it notices.
+                pass
+            else:
+                self._client.disconnect()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(GOODBYE_WITHIN):
+                        await self._closed.wait()
+        await asyncio.to_thread(self._end)
+        if self._connected.done():
+            self._connected.exception()
+        # The client's callbacks hold this object: cut loose, it closes its last sockets at once.
+        del self._client
+
+    def _end(self) -> None:
+        """Close the socket, which ends paho's thread; without DISCONNECT the will is published."""
+        open_socket = self._client.socket()
+        if open_socket is not None:
+            # The thread may have closed it since: then there is nothing left to end.
+            with suppress(OSError):
+                open_socket.shutdown(socket.SHUT_RDWR)
+        self._client.loop_stop()
+
+    def _hand(self, work: Any, *values: Any) -> None:
+        self._loop.call_soon_threadsafe(work, *values)
+
+    def _on_connect(self, code: Any) -> None:
+        if self._connected.done():
+            return
+        if code.is_failure:
+            self._connected.set_exception(
+                BrokerError(
+                    f"the broker {self._settings.where} refuses the connection: {code}; check "
+                    "user, password, certificates, and whether it takes more clients"
+                )
+            )
+        else:
+            self._connected.set_result(None)
+
+    def _on_lost(self, reason: str) -> None:
+        self._lost = self._lost or reason
+        if not self._connected.done():
+            self._connected.set_exception(
+                BrokerError(
+                    f"the broker {self._settings.where} closed the connection at CONNECT: "
+                    f"{reason}; check whether it takes more clients, and the broker's log"
+                )
+            )
+        self._closed.set()
+        self._answered.set()
+        self._wake.set()
+
+    def _on_answer(self, number: int) -> None:
+        self._unanswered.discard(number)
+        if not self._unanswered:
+            self._answered.set()
+
+    def _on_subscribed(self, number: int, codes: Sequence[Any]) -> None:
+        if any(code.is_failure for code in codes):
+            self._on_lost("the broker's access rules forbid a subscription")
+        self._on_answer(number)
+
+    def _on_message(self, message: Incoming) -> None:
+        if len(self._incoming) < MOST_INCOMING:
+            self._incoming.append(message)
+        else:
+            self.overrun += 1
+        self._wake.set()
+
+    def _expect(self, result: int, number: int) -> None:
+        if result:
+            raise self._gone()
+        self._unanswered.add(number)
+        self._answered.clear()
+
+    async def _all_answered(self) -> None:
+        while self._unanswered:
+            before = len(self._unanswered)
+            try:
+                async with asyncio.timeout(ANSWER_WITHIN):
+                    await self._answered.wait()
+            except TimeoutError:
+                if len(self._unanswered) < before:
+                    continue
+                raise BrokerError(
+                    f"the broker {self._settings.where} does not acknowledge within "
+                    f"{ANSWER_WITHIN:g} s; check its load and the network"
+                ) from None
+            if self._lost is not None:
+                raise self._gone()
+
+    def _gone(self) -> BrokerError:
+        return BrokerRefusalError(
+            f"the connection to the broker {self._settings.where} was lost: "
+            f"{self._lost or 'it is closed'}; check the broker's log"
+        )

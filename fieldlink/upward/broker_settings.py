@@ -1,0 +1,90 @@
+"""How a broker is reached: the site file's table and the files that it names, read at the start."""
+
+from __future__ import annotations
+
+import ssl
+from dataclasses import dataclass
+
+from fieldlink.site import Site
+from fieldlink.upward.errors import UpwardError
+
+__all__ = ["BrokerSettings"]
+
+
+class _Secret:
+    """A text that no log, message or representation shows."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def reveal(self) -> str:
+        return self._text
+
+    def __repr__(self) -> str:
+        return "***"
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerSettings:
+    """How the broker is reached; the password is in no representation of it.
+
+    Attributes:
+        where: the address as people write it.
+        client_id: our name there.
+        tls: certificates, None without TLS.
+    """
+
+    host: str
+    port: int
+    client_id: str
+    keepalive: int
+    username: str | None = None
+    password: _Secret | None = None
+    tls: ssl.SSLContext | None = None
+
+    @property
+    def where(self) -> str:
+        """The address as people write it."""
+        return f"{self.host}:{self.port}"
+
+    @classmethod
+    def of_site(cls, site: Site, suffix: str) -> BrokerSettings:
+        """Read the settings and the files that they name.
+
+        Raises:
+            UpwardError: a file cannot be read.
+        """
+        mqtt = site.file.mqtt
+        assert mqtt is not None
+        password = None
+        if mqtt.password_file is not None:
+            file = site.resolve(mqtt.password_file)
+            try:
+                password = _Secret(file.read_text(encoding="utf-8").strip("\r\n"))
+            except (OSError, UnicodeDecodeError) as error:
+                raise UpwardError(
+                    f"{site.path}: mqtt.password_file: {file} cannot be read; check its "
+                    "permissions, and that it holds the password as plain text"
+                ) from error
+        tls = None
+        if mqtt.tls is not None:
+            try:
+                tls = ssl.create_default_context(cafile=str(site.resolve(mqtt.tls.ca)))
+                if mqtt.tls.cert is not None and mqtt.tls.key is not None:
+                    tls.load_cert_chain(
+                        site.resolve(mqtt.tls.cert), site.resolve(mqtt.tls.key), _no_password
+                    )
+            except (OSError, ssl.SSLError, ValueError) as error:
+                raise UpwardError(
+                    f"{site.path}: mqtt.tls: a certificate or key cannot be used "
+                    f"({getattr(error, 'reason', None) or error}); give PEM files, the key "
+                    "without a password and belonging to its certificate"
+                ) from error
+        name = mqtt.client_id or f"fieldlink-{site.name}"
+        return cls(
+            mqtt.host, mqtt.port, f"{name}-{suffix}", mqtt.keepalive, mqtt.username, password, tls
+        )
+
+
+def _no_password() -> str:
+    raise ValueError("the key has a password")

@@ -1,0 +1,262 @@
+"""Delivers the spool to the broker in one format, over one connection after another.
+
+A message leaves the spool when the broker has it: for JSON by the acknowledgement of QoS 1, for
+Sparkplug, whose messages go with QoS 0, by the answer to a subscription sent after them. What was
+under way when a connection broke is sent again, with the same number.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+import time
+from collections.abc import Callable, Iterable
+
+from fieldlink.links.backoff import Backoff, BackoffSettings
+from fieldlink.upward.broker import BrokerSession
+from fieldlink.upward.broker_settings import BrokerSettings
+from fieldlink.upward.errors import BrokerError, BrokerRefusalError, UpwardError
+from fieldlink.upward.formats import Format, Health
+from fieldlink.upward.packets import Outgoing
+from fieldlink.upward.report import FormatReport
+from fieldlink.upward.spool_thread import SpoolThread
+
+__all__ = ["Delivery"]
+
+BATCH = 50
+"""Messages between two confirmations: some milliseconds of the event loop, which the sampling needs
+too, and yet an hour of 100 loops (360,000 samples) is delivered in minutes."""
+
+HEALTH_EVERY = 5.0
+"""Seconds between two looks at the site's health."""
+
+PATIENCE = BackoffSettings(first=0.5, cap=30.0)
+"""Pauses between attempts to connect."""
+
+REFUSALS = 5
+"""Connections in a row that the broker closes over the same single message before it is skipped."""
+
+STOP_WITHIN = 3.0
+"""Seconds for what still waits when the daemon stops; the rest is sent after the next start."""
+
+
+class Delivery:
+    """One format's way to the broker.
+
+    Args:
+        form: the format.
+        settings: the broker.
+        spool: the messages.
+        health: gives the site's health.
+        tell: records events: kind, source, message, ``bad``.
+        defect: records an error that nobody foresaw: source, error, consequence.
+    """
+
+    def __init__(
+        self,
+        form: Format,
+        settings: BrokerSettings,
+        spool: SpoolThread,
+        health: Callable[[], Health],
+        tell: Callable[..., None],
+        defect: Callable[[str, Exception, str], object],
+    ) -> None:
+        self._format = form
+        self._settings = settings
+        self._spool = spool
+        self._health = health
+        self._tell = tell
+        self._defect = defect
+        self._wake = asyncio.Event()
+        self._stopping = False
+        self._session: BrokerSession | None = None
+        self._is_up = False
+        self._unused_birth: int | None = None
+        self._backoff = Backoff(PATIENCE)
+        self._batch = BATCH
+        self._refusals = 0
+        self._connects = self._delivered = self._skipped = self._waiting = 0
+        self._last_error = ""
+        self._look_at = 0.0
+
+    def wake(self, *, look: bool = False) -> None:
+        """Look for new messages now, and at the site's health where ``look`` says so."""
+        if look:
+            self._look_at = 0.0
+        self._wake.set()
+
+    def stop(self) -> None:
+        """End soon: `run` returns when what waits is sent, at most `STOP_WITHIN` from now."""
+        self._stopping = True
+        self._wake.set()
+        if self._session is not None and not self._is_up:
+            self._session.abort()
+
+    def report(self) -> FormatReport:
+        """Return the counts."""
+        return FormatReport(
+            connected=self._is_up,
+            connects=self._connects,
+            delivered=self._delivered,
+            waiting=self._waiting,
+            skipped=self._skipped,
+            last_error=self._last_error,
+        )
+
+    async def run(self) -> None:
+        """Deliver until stopped; a broker that is away costs nothing but attempts."""
+        while not self._stopping:
+            try:
+                await self._connect_and_deliver()
+            except (BrokerError, UpwardError) as error:
+                self._note_loss(str(error))
+            except sqlite3.Error as error:
+                self._note_loss(f"the spool cannot be used: {error}; check the disk")
+            except Exception as error:  # noqa: BLE001  (told; the other parts go on)
+                name = f"mqtt {self._format.name}"
+                self._defect(name, error, "the connection is opened anew")
+                self._backoff.failed(time.monotonic())
+            await self._pause()
+
+    async def _pause(self) -> None:
+        while not self._stopping:
+            left = self._backoff.remaining(time.monotonic())
+            if left <= 0.0:
+                return
+            self._wake.clear()
+            try:
+                async with asyncio.timeout(left):
+                    await self._wake.wait()
+            except TimeoutError:
+                return
+            await self._count_waiting()
+
+    async def _connect_and_deliver(self) -> None:
+        number, self._unused_birth = self._unused_birth, None
+        if number is None:
+            name = self._format.name
+            number = await self._spool.call(lambda spool: spool.next_birth(name))
+        session = BrokerSession(self._settings, self._format.will(number), self._wake)
+        self._session = session
+        farewell: tuple[Outgoing, ...] = ()
+        try:
+            await session.open()
+            if filters := self._format.subscriptions():
+                await session.subscribe(filters)
+            await session.publish(self._format.begin(self._health()))
+            self._note_connection()
+            await self._deliver(session)
+            farewell = tuple(self._format.farewell())
+        finally:
+            self._is_up, self._session = False, None
+            if not session.was_reached:
+                # tck-id-topics-nbirth-bdseq-increment: one more for each CONNECT that was sent
+                self._unused_birth = number
+            await session.close(farewell)
+
+    async def _deliver(self, session: BrokerSession) -> None:
+        """Send what there is, then wait for more; return when the daemon stops."""
+        stop_at: float | None = None
+        while True:
+            self._wake.clear()
+            await self._answer(session)
+            now = time.monotonic()
+            if now >= self._look_at:
+                await session.publish(self._format.note_health(self._health()))
+                self._look_at = now + HEALTH_EVERY
+            if self._stopping and stop_at is None:
+                stop_at = now + STOP_WITHIN
+            if stop_at is not None and now >= stop_at:
+                return
+            if await self._send_batch(session):
+                continue
+            if self._stopping:
+                return
+            try:
+                async with asyncio.timeout(max(0.0, self._look_at - time.monotonic())):
+                    await self._wake.wait()
+            except TimeoutError:
+                continue
+
+    async def _answer(self, session: BrokerSession) -> None:
+        for incoming in session.take_incoming():
+            await session.publish(self._format.receive(incoming, self._health()))
+        if session.overrun:
+            self._tell(
+                "command.overrun",
+                f"mqtt {self._format.name}",
+                f"{session.overrun} commands were dropped because too many came at once; find out "
+                "who sends them",
+                bad=True,
+            )
+            session.overrun = 0
+
+    async def _send_batch(self, session: BrokerSession) -> bool:
+        """Send the next messages; return whether there were any."""
+        name, limit = self._format.name, self._batch
+        messages = await self._spool.call(lambda spool: spool.read(spool.confirmed(name), limit))
+        if not messages:
+            self._waiting = 0
+            return False
+        packets = [packet for message in messages for packet in self._format.encode(message)]
+        last = messages[-1].id
+        try:
+            await self._send(session, packets)
+        except BrokerRefusalError:
+            if self._is_to_be_skipped(len(messages)):
+                await self._skip(last)
+            raise
+        await self._spool.call(lambda spool: spool.confirm(name, last))
+        self._refusals, self._batch = 0, min(BATCH, 2 * self._batch)
+        self._delivered += len(messages)
+        self._waiting = max(0, self._spool.last_id - last)
+        return True
+
+    async def _send(self, session: BrokerSession, packets: Iterable[Outgoing]) -> None:
+        await session.publish(packets)
+        if not self._format.confirms:
+            await session.subscribe(self._format.subscriptions())
+
+    def _is_to_be_skipped(self, messages: int) -> bool:
+        """Whether the broker has closed the connection over a single message again and again."""
+        self._batch = 1
+        if messages > 1:
+            return False
+        self._refusals += 1
+        return self._refusals >= REFUSALS
+
+    async def _skip(self, number: int) -> None:
+        name = self._format.name
+        await self._spool.call(lambda spool: spool.confirm(name, number))
+        self._refusals = 0
+        self._skipped += 1
+        self._tell(
+            "mqtt.skipped",
+            f"mqtt {name}",
+            f"message {number} is skipped: the broker closed the connection over it {REFUSALS} "
+            "times; check its limits on the size of messages and its access rules",
+            bad=True,
+        )
+
+    async def _count_waiting(self) -> None:
+        name = self._format.name
+        self._waiting = await self._spool.call(lambda spool: spool.waiting(name))
+
+    def _note_connection(self) -> None:
+        self._is_up = True
+        self._connects += 1
+        if not self._refusals:
+            self._backoff.succeeded()
+        self._tell(
+            "mqtt.connected", f"mqtt {self._format.name}", f"connected to {self._settings.where}"
+        )
+
+    def _note_loss(self, said: str) -> None:
+        if self._stopping:
+            return
+        first = self._backoff.failures == 0
+        self._backoff.failed(time.monotonic())
+        # One event for each way of failing: a broker that is away for a day is two lines.
+        if first or said != self._last_error:
+            self._tell("mqtt.lost", f"mqtt {self._format.name}", said, bad=True)
+        self._last_error = said

@@ -1,0 +1,142 @@
+"""Plain JSON on readable topics: ``fieldlink/SITE/AREA/LOOP/estimate`` and the like.
+
+QoS 1. Estimates, write-backs, health and ``online`` are retained, so that a dashboard that starts
+later shows them at once. Every message carries ``stream`` and ``id``: a consumer that keeps the
+highest id of a stream can drop repeats.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+
+from fieldlink.site import Site
+from fieldlink.upward.commands import CommandDesk
+from fieldlink.upward.formats import Health
+from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import Incoming, Outgoing
+from fieldlink.upward.topics import JsonTopics
+
+__all__ = ["JsonFormat"]
+
+_RETAINED = frozenset({"estimate", "writeback"})
+
+
+class JsonFormat:
+    """The JSON format of a site.
+
+    Args:
+        site: the site.
+        desk: takes the commands.
+    """
+
+    name = "json"
+    confirms = True
+
+    def __init__(self, site: Site, desk: CommandDesk) -> None:
+        self._desk = desk
+        self._last_health = ""
+        self.follow(site, "")
+
+    def follow(self, site: Site, stream: str) -> None:
+        """Take a site's loops and names."""
+        assert site.file.mqtt is not None
+        self._site, self._stream = site, stream
+        self._topics = JsonTopics(site)
+        self._takes_commands = bool(site.file.mqtt.commands)
+        self._tells_health = "health" in site.file.mqtt.publish
+
+    def note(self, message: Message) -> None:
+        """Take no note: JSON has no births."""
+
+    def will(self, birth: int) -> Outgoing:  # noqa: ARG002
+        """Return ``online: false``, retained."""
+        return self._online(False)
+
+    def subscriptions(self) -> Sequence[str]:
+        """Return the filter of the commands, where the site takes any."""
+        return (self._topics.commands,) if self._takes_commands else ()
+
+    def begin(self, health: Health) -> Iterable[Outgoing]:
+        """Return ``online: true`` and the health."""
+        self._last_health = ""
+        return [self._online(True), *self.note_health(health)]
+
+    def encode(self, message: Message) -> Iterable[Outgoing]:
+        """Return the message as one JSON object."""
+        document: dict[str, object] = {
+            "stream": self._stream,
+            "id": message.id,
+            "site": self._site.name,
+            "kind": message.kind,
+            "time": _time_text(message.utc_ms),
+        }
+        if message.kind == "event":
+            # An event's own kind (device.demoted) is what readers look for.
+            document |= {"event": message.body["kind"], "source": message.source}
+            rest = {key: value for key, value in message.body.items() if key != "kind"}
+            return [_packet(self._topics.events, document | rest)]
+        topic = self._topics.of_kind(message.source, message.kind)
+        if topic is None:
+            # The loop has gone from the site file since: there is no topic left for it.
+            return []
+        loop = self._site.loops[message.source]
+        document |= {"area": loop.area, "loop": message.source}
+        return [_packet(topic, document | dict(message.body), retain=message.kind in _RETAINED)]
+
+    def note_health(self, health: Health) -> Iterable[Outgoing]:
+        """Return the health when it has changed."""
+        told = json.dumps(health)
+        if not self._tells_health or told == self._last_health:
+            return []
+        self._last_health = told
+        document = {"site": self._site.name, "time": _time_text(None), **health}
+        return [_packet(self._topics.health, document, retain=True)]
+
+    def receive(self, incoming: Incoming, health: Health) -> Iterable[Outgoing]:  # noqa: ARG002
+        """Have a command carried out; the answer goes to its topic with ``/result`` added."""
+        loop, command = self._topics.find_command(incoming.topic)
+        request = _read_request(incoming.payload)
+        answer = self._desk.handle(
+            command,
+            loop,
+            str(request.get("reason", "")),
+            topic=incoming.topic,
+            retained=incoming.retained,
+        )
+        document = {
+            "time": _time_text(None),
+            "accepted": answer.accepted,
+            "message": answer.message,
+            "request": request.get("request"),
+        }
+        return [_packet(f"{incoming.topic}/result", document)]
+
+    def farewell(self) -> Sequence[Outgoing]:
+        """Return ``online: false``."""
+        return (self._online(False),)
+
+    def _online(self, online: bool) -> Outgoing:
+        document = {"site": self._site.name, "online": online}
+        return _packet(self._topics.online, document, retain=True)
+
+
+def _packet(topic: str, document: Mapping[str, object], *, retain: bool = False) -> Outgoing:
+    data = json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
+    return Outgoing(topic, data, qos=1, retain=retain)
+
+
+def _read_request(payload: bytes) -> Mapping[str, object]:
+    """Return a command's JSON object; plain text is taken as its reason."""
+    text = payload.decode("utf-8", errors="replace").strip()
+    try:
+        found = json.loads(text) if text else {}
+    except ValueError:
+        return {"reason": text}
+    return found if isinstance(found, dict) else {"reason": text}
+
+
+def _time_text(utc_ms: int | None) -> str:
+    moment = datetime.now(UTC) if utc_ms is None else datetime.fromtimestamp(utc_ms / 1000.0, UTC)
+    return moment.isoformat(timespec="milliseconds")

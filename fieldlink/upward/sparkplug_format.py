@@ -1,0 +1,106 @@
+"""Sparkplug B over a connection: the edge node's births, data and deaths, and its commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from fieldlink.site import Site
+from fieldlink.upward.commands import CommandDesk
+from fieldlink.upward.formats import Health
+from fieldlink.upward.messages import Message
+from fieldlink.upward.packets import Incoming, Outgoing
+from fieldlink.upward.sparkplug_metrics import COMMAND_METRICS
+from fieldlink.upward.sparkplug_node import REBIRTH, EdgeNode
+from fieldlink.upward.sparkplug_payload import PayloadError, decode
+
+__all__ = ["SparkplugFormat"]
+
+_COMMAND_OF = {spec.name: command for command, spec in COMMAND_METRICS.items()}
+
+
+class SparkplugFormat:
+    """The Sparkplug format of a site.
+
+    Args:
+        site: the site.
+        desk: takes the commands to loops.
+        version: of the program.
+    """
+
+    name = "sparkplug"
+    # tck-id-topics-nbirth-mqtt and the others: everything but the will goes with QoS 0.
+    confirms = False
+
+    def __init__(self, site: Site, desk: CommandDesk, version: str) -> None:
+        mqtt = site.file.mqtt
+        assert mqtt is not None
+        self._desk = desk
+        self._node = EdgeNode(
+            mqtt.group or site.name, mqtt.node, mqtt.publish, mqtt.commands, version
+        )
+        self._bdseq = 0
+        self._reborn = False
+        self.follow(site, "")
+
+    def follow(self, site: Site, stream: str) -> None:
+        """Take a site's loops as devices; the next look gives a birth to all of them."""
+        self._node.follow(site.loops, stream)
+        self._reborn = True
+
+    def note(self, message: Message) -> None:
+        """Take a message's values as the newest ones."""
+        self._node.note(message)
+
+    def will(self, birth: int) -> Outgoing:
+        """Return the NDEATH of a session."""
+        self._bdseq = birth
+        return self._node.death(birth)
+
+    def subscriptions(self) -> Sequence[str]:
+        """Return the filters of commands to the node and to its devices."""
+        return self._node.subscriptions
+
+    def begin(self, health: Health) -> Iterable[Outgoing]:
+        """Return the births."""
+        self._reborn = False
+        return self._node.birth(health)
+
+    def encode(self, message: Message) -> Iterable[Outgoing]:
+        """Return the data messages of what has changed."""
+        return self._node.data(message)
+
+    def note_health(self, health: Health) -> Iterable[Outgoing]:
+        """Return changed states, births and deaths of loops."""
+        if self._reborn:
+            return self.begin(health)
+        return self._node.note_health(health)
+
+    def receive(self, incoming: Incoming, health: Health) -> Iterator[Outgoing]:
+        """Return new births for a rebirth request; have other commands carried out."""
+        try:
+            payload = decode(incoming.payload)
+        except PayloadError:
+            self._desk.handle("unreadable payload", None, "", topic=incoming.topic)
+            return
+        is_node = incoming.topic == self._node.topic("NCMD")
+        loop = None if is_node else self._node.find_loop(incoming.topic)
+        for metric in payload.metrics:
+            name = self._node.find_metric(loop, metric)
+            if is_node and name == REBIRTH:
+                # tck-id-operational-behavior-data-commands-rebirth-action-1 to -3
+                if metric.value is True and not incoming.retained:
+                    yield from self.begin(health)
+                continue
+            if metric.value is False:
+                continue
+            self._desk.handle(
+                _COMMAND_OF.get(name or "", name or "a metric without a name"),
+                loop,
+                metric.value if isinstance(metric.value, str) else "",
+                topic=incoming.topic,
+                retained=incoming.retained,
+            )
+
+    def farewell(self) -> Sequence[Outgoing]:
+        """Return the NDEATH: a clean DISCONNECT makes the broker forget the will."""
+        return (self._node.death(self._bdseq),)

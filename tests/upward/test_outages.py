@@ -1,0 +1,219 @@
+"""The broker is killed, paused and full; the disk's bound is reached; the file is damaged."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sqlite3
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fieldlink.upward.errors import UpwardError
+from fieldlink.upward.messages import Message
+from fieldlink.upward.spool import Spool
+from tests.upward.client import Client
+from tests.upward.conftest import documents, event, sample, until
+from tests.upward.mosquitto import Mosquitto
+from tests.upward.wiretap import PUBLISH, WireTap
+
+JSON_ONLY = 'formats = ["json"]'
+
+
+def acknowledged(tap: WireTap) -> list[int]:
+    """The ids of samples that a broker has acknowledged, in the order of their first sending."""
+    found: list[int] = []
+    for connection in tap.of("-json"):
+        for packet in connection.sent:
+            if packet.kind == PUBLISH and packet.number in connection.acknowledged:
+                document = json.loads(packet.payload)
+                if document.get("kind") == "sample":
+                    found.append(document["id"])
+    return list(dict.fromkeys(found))
+
+
+async def test_a_broker_that_is_killed_again_and_again_gets_everything_in_order(
+    bench: Callable[..., Any], tap: WireTap, broker_process: Mosquitto
+) -> None:
+    async with bench(tap.port, JSON_ONLY) as running:
+        for number in range(5):
+            running.put(*(sample("FC101", 100 * number + step) for step in range(100)))
+            await until(lambda put=running.puts: len(acknowledged(tap)) > put - 90, "a part of it")
+            await broker_process.kill()
+            running.put(*(sample("FC102", 100 * number + step) for step in range(100)))
+            await until(lambda: "mqtt.lost" in running.kinds(), "the event")
+            await broker_process.start()
+        await until(lambda: running.waiting == 0, "everything delivered")
+    assert acknowledged(tap) == list(range(1, 1001))
+    # repeats have the number of the first sending, so that a consumer drops them by it
+    by_id: dict[int, set[tuple[str, float]]] = {}
+    for document in documents(tap, "sample"):
+        by_id.setdefault(document["id"], set()).add((document["loop"], document["pv"]))
+    assert all(len(told) == 1 for told in by_id.values())
+
+
+async def test_a_paused_broker_costs_nothing_but_time(
+    bench: Callable[..., Any], tap: WireTap, broker_process: Mosquitto
+) -> None:
+    async with bench(tap.port) as running:
+        running.put(sample("FC101", 0))
+        await until(lambda: running.waiting == 0, "the first sample")
+        broker_process.pause()
+        running.put(*(sample("FC101", number) for number in range(1, 200)))
+        await until(lambda: running.kinds().count("mqtt.lost") >= 2, "both connections lost")
+        broker_process.resume()
+        await until(lambda: running.waiting == 0, "everything delivered")
+    assert acknowledged(tap) == list(range(1, 201))
+
+
+async def test_a_full_broker_is_tried_until_there_is_room(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    broker = Mosquitto(tmp_path, listener="max_connections 1\n")
+    await broker.start()
+    other = await Client(broker.port).__aenter__()
+    async with bench(broker.port, JSON_ONLY) as running:
+        running.put(sample("FC101", 0))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the refusal")
+        assert running.waiting == 1
+        await other.__aexit__(None, None, None)
+        await until(lambda: running.waiting == 0, "the delivery")
+    await broker.kill()
+
+
+async def test_one_message_that_the_broker_refuses_holds_no_other_up(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    broker = Mosquitto(tmp_path, extra="max_packet_size 2000")
+    await broker.start()
+    tap = WireTap(broker=broker.port)
+    await tap.start()
+    async with bench(tap.port, JSON_ONLY) as running:
+        running.put(*(sample("FC101", number) for number in range(30)))
+        running.put(event("defect", "daemon", "x" * 5000))
+        running.put(*(sample("FC101", number) for number in range(30, 60)))
+        await until(lambda: len(acknowledged(tap)) == 60, "all samples")
+        await until(lambda: "mqtt.skipped" in running.kinds(), "the event")
+        assert running.publishing.report().formats["json"].skipped == 1
+    await tap.stop()
+    await broker.kill()
+
+
+async def test_what_waits_survives_the_process_and_keeps_its_numbers(
+    bench: Callable[..., Any], tap: WireTap, broker_process: Mosquitto
+) -> None:
+    await broker_process.kill()
+    async with bench(tap.port, JSON_ONLY) as running:
+        running.put(*(sample("FC101", number) for number in range(10)))
+    await broker_process.start()
+    async with bench(tap.port, JSON_ONLY) as running:
+        running.put(sample("FC101", 10))
+        await until(lambda: len(acknowledged(tap)) == 11, "everything delivered")
+    samples = documents(tap, "sample")
+    assert [(found["id"], found["pv"]) for found in samples] == [
+        (number + 1, float(number)) for number in range(11)
+    ]
+    assert len({found["stream"] for found in samples}) == 1
+
+
+@pytest.fixture
+def spool(tmp_path: Path) -> Callable[..., Spool]:
+    def make(most_bytes: int = 10**9, longest: float = 1e9) -> Spool:
+        made = Spool(tmp_path / "s.sqlite", ["a", "b"], most_bytes=most_bytes, longest=longest)
+        made.open()
+        return made
+
+    return make
+
+
+def messages(count: int, utc_ms: int = 0, size: int = 10) -> list[Message]:
+    return [Message("event", "x", utc_ms, {"text": "y" * size}) for _ in range(count)]
+
+
+def test_the_oldest_go_when_the_bound_is_reached(spool: Callable[..., Spool]) -> None:
+    bounded = spool(most_bytes=1_000_000)
+    for _ in range(40):
+        bounded.append(messages(100, round(1000 * time.time()), size=1000))
+        bounded.trim()
+    left = [message.id for message in bounded.read(0, 10_000)]
+    assert left == list(range(left[0], 4001))
+    assert 500 < len(left) < 1000
+    assert bounded.dropped == 4000 - len(left)
+    bounded.close()
+
+
+def test_what_is_too_old_goes_and_a_clock_that_stepped_tears_no_hole(
+    spool: Callable[..., Spool],
+) -> None:
+    now = round(1000 * time.time())
+    aged = spool(longest=3600.0)
+    aged.append(messages(3, now - 7_200_000))
+    # younger ones that a wrong clock has stamped as old stay, because a newer one came before
+    aged.append(messages(2, now))
+    aged.append(messages(2, now - 7_200_000))
+    assert aged.trim() == 3
+    assert [message.id for message in aged.read(0, 10)] == [4, 5, 6, 7]
+    aged.close()
+
+
+def test_a_message_leaves_when_every_format_has_delivered_it(spool: Callable[..., Spool]) -> None:
+    both = spool()
+    both.append(messages(4))
+    both.confirm("a", 4)
+    both.confirm("b", 1)
+    assert [message.id for message in both.read(both.confirmed("b"), 10)] == [2, 3, 4]
+    assert (both.waiting("a"), both.waiting("b")) == (0, 3)
+    both.confirm("b", 4)
+    both.close()
+    again = spool()
+    assert again.append(messages(1)) == 5  # numbers never come back
+    assert [again.next_birth("a") for _ in range(258)] == [*range(256), 0, 1]
+    again.close()
+
+
+def test_a_damaged_file_is_set_aside(spool: Callable[..., Spool], tmp_path: Path) -> None:
+    first = spool()
+    first.append(messages(3))
+    stream = first.stream
+    first.close()
+    for file in tmp_path.glob("s.sqlite-*"):
+        file.unlink()
+    (tmp_path / "s.sqlite").write_bytes(b"SQLite format 3\0" + b"\xff" * 5000)
+    second = spool()
+    assert second.append(messages(1)) == 1
+    assert second.stream != stream
+    assert len(list(tmp_path.glob("s.damaged-*.sqlite"))) == 1
+    second.close()
+
+
+def test_a_spool_that_cannot_be_opened_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "s.sqlite").mkdir()
+    refused = Spool(tmp_path / "s.sqlite", ["a"], most_bytes=10**6, longest=1.0)
+    with pytest.raises(UpwardError, match=r"s\.sqlite: .*; check the disk and the folder"):
+        refused.open()
+
+
+async def test_a_disk_that_cannot_be_written_delays_and_then_drops_the_oldest(
+    bench: Callable[..., Any], tap: WireTap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fieldlink.upward.publishing.MEMORY", 50)
+    monkeypatch.setattr("fieldlink.upward.spool.BUSY", 0.02)
+    async with bench(tap.port, JSON_ONLY) as running:
+        await until(lambda: "mqtt.connected" in running.kinds(), "the connection")
+        locker = sqlite3.connect(running.site.data_dir / "mqtt_spool.sqlite")
+        locker.execute("BEGIN IMMEDIATE")
+        running.put(*(sample("FC101", number) for number in range(30)))
+        await until(lambda: "mqtt.spool_failing" in running.kinds(), "the event")
+        running.put(*(sample("FC101", number) for number in range(30, 60)))
+        locker.rollback()
+        locker.close()
+        await until(lambda: len(documents(tap, "sample")) == 50, "what memory held")
+        await asyncio.sleep(0)
+        assert [found["pv"] for found in documents(tap, "sample")] == [
+            float(number) for number in range(10, 60)
+        ]
+        assert running.publishing.report().dropped == 10
+        assert "mqtt.dropped" in running.kinds()

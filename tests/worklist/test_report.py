@@ -1,0 +1,252 @@
+"""``fieldlink report`` and ``fieldlink work`` as a user meets them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from openpyxl import load_workbook
+from pypdf import PdfReader
+from typer.testing import CliRunner, Result
+
+from benchmarks.made_fleet import Fleet
+from fieldlink.cli.app import app
+from fieldlink.errors import FieldlinkError
+from fieldlink.store import EventRecord, record_work
+from fieldlink.store.database import open_for_writing
+from fieldlink.worklist import COLUMNS
+from tests.cli.conftest import limit_cycle
+
+SITE = """\
+[site]
+name = "Mill <3>"
+data_dir = "."
+[devices.plc]
+link = "modbus-tcp"
+host = "127.0.0.1"
+register_map = "map.csv"
+[report]
+stick_band_limit = 2.5
+"""
+LOOP = """\
+[loops.{0}]
+device = "plc"
+op = "{0}.OP"
+pv = "{0}.PV"
+period = 1.0
+"""
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def site(own_fleet: Fleet) -> Path:
+    names = [own_fleet.name(number) for number in range(own_fleet.loops)]
+    folder = own_fleet.file.parent
+    rows = [
+        f"{name}.{role},{2 * (2 * n + k)},float32,%,{low},{high}"
+        for n, name in enumerate(names)
+        for k, (role, low, high) in enumerate((("OP", 0, 50), ("PV", 0, 100)))
+    ]
+    (folder / "map.csv").write_text("\n".join(["tag,address,type,unit,low,high", *rows]) + "\n")
+    (folder / "site.toml").write_text(SITE + "".join(LOOP.format(name) for name in names))
+    return folder / "site.toml"
+
+
+class Links(HTMLParser):
+    """Everything in a page that would be fetched."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag not in ("script", "link", "iframe", "img")
+        for name, value in attrs:
+            assert not name.startswith("on")
+            if name in ("src", "href", "xlink:href") and value:
+                self.found.append(value)
+
+
+def test_the_page_stands_alone_and_has_a_page_for_each_sick_loop(
+    site: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "list.html"
+    result = run("report", site, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "10 loops" in result.stdout
+    page = out.read_text("utf-8")
+    links = Links()
+    links.feed(page)
+    assert all(link.startswith("#") for link in links.found)
+    assert "Mill &lt;3&gt;" in page
+    assert "<3>" not in page
+    # Pictures: growing, steady, repaired, uncertain, manual, disturbed.
+    assert page.count('<svg role="img" aria-label="OP, estimated stem') == 6
+    assert "before</th>" in page
+    assert "What would determine it" in page
+
+
+def test_the_span_of_op_is_that_of_the_register_map(site: Path) -> None:
+    of_site = json.loads(run("report", site, "--json").stdout)["loops"]
+    of_store = json.loads(run("report", site.with_name("history.sqlite"), "--json").stdout)["loops"]
+    bands = {row["tag"]: row["stick_band"] for row in of_store}
+    for row in of_site:
+        if row["stick_band"] is not None:
+            assert row["stick_band"] == pytest.approx(2.0 * bands[row["tag"]])
+        assert row["limit"] == 2.5
+    assert not any("span" in remark for row in of_site for remark in row["remarks"])
+
+
+def test_json_csv_and_excel_say_the_same(fleet: Fleet, tmp_path: Path) -> None:
+    document = json.loads(run("report", fleet.file, "--json").stdout)
+    assert set(document) == {"title", "made", "loops"}
+    assert all(tuple(row) == COLUMNS for row in document["loops"])
+    text = run("report", fleet.file, "--format", "csv").stdout
+    table = list(csv.DictReader(io.StringIO(text)))
+    assert [row["tag"] for row in table] == [row["tag"] for row in document["loops"]]
+    for row, plain in zip(table, document["loops"], strict=True):
+        value = plain["stick_band"]
+        assert row["stick_band"] == ("" if value is None else str(value))
+        assert row["needs_outage"] == ("yes" if plain["needs_outage"] else "no")
+    out = tmp_path / "list.xlsx"
+    assert run("report", fleet.file, "--out", out).exit_code == 0
+    sheet = load_workbook(out).active
+    assert sheet is not None
+    rows = list(sheet.iter_rows(values_only=True))
+    assert rows[0] == COLUMNS
+    assert [row[1] for row in rows[1:]] == [row["tag"] for row in table]
+
+
+def test_no_text_from_outside_becomes_a_formula(own_fleet: Fleet, tmp_path: Path) -> None:
+    record_work(own_fleet.url, "FC101", "open", note="=HYPERLINK(1)", owner="+Meyer")
+    text = run("report", own_fleet.file, "--format", "csv").stdout
+    row = next(row for row in csv.DictReader(io.StringIO(text)) if row["tag"] == "FC101")
+    assert (row["note"], row["owner"]) == ("'=HYPERLINK(1)", "'+Meyer")
+    out = tmp_path / "list.xlsx"
+    run("report", own_fleet.file, "--out", out)
+    sheet = load_workbook(out).active
+    assert sheet is not None
+    assert all(cell.data_type != "f" for row in sheet.iter_rows() for cell in row)
+
+
+def test_paper_has_the_list_first_and_a_page_for_each_sick_loop(
+    fleet: Fleet, tmp_path: Path
+) -> None:
+    out = tmp_path / "list.pdf"
+    assert run("report", fleet.file, "--for", "technician", "--out", out).exit_code == 0
+    pages = PdfReader(out).pages
+    first = pages[0].extract_text()
+    assert "Which valve is repaired" in first
+    for tag in ("FC101", "FC104", "FC106"):
+        assert tag in first
+    assert "FC107" not in first
+    assert len(pages) == 1 + 6
+    assert all(len(page.images) == 1 for page in pages[1:])
+    assert "check air supply and positioner" in pages[1].extract_text()
+
+
+@pytest.mark.parametrize(
+    ("audience", "listed", "evidence"),
+    [("technician", 6, 6), ("engineer", 10, 10), ("manager", 6, 0)],
+)
+def test_each_reader_gets_a_list_of_its_own(
+    fleet: Fleet, tmp_path: Path, audience: str, listed: int, evidence: int
+) -> None:
+    out = tmp_path / "list.html"
+    assert run("report", fleet.file, "--for", audience, "--out", out).exit_code == 0
+    page = out.read_text("utf-8")
+    assert len(re.findall(r'<td class="tag">', page)) == listed
+    assert page.count('<section class="evidence') == evidence
+
+
+def test_recordings_are_judged_and_listed(tmp_path: Path) -> None:
+    op, pv = limit_cycle()
+    rows = [f"{u:.6f},{y:.6f}" for u, y in zip(op, pv, strict=True)]
+    (tmp_path / "FC7.csv").write_text("\n".join(["FC7.OUT,FC7.PV", *rows]) + "\n")
+    still = "op,pv\n" + "".join(f"40,{50 + k % 7}\n" for k in range(200))
+    (tmp_path / "FC8.csv").write_text(still)
+    (tmp_path / "FC9.csv").write_text("op,pv\n1,zwei\n" + "1,2\n" * 60)
+    result = run("report", tmp_path, "--json")
+    first, second, third = json.loads(result.stdout)["loops"]
+    assert (first["tag"], first["wrong"]) == ("FC7", "sticky_valve")
+    assert first["stick_band"] == pytest.approx(4.0, rel=0.02)
+    assert first["reversals_per_day"] > 0.0
+    assert (second["tag"], second["wrong"]) == ("FC8", "undetermined")
+    assert second["would_determine"]
+    assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "undetermined", None)
+    assert "'zwei' is no number" in third["would_determine"][0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("nowhere.toml",), "check the path"),
+        (("nowhere.sqlite",), "run the daemon first"),
+        (("nowhere.csv",), "check the path"),
+        (("{fleet}", "--out", "list.docx"), "end it in .html"),
+        (("{fleet}", "--out", "nowhere/list.html"), "folder that exists"),
+        (("{fleet}", "other.csv"), "name it alone"),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    fleet: Fleet,
+    arguments: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = [argument.format(fleet=fleet.file) for argument in arguments]
+    result = run("report", *given)
+    text = result.output
+    if result.exit_code != 2:
+        assert isinstance(result.exception, FieldlinkError)
+        text = str(result.exception)
+    assert said in " ".join(text.replace("│", " ").split())
+    assert not list(tmp_path.glob("**/*.part"))
+
+
+def test_a_historian_without_estimates_says_what_to_do_next(tmp_path: Path) -> None:
+    file = tmp_path / "empty.sqlite"
+    open_for_writing(f"sqlite:///{file}", EventRecord(0, "daemon.start", "daemon", "")).dispose()
+    out = tmp_path / "list.html"
+    assert run("report", file, "--out", out).exit_code == 0
+    assert "fieldlink status" in out.read_text("utf-8")
+
+
+def test_work_is_set_shown_and_reported(site: Path) -> None:
+    plan = ("--state", "planned", "--owner", "Meyer", "--note", "next stop")
+    assert run("work", site, "FC102", *plan).exit_code == 0
+    assert run("work", site, "FC102", "--note", "parts are here").exit_code == 0
+    said = json.loads(run("work", site, "FC102", "--json").stdout)
+    assert [(row["state"], row["owner"], row["note"]) for row in said] == [
+        ("planned", "Meyer", "next stop"),
+        ("planned", "Meyer", "parts are here"),
+    ]
+    assert run("work", site, "FC101").stdout.startswith("nothing has been said yet")
+    rows = json.loads(run("report", site, "--json").stdout)["loops"]
+    row = next(row for row in rows if row["tag"] == "FC102")
+    assert (row["state"], row["owner"], row["note"]) == ("planned", "Meyer", "parts are here")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("FC1O2", "--state", "done"), "did you mean 'FC102'?"),
+        (("--state", "done"), "name the loop"),
+        (("FC102", "--state", "done", "--at", "2999-01-01"), "in the future"),
+        (("FC102", "--at", "yesterday", "--note", "x"), "2026-11-21"),
+    ],
+)
+def test_work_that_cannot_be_is_refused(site: Path, arguments: tuple[str, ...], said: str) -> None:
+    result = run("work", site, *arguments)
+    assert result.exit_code == 2
+    assert said in " ".join(result.output.replace("│", " ").split())
