@@ -1,6 +1,8 @@
 """Every number of the diagnosis that somebody chose: what it means, its unit, where it is from.
 
-None was chosen by a recorded loop. "Tuning family" is ``benchmarks.diagnosis_families.tuning``.
+The rule that finds an oscillation (its share in what moves as fast) took its form after a look at
+recorded OP signals; its limits are round numbers with a reason. Nothing else was chosen with
+recorded loops in view. "Tuning family" is ``benchmarks.diagnosis_families.tuning``.
 """
 
 from __future__ import annotations
@@ -43,8 +45,9 @@ class Swinging:
             as fast: one half, so that it is the main motion.
         trend: what is slower than so many periods is a trend.
         around: octaves on each side whose spectrum is the background of a peak.
-        alarms: probability that noise is taken for an oscillation by its highest peak (tuning
-            family: one in fifty drifting signals is still called oscillating).
+        alarms: probability that noise is taken for an oscillation by its highest peak, if its
+            spectrum were a straight line; of slowly drifting noise up to one in ten signals is
+            still called oscillating, of random walks one in twenty, of white noise none.
         most: largest regularity that is told; a pure sine has no spread.
     """
 
@@ -218,8 +221,8 @@ class Grouping:
         share: least share of the oscillation in such a loop's motion.
         moving: share of samples in which a cascade's set-point moves.
         cascade: share of a set-point's variance that a master's OP explains.
-        sticky, tight, external: log odds that a loop is the source, by its own diagnosis (tuning
-            family: a victim is called sticky in one of a hundred cases, tight in one of twenty).
+        sticky, tight, external: log odds that a loop is the source, by its own diagnosis
+            (judged, not measured: a victim is seldom called sticky, more often tight).
         harmonics, strength: log odds of the loop with the most harmonics, and of one that holds
             nothing but the oscillation.
         leads: log odds of a loop whose past tells the future of all others.
