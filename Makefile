@@ -47,6 +47,7 @@ format: dev
 bench: dev
 	$(BIN)/python -m benchmarks.settings_page --out docs
 	$(BIN)/python -m benchmarks.estimator_evidence --out docs/benchmarks --images docs/images
+	$(BIN)/python -m benchmarks.diagnosis --out docs/benchmarks
 	$(BIN)/python -m benchmarks.compensation --out docs/benchmarks --images docs/images
 	$(BIN)/python -m benchmarks.compensation_apart --out docs/benchmarks
 	$(BIN)/python -m benchmarks.fmu --out docs/benchmarks

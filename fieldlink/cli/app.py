@@ -16,6 +16,7 @@ from fieldlink.cli import (
     by_hand,
     compensate,
     demo,
+    diagnose,
     fleet,
     fmu,
     history,
@@ -44,6 +45,7 @@ app = typer.Typer(
     epilog=FIRST_STEPS,
 )
 app.command("identify")(identify.identify)
+app.command("diagnose")(diagnose.diagnose)
 app.command("assess")(assess.assess)
 app.command("demo")(demo.demo)
 app.command("check")(site.check)

@@ -30,8 +30,9 @@ class RecordedColumns:
         notes: what was taken for what, for a person to agree or not.
     """
 
-    def __init__(self, file: CsvFile) -> None:
+    def __init__(self, file: CsvFile, needed: tuple[str, ...] = ("op", "pv")) -> None:
         self._file = file
+        self._needed = needed
         self._unsure: frozenset[str] = frozenset()
         self._several: set[str] = set()
         self.problems: list[Problem] = []
@@ -44,7 +45,7 @@ class RecordedColumns:
     def find_all(self, wanted: Mapping[str, str | None]) -> dict[str, int | None]:
         """Return the number of each role's column, None for one that is not there.
 
-        What was named has to be there; OP and PV have to be there in any case.
+        What was named has to be there; the needed ones have to be there in any case.
         """
         found = {role: self._find(role, name) for role, name in wanted.items()}
         known = {role: number for role, number in found.items() if number is not None}
@@ -65,7 +66,7 @@ class RecordedColumns:
                     f"choose one with --{role} {names[0]!r}",
                     self._file.header_line,
                 )
-        missing = [role for role in ("op", "pv") if role not in known.keys() | guessed.keys()]
+        missing = [role for role in self._needed if role not in known.keys() | guessed.keys()]
         for role in missing:
             if role not in asked and role not in guess.ambiguous and role not in self._several:
                 self._report_missing(role, role, is_named=False)

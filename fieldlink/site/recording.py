@@ -99,6 +99,7 @@ def read_recording(
     auto: str | None = None,
     time: str | None = None,
     period: float | None = None,
+    needs_pv: bool = True,
 ) -> Recording:
     """Read a recorded loop.
 
@@ -108,13 +109,14 @@ def read_recording(
             that mean the same (`column_names`), of which only OP and PV must be there.
         period: seconds between rows; it counts more than a time column. Without either a row is a
             second.
+        needs_pv: whether a file without PV is refused; otherwise its PV is all NaN.
 
     Raises:
         RecordingError: naming the file, the row and the column, and what to do.
     """
     file = read_csv(Path(path), RecordingError, pipe=True)
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
-    return _recording_of(file, wanted, period)
+    return _recording_of(file, wanted, period, needs_pv=needs_pv)
 
 
 def read_recordings(
@@ -147,9 +149,13 @@ def read_recordings(
 
 
 def _recording_of(
-    file: CsvFile, wanted: Mapping[str, str | None], period: float | None
+    file: CsvFile,
+    wanted: Mapping[str, str | None],
+    period: float | None,
+    *,
+    needs_pv: bool = True,
 ) -> Recording:
-    columns = RecordedColumns(file)
+    columns = RecordedColumns(file, ("op", "pv") if needs_pv else ("op",))
     found = columns.find_all(wanted)
     numbers = {role: columns.numbers(found[role]) for role in ("op", "pv", "sp")}
     switched = columns.switch(found["auto"], is_guessed=columns.is_guessed("auto"))
@@ -163,6 +169,8 @@ def _recording_of(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
         )
     op_values, pv_values = numbers["op"], numbers["pv"]
+    if op_values is not None and pv_values is None and not needs_pv:
+        pv_values = np.full(op_values.size, np.nan)
     if columns.problems or op_values is None or pv_values is None:
         raise RecordingError(columns.problems)
     nan_runs = _nan_runs(numbers)

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 ROOMS = {"prepare", "search", "criteria", "evidence", "intervals", "valves", "processes",
-         "published", "monitoring"}  # fmt: skip
+         "published", "monitoring", "diagnosis"}  # fmt: skip
 """Rooms that the design names; ``prepare`` and ``report`` are modules beside `identify`."""
 
 
@@ -67,7 +67,7 @@ def test_a_lower_room_knows_no_higher_one(room: str, may_know: set[str]) -> None
     assert _imports_of(room) <= may_know
 
 
-@pytest.mark.parametrize("apart", ["published", "monitoring", "report", "identify"])
+@pytest.mark.parametrize("apart", ["published", "monitoring", "report", "identify", "diagnosis"])
 @pytest.mark.parametrize("room", ["search", "criteria", "evidence", "intervals", "processes"])
 def test_the_search_knows_nothing_of_what_stands_beside_or_above_it(room: str, apart: str) -> None:
     assert apart not in _imports_of(room)

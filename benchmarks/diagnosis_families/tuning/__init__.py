@@ -1,0 +1,6 @@
+"""Loops and plants by which the numbers of the diagnosis were chosen; never those of the report."""
+
+from benchmarks.diagnosis_families.tuning.events import PLANTS, draw_event
+from benchmarks.diagnosis_families.tuning.singles import draw_loop
+
+__all__ = ["PLANTS", "draw_event", "draw_loop"]

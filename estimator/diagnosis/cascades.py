@@ -1,0 +1,66 @@
+"""Cascades, found from the data: a loop whose set-point is another loop's OP."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.diagnosis.coherence import LoopSignals
+from estimator.diagnosis.oscillation import bridge
+from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
+from estimator.lanes import Array
+
+__all__ = ["Cascade", "find_cascades"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cascade:
+    """``master``'s OP is ``slave``'s set-point, to within a scale; ``explained`` is its share."""
+
+    master: str
+    slave: str
+    explained: float
+
+
+def find_cascades(
+    signals: Mapping[str, LoopSignals], settings: DiagnosisSettings = DIAGNOSIS
+) -> tuple[Cascade, ...]:
+    """Loops whose set-point is another loop's OP, found by regression; both must move."""
+    found = []
+    grouping = settings.grouping
+    for slave, one in signals.items():
+        if one.sp is None or not np.isfinite(one.sp).any():
+            continue
+        sp = bridge(one.sp)
+        # a cascade's set-point moves all the time
+        if float(np.mean(np.diff(sp) != 0.0)) < grouping.moving:
+            continue
+        best: tuple[float, str] | None = None
+        for master, other in signals.items():
+            if master == slave:
+                continue
+            explained = _explained(sp, one, bridge(other.op), other)
+            if best is None or explained > best[0]:
+                best = (explained, master)
+        if best is not None and best[0] > grouping.cascade:
+            found.append(Cascade(best[1], slave, best[0]))
+    return tuple(found)
+
+
+def _explained(sp: Array, one: LoopSignals, op: Array, other: LoopSignals) -> float:
+    """Share of the set-point's variance that a straight line of the other's OP explains."""
+    at = one.start_s + one.period * np.arange(sp.size)
+    have = other.start_s + other.period * np.arange(op.size)
+    inside = (at >= have[0]) & (at <= have[-1])
+    if inside.sum() < 20 or np.ptp(op) == 0.0:
+        return 0.0
+    best = 0.0
+    for late in (0.0, one.period):
+        x = np.interp(at[inside] - late, have, op)
+        y = sp[inside]
+        if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+            continue
+        best = max(best, float(np.corrcoef(x, y)[0, 1]) ** 2)
+    return best

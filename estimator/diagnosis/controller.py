@@ -1,0 +1,293 @@
+"""The running controller, read off OP, PV and SP: OP is its answer to the error.
+
+    found = read_controller(op, pv, sp, period=1.0)
+    found.structure, found.gain, found.integral_time_s
+
+In velocity form every term of a PID controller is linear in what is recorded,
+
+    OP_k - OP_(k-1) = a (OP_(k-1) - OP_(k-2)) + Kc [(e_k - e_(k-1)) + h/Ti e_k + D_k] + noise,
+
+with ``e = SP - PV``, D the second difference of the error or of PV, and ``a`` the pole of a filter.
+Where the record is what the controller saw, the equation holds to rounding and its shortest form
+is found exactly. Where the record is noisy, differences hold mostly noise; summed over more and
+more samples they hold less of it, and the sums are instrumented by what was recorded before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimator.diagnosis.oscillation import bridge
+from estimator.diagnosis.settings import DIAGNOSIS, Reading
+from estimator.lanes import Array, Mask
+
+__all__ = ["Controller", "read_controller"]
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """A controller ``OP = Kc (e + 1/Ti integral of e + Td de/dt)``, ``e = SP - PV``.
+
+    Attributes:
+        structure: ``"P"``, ``"PI"``, ``"PID"`` or ``"I"``.
+        gain: Kc, OP per PV; positive where OP rises when PV is too low (reverse acting). For
+            ``"I"`` it is 0 and ``integral_rate`` holds what there is.
+        integral_time_s: Ti in seconds, infinite without integral action.
+        derivative_time_s: Td in seconds, 0 without derivative action.
+        integral_rate: ``Kc / Ti``, OP per PV and second.
+        filter_time_s: time constant of a first-order filter in series, 0 where there is none.
+        derivative_on: ``"error"`` or ``"pv"``.
+        delay: samples from PV to OP's answer in the record, 0 or 1.
+        explained: share of OP's moves that these settings explain, 0 to 1.
+        exact: whether the record is what the controller saw: the moves are explained to rounding.
+    """
+
+    structure: str
+    gain: float
+    integral_time_s: float
+    derivative_time_s: float
+    integral_rate: float
+    filter_time_s: float
+    derivative_on: str
+    delay: int
+    explained: float
+    exact: bool
+
+    @property
+    def action(self) -> str:
+        """``"reverse"`` where OP rises when PV is too low, else ``"direct"``."""
+        return "reverse" if (self.gain or self.integral_rate) > 0.0 else "direct"
+
+    def to_dict(self) -> dict[str, float | str | bool | None]:
+        """Plain types, null for no number (an infinite integral time)."""
+        return {
+            "structure": self.structure,
+            "gain": self.gain,
+            "integral_time_s": self.integral_time_s
+            if math.isfinite(self.integral_time_s)
+            else None,
+            "derivative_time_s": self.derivative_time_s,
+            "action": self.action,
+            "filter_time_s": self.filter_time_s,
+            "derivative_on": self.derivative_on,
+            "delay_samples": self.delay,
+            "explained": self.explained,
+            "exact": self.exact,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    terms: tuple[str, ...]
+    delay: int
+    coefficients: Array
+    squares: float
+    rows: int
+
+    def cost(self, floor: float) -> float:
+        """BIC in nats."""
+        return 0.5 * self.rows * math.log(self.squares / self.rows + floor) + 0.5 * len(
+            self.terms
+        ) * math.log(self.rows)
+
+
+_CANDIDATES = (
+    ("p",), ("i",), ("p", "i"), ("p", "i", "d"), ("p", "i", "dpv"), ("i", "ppv"),
+    ("p", "i", "f"), ("p", "i", "d", "f"), ("p", "i", "dpv", "f"),
+)  # fmt: skip
+
+
+def read_controller(
+    op: ArrayLike,
+    pv: ArrayLike,
+    sp: ArrayLike | None = None,
+    *,
+    auto: ArrayLike | None = None,
+    period: float = 1.0,
+    settings: Reading = DIAGNOSIS.reading,
+) -> Controller | None:
+    """Read structure and settings of the controller.
+
+    Args:
+        op, pv, sp: samples, shape ``(n,)``, NaN where bad; without ``sp`` it is taken as constant.
+        auto: non-zero where the controller is in automatic, shape ``(n,)``; other rows do not
+            count, nor do those in which OP is at its highest or lowest value for a while.
+        period: seconds between samples.
+        settings: see `estimator.diagnosis.settings`.
+
+    Returns:
+        The controller; None where OP does not answer the error: manual, a constant, or another
+        signal.
+
+    Source: the regression is the textbook velocity form (Astrom and Hagglund, Advanced PID Control,
+    2006, section 3.4); instruments against noise: Soderstrom and Stoica (1983).
+    """
+    u, y = bridge(op), bridge(pv)
+    target = np.zeros(u.size) if sp is None else bridge(sp)
+    e = target - y
+    span = float(np.ptp(u))
+    if u.size < settings.least_rows or span <= 1e-9 * max(1.0, float(np.abs(u).max())):
+        return None
+    rows = _usable(op, pv, sp, auto, u)
+    if int(rows.sum()) < settings.least_rows:
+        return None
+    best = _best(u, y, e, rows, settings)
+    if best is not None:
+        moves = np.diff(u)[rows[1:]]
+        whole = float(np.mean((moves - moves.mean()) ** 2))
+        explained = 1.0 - best.squares / best.rows / whole if whole > 0.0 else 0.0
+        if explained > settings.exact:
+            return _controller(best, period, explained, exact=True)
+    return _read_noisy(u, e, rows, period, settings)
+
+
+def _usable(
+    op: ArrayLike, pv: ArrayLike, sp: ArrayLike | None, auto: ArrayLike | None, u: Array
+) -> Mask:
+    """Samples with a good present and past, in automatic, OP not at a limit."""
+    good: Mask = np.isfinite(np.asarray(op, dtype=float))
+    good &= np.isfinite(np.asarray(pv, dtype=float))
+    if sp is not None:
+        good &= np.isfinite(np.asarray(sp, dtype=float))
+    if auto is not None:
+        good &= np.asarray(auto, dtype=float) > 0.0
+    good &= ~at_limit(u)
+    usable: Mask = good.copy()
+    for late in (1, 2, 3):
+        usable[late:] &= good[:-late]
+    usable[:3] = False
+    return usable
+
+
+def at_limit(u: Array) -> Mask:
+    """Samples at the highest or lowest value of a signal where it stays there, ``(n,)``."""
+    found = np.zeros(u.size, dtype=bool)
+    reach = 1e-6 * float(np.ptp(u))
+    for at in (u <= u.min() + reach, u >= u.max() - reach):
+        stays = at[1:] & at[:-1]
+        found[1:] |= stays
+        found[:-1] |= stays
+    return found
+
+
+def _columns(u: Array, y: Array, e: Array, delay: int) -> dict[str, Array]:
+    """What each term adds to OP's move, ``(n - 3,)`` from sample 3 on."""
+    n = u.size
+
+    def at(x: Array, by: int) -> Array:
+        index = np.maximum(np.arange(3, n) - by - delay, 0)
+        return np.asarray(x[index])
+
+    return {
+        "p": at(e, 0) - at(e, 1),
+        "ppv": -(at(y, 0) - at(y, 1)),
+        "i": at(e, 0),
+        "d": at(e, 0) - 2.0 * at(e, 1) + at(e, 2),
+        "dpv": -(at(y, 0) - 2.0 * at(y, 1) + at(y, 2)),
+        "f": u[2 : n - 1] - u[1 : n - 2],
+        "one": np.ones(n - 3),
+    }
+
+
+def _best(u: Array, y: Array, e: Array, rows: Mask, settings: Reading) -> _Fit | None:
+    """The likeliest of the shortest forms by plain least squares on OP's moves."""
+    moves = (u[3:] - u[2:-1])[rows[3:]]
+    if float(np.ptp(moves)) == 0.0:
+        return None
+    floor = settings.resolution * float(np.mean(moves**2))
+    found = []
+    for delay in (0, 1):
+        columns = _columns(u, y, e, delay)
+        for terms in _CANDIDATES:
+            design = np.stack([columns[t][rows[3:]] for t in (*terms, "one")], axis=1)
+            scale = np.sqrt(np.mean(design**2, axis=0)) + 1e-300
+            solution = np.linalg.lstsq(design / scale, moves, rcond=1e-10)[0] / scale
+            left = moves - design @ solution
+            fit = _Fit(terms, delay, solution, float(left @ left), moves.size)
+            if _is_sensible(fit):
+                found.append(fit)
+    return min(found, key=lambda fit: fit.cost(floor), default=None)
+
+
+def _is_sensible(fit: _Fit) -> bool:
+    """All terms of one sign, a filter's pole between 0 and 1."""
+    values = dict(zip(fit.terms, fit.coefficients, strict=False))
+    pole = values.pop("f", 0.0)
+    signs = {math.copysign(1.0, v) for v in values.values() if v != 0.0}
+    return len(signs) == 1 and 0.0 <= pole < 0.98
+
+
+def _controller(fit: _Fit, period: float, explained: float, *, exact: bool) -> Controller:
+    values = dict(zip(fit.terms, (float(v) for v in fit.coefficients), strict=False))
+    pole = values.get("f", 0.0)
+    gain = (values.get("p", values.get("ppv", 0.0))) / (1.0 - pole)
+    rate = values.get("i", 0.0) / (1.0 - pole) / period
+    derivative = values.get("d", values.get("dpv", 0.0)) / (1.0 - pole)
+    structure = {
+        (True, False, False): "P",
+        (False, True, False): "I",
+        (True, True, False): "PI",
+        (True, True, True): "PID",
+    }.get((gain != 0.0, rate != 0.0, derivative != 0.0), "PID")
+    return Controller(
+        structure=structure,
+        gain=gain,
+        integral_time_s=gain / rate if gain and rate else math.inf,
+        derivative_time_s=derivative * period / gain if gain and derivative else 0.0,
+        integral_rate=rate,
+        filter_time_s=-period / math.log(pole) if pole > 1e-3 else 0.0,
+        derivative_on="pv" if "dpv" in values else "error",
+        delay=fit.delay,
+        explained=max(0.0, min(1.0, explained)),
+        exact=exact,
+    )
+
+
+def _read_noisy(
+    u: Array, e: Array, rows: Mask, period: float, settings: Reading
+) -> Controller | None:
+    """PI or P settings from sums over several samples, instrumented by the record before them."""
+    found: list[tuple[float, _Fit, float]] = []
+    n = u.size
+    sums = np.concatenate([[0.0], np.cumsum(e)])
+    whole = np.concatenate([[0], np.cumsum(~rows)])
+    for reach in settings.reaches:
+        if n < 8 * reach:
+            continue
+        k = np.arange(2 * reach, n)
+        clean = (whole[k + 1] - whole[k - 2 * reach]) == 0
+        k = k[clean]
+        if k.size < max(settings.least_rows, 4 * reach):
+            continue
+        moves = u[k] - u[k - reach]
+        p = e[k] - e[k - reach]
+        i = sums[k + 1] - sums[k + 1 - reach]
+        # what was recorded before the interval shares the loop's motion and not the noise
+        before = [
+            e[k - 1] - e[k - 1 - reach] if reach > 1 else e[k - 1],
+            sums[k] - sums[k - reach],
+            e[k - 1 - reach // 2] - e[k - reach - reach // 2],
+            u[k - 1] - u[k - reach] if reach > 1 else u[k - 1] - u[k - 2],
+        ]
+        for terms, columns in ((("p", "i"), [p, i]), (("p",), [p]), (("i",), [i])):
+            design = np.stack([*columns, np.ones(k.size)], axis=1)
+            design = design - design.mean(axis=0) * np.array([1.0] * len(columns) + [0.0])
+            tools = np.stack([*before, np.ones(k.size)], axis=1)
+            tools = tools / (tools.std(axis=0) + np.abs(tools.mean(axis=0)) + 1e-300)
+            fitted = tools @ np.linalg.lstsq(tools, design, rcond=None)[0]
+            solution = np.linalg.lstsq(fitted, moves, rcond=None)[0]
+            left = moves - design @ solution
+            total = float(np.sum((moves - moves.mean()) ** 2))
+            fit = _Fit(terms, 0, solution, float(left @ left), k.size)
+            if total > 0.0 and _is_sensible(fit):
+                found.append((1.0 - fit.squares / total - 0.01 * len(terms), fit, total))
+    if not found:
+        return None
+    explained, fit, _ = max(found, key=lambda one: one[0])
+    if explained < settings.least_explained:
+        return None
+    return _controller(fit, period, explained, exact=False)

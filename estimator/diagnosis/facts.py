@@ -1,0 +1,172 @@
+"""Facts that a record shows without any model: manual, limits, faults of the sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from estimator.diagnosis.controller import Controller, at_limit
+from estimator.diagnosis.settings import Facts
+from estimator.lanes import Array, Mask
+
+__all__ = ["Limits", "Sensor", "limits_of", "longest_run", "sensor_of", "share_by_hand"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Where OP stands at a limit while the controller wants more.
+
+    Attributes:
+        share: of the samples.
+        cost: share of the squared control error in those samples.
+        high, low: whether it is the highest, the lowest value that is the limit.
+        value: OP there; the more frequent one of two.
+        where: which samples, ``(n,)``.
+    """
+
+    share: float
+    cost: float
+    high: bool
+    low: bool
+    value: float
+    where: Mask
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """What is wrong with PV.
+
+    Attributes:
+        frozen: share of the samples in long runs of one value.
+        step: resolution over the standard deviation of the control error.
+        spikes: share of the samples that are spikes; spike_cost: their share of the squared error.
+        noise: standard deviation of the noise, units of PV.
+        noise_share: its share of the variance of the control error.
+        shaken: how far noise moves OP from sample to sample, as a share of 100 % of OP.
+    """
+
+    frozen: float
+    step: float
+    spikes: float
+    spike_cost: float
+    noise: float
+    noise_share: float
+    shaken: float
+
+
+def share_by_hand(op: Array, auto: Mask | None, error: Array, settings: Facts) -> float:
+    """Share of the samples in manual; from OP alone where no mode was recorded.
+
+    Without a mode a controller is in manual where OP stands still for long while the error moves.
+    """
+    if auto is not None:
+        return float(np.mean(~auto))
+    if np.ptp(error) == 0.0:
+        return 0.0
+    still = _in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
+    # a limit also holds OP still
+    return float(np.mean(still & ~at_limit(op))) if np.ptp(op) > 0.0 else float(np.mean(still))
+
+
+def longest_run(values: Array) -> int:
+    """Samples of the longest run of one value."""
+    same = np.concatenate([[False], np.diff(values) == 0.0, [False]])
+    edges = np.flatnonzero(same[1:] != same[:-1])
+    return int((edges[1::2] - edges[::2]).max()) + 1 if edges.size else 1
+
+
+def _in_long_runs(values: Array, least: int) -> Mask:
+    """Samples that lie in a run of one value of at least ``least`` samples."""
+    same = np.concatenate([[False], np.diff(values) == 0.0, [False]])
+    edges = np.flatnonzero(same[1:] != same[:-1])
+    found = np.zeros(values.size, dtype=bool)
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop - start + 1 >= least:
+            found[start : stop + 1] = True
+    return found
+
+
+def limits_of(
+    op: Array, error: Array, controller: Controller | None, by_hand: Mask, settings: Facts
+) -> Limits:
+    """Where OP is held at its highest or lowest value.
+
+    With a known controller a limit is where it would have moved OP further outwards and OP stayed;
+    without one it is where OP stays at an extreme for long.
+    """
+    found = np.zeros(op.size, dtype=bool)
+    sides = []
+    span = float(np.ptp(op))
+    if span == 0.0:
+        return Limits(0.0, 0.0, False, False, math.nan, found)
+    for side, extreme in ((1.0, op.max()), (-1.0, op.min())):
+        at = (np.abs(op - extreme) <= 1e-6 * span) & ~by_hand
+        stays = at & np.concatenate([[False], at[:-1]])
+        if not stays.any():
+            sides.append(False)
+            continue
+        # nothing but a limit or a hand holds OP for long at its extreme
+        is_limit = longest_run(np.where(at, 1.0, np.arange(op.size) + 2.0)) >= max(
+            settings.least_run, settings.run_share * op.size
+        )
+        if controller is not None and controller.integral_rate:
+            # held with the error pushing outwards for most of the time
+            push = side * math.copysign(1.0, controller.integral_rate) * error
+            outward = stays & (push > 0.0)
+            is_limit |= bool(outward.sum() > settings.pushed * stays.sum())
+        held = stays if is_limit and stays.mean() > settings.least_limit else np.zeros_like(stays)
+        sides.append(bool(held.any()))
+        found |= held
+    whole = float(np.sum(error**2))
+    cost = float(np.sum(error[found] ** 2)) / whole if whole > 0.0 else 0.0
+    value = float(np.median(op[found])) if found.any() else math.nan
+    return Limits(float(found.mean()), cost, sides[0], sides[1], value, found)
+
+
+def sensor_of(
+    pv: Array, error: Array, controller: Controller | None, usable: Mask, settings: Facts
+) -> Sensor:
+    """What PV itself tells about its sensor; only ``usable`` samples count."""
+    y = pv[usable]
+    if y.size < settings.least_run or float(np.ptp(y)) == 0.0:
+        return Sensor(1.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+    e = error[usable]
+    deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))
+    still = _in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
+    levels = np.unique(y)
+    coarse = levels.size < settings.levels
+    step = float(np.median(np.diff(levels))) if coarse and levels.size > 1 else 0.0
+    if coarse and step > 0.0:
+        # few levels explain runs of one value
+        still = _in_long_runs(y, max(settings.least_run, y.size // 4))
+    smooth = median_filter(y, size=5, mode="nearest")
+    rest = y - smooth
+    size = float(np.median(np.abs(rest))) / 0.6745
+    floor = max(size, 0.05 * deviation, 1e-12)
+    spikes = np.abs(rest) > settings.spike * floor
+    # a spike comes back: both neighbours lie near the smooth course
+    lonely = spikes & ~np.roll(spikes, 2) & ~np.roll(spikes, -2)
+    cost = float(np.sum(rest[lonely] ** 2)) / max(float(np.sum((e - e.mean()) ** 2)), 1e-300)
+    noise = _noise(y)
+    gain = abs(controller.gain) if controller is not None else 0.0
+    return Sensor(
+        frozen=float(still.mean()),
+        step=step / deviation,
+        spikes=float(lonely.mean()),
+        spike_cost=min(1.0, cost),
+        noise=noise,
+        noise_share=min(1.0, (noise / deviation) ** 2),
+        shaken=gain * noise / 100.0,
+    )
+
+
+def _noise(y: Array) -> float:
+    """Deviation of what third differences hold: white noise, a smooth course taken off."""
+    if y.size < 8:
+        return 0.0
+    third = np.diff(y, 3)
+    # white noise of deviation 1 has third differences of variance 20
+    return float(np.median(np.abs(third))) / 0.6745 / math.sqrt(20.0)

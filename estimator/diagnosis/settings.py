@@ -1,0 +1,273 @@
+"""Every number of the diagnosis that somebody chose: what it means, its unit, where it is from.
+
+The rule that finds an oscillation (its share in what moves as fast) took its form after a look at
+recorded OP signals; its limits are round numbers with a reason. Nothing else was chosen with
+recorded loops in view. "Tuning family" is ``benchmarks.diagnosis_families.tuning``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+__all__ = [
+    "DIAGNOSIS",
+    "DiagnosisSettings",
+    "Facts",
+    "Grouping",
+    "Judging",
+    "Reading",
+    "Scope",
+    "Swinging",
+    "Weighing",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Swinging:
+    """When a signal is called oscillating.
+
+    Attributes:
+        least_samples: fewer samples hold no three periods and their noise.
+        least_cycles: three periods show the period twice; fewer are a drift.
+        fastest: highest frequency, cycles a sample: a period needs four samples to be seen.
+        peaks: peaks of the spectrum that are looked at; a loop has seldom more than three
+            oscillations (Thornhill 2003).
+        apart: factor between the frequencies of two peaks.
+        same: periods nearer than this share are one oscillation.
+        octaves: half-width of a band in octaves.
+        lags: share of the window whose lags count; later ones rest on few products.
+        intervals, least_intervals: zero crossings' intervals that are used (ten: Thornhill 2003),
+            and the fewest from which a spread is taken.
+        regularity: limit of Thornhill's regularity.
+        decay: height of the autocorrelation two periods away that needs no other proof; 0.5 over
+            one period is the limit of Miao and Seborg (1999).
+        local, share: half-width in octaves and least share of the oscillation in all that moves
+            as fast: one half, so that it is the main motion.
+        trend: what is slower than so many periods is a trend.
+        around: octaves on each side whose spectrum is the background of a peak.
+        alarms: probability that noise is taken for an oscillation by its highest peak, if its
+            spectrum were a straight line; of slowly drifting noise up to one in ten signals is
+            still called oscillating, of random walks one in twenty, of white noise none.
+        most: largest regularity that is told; a pure sine has no spread.
+    """
+
+    least_samples: int = 40
+    least_cycles: float = 3.0
+    fastest: float = 0.25
+    peaks: int = 4
+    apart: float = 1.7
+    same: float = 0.15
+    octaves: float = 1.0
+    lags: float = 0.7
+    intervals: int = 10
+    least_intervals: int = 5
+    regularity: float = 1.0
+    decay: float = 0.5
+    local: float = 0.5
+    share: float = 0.5
+    trend: float = 3.0
+    around: float = 1.5
+    alarms: float = 1e-3
+    most: float = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How the controller is read off the record.
+
+    Attributes:
+        least_rows: fewer usable rows do not tell four unknowns.
+        exact: share of OP's moves from which the record is what the controller saw.
+        resolution: share of the moves' variance that rounding of a record leaves at least.
+        reaches: samples over which noisy records are summed.
+        least_explained: share of OP's moves below which OP does not answer the error.
+    """
+
+    least_rows: int = 40
+    exact: float = 0.97
+    resolution: float = 1e-7
+    reaches: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
+    least_explained: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Weighing:
+    """How the explanations of a window are compared.
+
+    Attributes:
+        jump: innovations beyond so many robust deviations are jumps of the load; normal noise has
+            one of five in a million.
+        most_jumps: share of rows that may be left out as jumps; more is the noise itself.
+        harmonics: waves from outside: a sine, and one of any shape.
+        resonances: damping ratio of the peak, and its distance to the background, for a wave
+            whose phase wanders.
+        bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
+            range of an equal-percentage valve.
+        parts, best_parts: parts of the window over which a sticky valve's evidence is spread, and
+            how many of the best are left out.
+    """
+
+    jump: float = 5.0
+    most_jumps: float = 0.05
+    harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
+    resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
+    bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
+    parts: int = 8
+    best_parts: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a record shows without a model.
+
+    Attributes:
+        least_run, run_share: samples, and share of the window, of a run of one value that is no
+            chance: a frozen signal, or OP in manual.
+        pushed: share of the time at an extreme in which the error pushes outwards: a limit.
+        least_limit: share of the window at a limit from which it is told.
+        levels: fewer different values of PV are a coarse resolution.
+        spike: deviations from the running median from which a sample is a spike; noise has two
+            of them in a thousand million.
+    """
+
+    least_run: int = 20
+    run_share: float = 0.05
+    pushed: float = 0.8
+    least_limit: float = 0.02
+    levels: int = 60
+    spike: float = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """How much of a record is explained; the facts are taken from all of it.
+
+    Attributes:
+        rows: rows of a window that is explained: the time grows with them, and 30 periods tell
+            all that 300 do.
+        per_period: samples of a period from which a slow oscillation is thinned.
+    """
+
+    rows: int = 1800
+    per_period: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """From figures to causes and their weights.
+
+    Attributes:
+        threshold: nats from which an explanation is taken over its rivals: the estimator's own.
+        unsure: nats around no evidence within which a wave from outside and a tight loop are not
+            told apart.
+        told: weight from which a cause is told: a twentieth of what the loop suffers is too little
+            to act on.
+        tight: amplification of a disturbance at the oscillation's period, or at the loop's own,
+            from which a tuning is tight: Astrom and Hagglund (2006) tune for Ms of 1.4 to 2.
+        dies: e-foldings of the loop's own swing within the record that it takes to tell it from a
+            wave of steady phase; three are 5 %.
+        well: amplification of a well-tuned loop (SIMC: 1.6).
+        damping: damping of the loop's own swing below which it rings for five periods.
+        slow: share of the error's variance that is predictable an integral time ahead, from which
+            a tuning is slow.
+        slower: factor by which SIMC's integral action is faster than the running one, from which a
+            tuning is slow: the error after a load lasts as many times longer.
+        step: resolution over the error's deviation from which quantisation makes the error.
+        spikes: share of the squared error in spikes.
+        shaken: share of OP's range by which noise moves the valve every sample: 0.5 % is what a
+            positioner resolves.
+        noisy: share of the error's variance that is noise.
+        frozen: share of samples in which PV stands still.
+        advise_from: nats of the process over none from which settings are proposed.
+        farthest: largest factor on the integral gain that is proposed: a record shows the process
+            at the frequencies that its loop uses, and not far beyond.
+        ratio: between the largest and the smallest gain over OP's middle nine tenths.
+        most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
+        by_hand: share of samples in manual from which that is the finding.
+    """
+
+    threshold: float = 10.0
+    unsure: float = 5.0
+    told: float = 0.05
+    tight: float = 2.2
+    dies: float = 2.0
+    well: float = 1.6
+    damping: float = 0.1
+    slow: float = 0.3
+    slower: float = 3.0
+    step: float = 0.7
+    spikes: float = 0.2
+    shaken: float = 0.005
+    noisy: float = 0.5
+    frozen: float = 0.08
+    advise_from: float = 30.0
+    farthest: float = 5.0
+    ratio: float = 3.0
+    most_ratio: float = 60.0
+    by_hand: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Grouping:
+    """Which loops swing together, and which is the source.
+
+    Attributes:
+        same: periods nearer than this share may be one event's.
+        width: half-width of the narrow band, as a share of the frequency.
+        chance: probability that any two loops of a plant are taken for a group by chance.
+        coherence: least coherence of two loops that both oscillate; half of the amplitude's
+            variance is then in common.
+        hidden: least coherence of a loop that does not oscillate visibly itself.
+        share: least share of the oscillation in such a loop's motion.
+        moving: share of samples in which a cascade's set-point moves.
+        cascade: share of a set-point's variance that a master's OP explains.
+        sticky, tight, external: log odds that a loop is the source, by its own diagnosis
+            (judged, not measured: a victim is seldom called sticky, more often tight).
+        harmonics, strength: log odds of the loop with the most harmonics, and of one that holds
+            nothing but the oscillation.
+        leads: log odds of a loop whose past tells the future of all others.
+        order, per_period: past values of the regressions that tell who leads, and samples of a
+            period: together they reach back most of a period.
+        lead_nats: difference of evidence from which a lead is clear.
+        outside: log odds of a source that is none of the loops, where one of them swings by itself;
+            unmade: its lead over the likeliest loop where none does.
+        cycle: height of the autocorrelation two periods away from which a sticky valve's irregular
+            cycle is followed through the plant.
+    """
+
+    same: float = 0.1
+    width: float = 0.2
+    chance: float = 0.01
+    coherence: float = 0.7
+    hidden: float = 0.85
+    share: float = 0.1
+    moving: float = 0.3
+    cascade: float = 0.95
+    sticky: float = 5.0
+    tight: float = 3.5
+    external: float = 1.0
+    harmonics: float = 1.0
+    strength: float = 1.0
+    leads: float = 3.0
+    order: int = 10
+    per_period: float = 15.0
+    lead_nats: float = 15.0
+    outside: float = 2.0
+    unmade: float = 1.0
+    cycle: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSettings:
+    """All settings of a diagnosis."""
+
+    swinging: Swinging = field(default_factory=Swinging)
+    reading: Reading = field(default_factory=Reading)
+    weighing: Weighing = field(default_factory=Weighing)
+    facts: Facts = field(default_factory=Facts)
+    scope: Scope = field(default_factory=Scope)
+    grouping: Grouping = field(default_factory=Grouping)
+    judging: Judging = field(default_factory=Judging)
+
+
+DIAGNOSIS = DiagnosisSettings()

@@ -1,0 +1,162 @@
+"""``fieldlink diagnose PATH...``: why a loop swings, and which loop started it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from fieldlink.diagnosing import Plant
+    from fieldlink.diagnosis import Diagnosis
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            help="One recorded loop (CSV); several, or folders of them, of the same hours; or a "
+            "site file (TOML), whose store is read.",
+            metavar="PATH...",
+        ),
+    ],
+    op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
+    pv: Annotated[str | None, typer.Option(help="Column of the process variable.")] = None,
+    sp: Annotated[str | None, typer.Option(help="Column of the set-point.")] = None,
+    auto: Annotated[
+        str | None, typer.Option(help="Column that is 1 (or true) while in automatic.")
+    ] = None,
+    time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
+    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    hours: Annotated[float, typer.Option(min=0.1, help="Of a site: the last hours.")] = 24.0,
+    plot: Annotated[
+        Path | None, typer.Option(help="One loop: write a picture (PNG, SVG or PDF).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
+) -> None:
+    """Say why a loop swings, what to do about it, and which of many loops started it."""
+    from fieldlink import diagnosing
+
+    columns = diagnosing.Columns(op, pv, sp, auto, time, period)
+    sites = [path for path in paths if path.suffix.lower() == ".toml"]
+    if sites and len(paths) > 1:
+        raise typer.BadParameter(
+            f"{sites[0]} is a site file: give it alone, or recorded loops", param_hint="PATH"
+        )
+    several = bool(sites) or len(paths) > 1 or paths[0].is_dir()
+    if several and plot is not None:
+        raise typer.BadParameter("a picture shows one loop: give one file", param_hint="--plot")
+    if sites:
+        from fieldlink.site import load_site
+
+        site = load_site(sites[0])
+        plant = diagnosing.diagnose_store(site.historian_url, list(site.loops), hours)
+    elif several:
+        plant = diagnosing.diagnose_files(diagnosing.files_of(paths), columns)
+    else:
+        _one(paths[0], columns, plot, as_json)
+        return
+    if as_json:
+        typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
+    else:
+        _print_plant(plant)
+
+
+def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:
+    from fieldlink import diagnosing
+
+    assert isinstance(columns, diagnosing.Columns)
+    recording = diagnosing.read(path, columns)
+    found = diagnosing.diagnose_recording(recording)
+    if plot is not None:
+        from fieldlink.diagnosis_pictures import diagnosis_figure
+        from fieldlink.pictures import save
+
+        save(diagnosis_figure(recording, found, title=path.name), plot)
+    if as_json:
+        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
+        return
+    _print_one(path.name, found)
+    for note in recording.notes:
+        typer.echo(f"note: {note}")
+    if plot is not None:
+        typer.echo(f"picture: {plot}")
+
+
+def _print_one(name: str, found: Diagnosis) -> None:
+    from rich.console import Console
+    from rich.panel import Panel
+
+    console = Console()
+    first = found.first
+    console.print(Panel(f"{first.name.words} ({first.weight:.0%})", title=name, expand=False))
+    for cause in found.causes:
+        console.print(f"[bold]{cause.name.words}[/bold], weight {cause.weight:.2f}")
+        for sentence in cause.evidence:
+            console.print(f"  • {sentence}", highlight=False)
+        console.print(f"  {cause.action or cause.name.action}", highlight=False)
+    console.print(_figures(found))
+    for note in found.notes:
+        console.print(f"[yellow]note[/yellow] {note}")
+
+
+def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
+    """Controller, advice and figures as a table."""
+    from rich.table import Table
+
+    table = Table("figure", "value", box=None)
+    swing = found.oscillation
+    if swing.present:
+        table.add_row(
+            "oscillation",
+            f"{swing.period_s:.4g} s, amplitude {swing.amplitude:.3g}, regularity "
+            f"{swing.regularity:.3g}, {swing.cycles:.0f} periods",
+        )
+    if (one := found.controller) is not None:
+        table.add_row(
+            "controller",
+            f"{one.structure}, gain {one.gain:.4g}, integral time {one.integral_time_s:.4g} s, "
+            f"derivative time {one.derivative_time_s:.3g} s, {one.action} acting",
+        )
+    if (tuning := found.tuning) is not None:
+        table.add_row(
+            "proposed",
+            f"PI, gain {tuning['gain']:.4g}, integral time {tuning['integral_time_s']:.4g} s "
+            f"(Ms {tuning['ms']:.2f}, now {tuning['running_ms']:.2f}): error "
+            f"{tuning['predicted_change_of_error_std']:+.0%}. {tuning['note']}",
+        )
+    for name, value in found.indices.items():
+        if value == value:
+            table.add_row(name, f"{value:.4g}")
+    return table
+
+
+def _print_plant(plant: Plant) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table("loop", "cause", "weight", "period / s", "evidence")
+    for name, found in plant.loops.items():
+        swing = found.oscillation
+        table.add_row(
+            name,
+            found.first.name.words,
+            f"{found.first.weight:.2f}",
+            f"{swing.period_s:.4g}" if swing.present else "",
+            found.first.evidence[0],
+        )
+    console.print(table)
+    for group in plant.groups:
+        console.print(
+            f"[bold]{', '.join(group.loops)}[/bold] swing together, {group.period_s:.4g} s"
+        )
+        for one in group.candidates[:3]:
+            who = one.loop or "outside of these loops"
+            console.print(f"  candidate {who} ({one.weight:.0%}): {'; '.join(one.evidence)}")
+    for name, reason in plant.refused.items():
+        console.print(f"[yellow]{name}[/yellow] not read: {reason}")

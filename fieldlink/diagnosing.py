@@ -1,0 +1,245 @@
+"""From recorded files or a historian to diagnoses: one loop, or many of the same hours.
+
+Loops are read and diagnosed one at a time in worker processes; what is kept of each is its
+diagnosis and a thinned copy of its signals, by which groups are found. So the memory grows with the
+number of loops and not with the length of their records.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
+from fieldlink.errors import FieldlinkError
+from fieldlink.site.recording import Recording, read_recording
+
+__all__ = [
+    "Columns",
+    "DiagnosisError",
+    "Plant",
+    "diagnose_files",
+    "diagnose_recording",
+    "diagnose_store",
+    "files_of",
+]
+
+Floats = NDArray[np.float64]
+
+_KEPT = 20_000
+"""Samples of a loop that are kept to find groups: a day at 4.3 s, a period of 20 s and slower."""
+_FEW = 4
+"""Loops up to which starting worker processes takes longer than the work."""
+
+
+class DiagnosisError(FieldlinkError):
+    """There is nothing that could be diagnosed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Names of a file's columns and its period, where they are not the usual ones."""
+
+    op: str | None = None
+    pv: str | None = None
+    sp: str | None = None
+    auto: str | None = None
+    time: str | None = None
+    period: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """Diagnoses of many loops and the groups among them; ``refused`` names what was not read."""
+
+    loops: Mapping[str, Diagnosis]
+    groups: tuple[Group, ...]
+    refused: Mapping[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON object of ``fieldlink diagnose --json`` for several loops."""
+        return {
+            "loops": {name: found.to_dict() for name, found in self.loops.items()},
+            "groups": [group.to_dict() for group in self.groups],
+            "refused": dict(self.refused),
+        }
+
+
+def files_of(paths: Sequence[Path]) -> dict[str, Path]:
+    """The recorded files by loop name: those given, and the CSV files of the folders given.
+
+    Raises:
+        DiagnosisError: a folder without CSV files, or two files of one name.
+    """
+    found: dict[str, Path] = {}
+    for path in paths:
+        inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        if not inside:
+            raise DiagnosisError(f"{path}: the folder has no .csv file; name one that has")
+        for file in inside:
+            if file.stem in found:
+                raise DiagnosisError(
+                    f"{file} and {found[file.stem]} have the same name, and the name is the "
+                    f"loop's; rename one"
+                )
+            found[file.stem] = file
+    return found
+
+
+def read(path: Path, columns: Columns) -> Recording:
+    """Read a recorded loop; PV may be missing."""
+    return read_recording(
+        path,
+        op=columns.op,
+        pv=columns.pv,
+        sp=columns.sp,
+        auto=columns.auto,
+        time=columns.time,
+        period=columns.period,
+        needs_pv=False,
+    )
+
+
+def diagnose_recording(recording: Recording, *, advice: bool = True) -> Diagnosis:
+    """Diagnose one recorded loop."""
+    has_pv = bool(np.isfinite(recording.pv).any())
+    return diagnose(
+        recording.op,
+        recording.pv if has_pv else None,
+        recording.sp if has_pv else None,
+        auto=recording.auto,
+        period=recording.period,
+        advice=advice,
+    )
+
+
+def diagnose_files(files: Mapping[str, Path], columns: Columns) -> Plant:
+    """Diagnose recorded loops of the same hours, and find the groups that swing together.
+
+    Raises:
+        DiagnosisError: none of the files can be read.
+    """
+    return _diagnose_all(files, partial(_one_file, columns=columns))
+
+
+def diagnose_store(url: str, loops: Sequence[str], hours: float) -> Plant:
+    """Diagnose the loops of a historian by its last hours.
+
+    Raises:
+        DiagnosisError: no loop has samples enough.
+    """
+    since = datetime.now(UTC) - timedelta(hours=hours)
+    return _diagnose_all({name: name for name in loops}, partial(_one_stored, url=url, since=since))
+
+
+_Answer = tuple[Diagnosis, LoopSignals] | str
+"""The diagnosis of a loop with its thinned signals, or why it was not read."""
+
+
+def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> Plant:
+    if len(places) <= _FEW:
+        answers = [work(place) for place in places.values()]
+    else:
+        # a fresh process has no threads of ours that a fork would copy half
+        context = get_context("spawn")
+        with ProcessPoolExecutor(os.cpu_count() or 1, mp_context=context) as pool:
+            answers = list(pool.map(work, places.values()))
+    loops: dict[str, Diagnosis] = {}
+    signals: dict[str, LoopSignals] = {}
+    refused: dict[str, str] = {}
+    for name, answer in zip(places, answers, strict=True):
+        if isinstance(answer, str):
+            refused[name] = answer
+        else:
+            loops[name], signals[name] = answer
+    if not loops:
+        raise DiagnosisError("\n".join(refused.values()) or "no loop is given")
+    groups = find_groups(_aligned(signals), loops) if len(loops) > 1 else ()
+    return Plant(loops, groups, refused)
+
+
+def _one_file(path: Path, columns: Columns) -> _Answer:
+    try:
+        recording = read(path, columns)
+    except FieldlinkError as error:
+        return str(error)
+    return diagnose_recording(recording), _thinned(recording)
+
+
+def _one_stored(loop: str, url: str, since: datetime) -> _Answer:
+    from fieldlink.store import read_samples
+
+    frame = read_samples(url, loop, since=since)
+    times = frame["time"].to_numpy().astype("datetime64[ms]").astype(np.int64) / 1000.0
+    if times.size < 50:
+        return (
+            f"{loop}: {times.size} samples in the store since {since:%Y-%m-%d %H:%M} UTC; 50 are "
+            f"needed: let the daemon run, or give more --hours"
+        )
+    period = float(np.median(np.diff(times)))
+    # samples on an even grid; what was missed stays NaN
+    slots = np.round((times - times[0]) / period).astype(int)
+    signals = {}
+    for name in ("op", "pv", "sp", "auto"):
+        even = np.full(slots[-1] + 1, np.nan)
+        even[slots] = frame[name].astype("float64").to_numpy()
+        signals[name] = even
+    has = {name: bool(np.isfinite(values).any()) for name, values in signals.items()}
+    if not (has["op"] and has["pv"]):
+        return f"{loop}: no good sample of OP and PV since {since:%Y-%m-%d %H:%M} UTC"
+    recording = Recording(
+        path=Path(loop),
+        op=signals["op"],
+        pv=signals["pv"],
+        sp=signals["sp"] if has["sp"] else None,
+        auto=np.nan_to_num(signals["auto"]) > 0.0 if has["auto"] else None,
+        period=period,
+        time=None,
+        irregular=0,
+        nan_runs=(),
+        notes=(),
+        start=float(times[0]),
+    )
+    return diagnose_recording(recording), _thinned(recording)
+
+
+def _thinned(recording: Recording) -> LoopSignals:
+    """The signals averaged over a few samples where they are long."""
+    every = max(1, -(-len(recording) // _KEPT))
+
+    def thin(values: Floats) -> Floats:
+        if every == 1:
+            return values
+        whole = values[: values.size // every * every].reshape(-1, every)
+        return np.asarray(whole.mean(axis=1))
+
+    has_pv = bool(np.isfinite(recording.pv).any())
+    return LoopSignals(
+        op=thin(recording.op),
+        pv=thin(recording.pv) if has_pv else None,
+        sp=thin(recording.sp) if has_pv and recording.sp is not None else None,
+        period=recording.period * every,
+        start_s=recording.start if recording.start is not None else float("nan"),
+    )
+
+
+def _aligned(signals: Mapping[str, LoopSignals]) -> dict[str, LoopSignals]:
+    """The signals on one clock; without a clock in every file they all start together."""
+    starts = np.array([one.start_s for one in signals.values()])
+    if not np.isfinite(starts).all():
+        starts = np.zeros(starts.size)
+    starts = starts - starts.min()
+    return {
+        name: replace(one, start_s=float(start))
+        for (name, one), start in zip(signals.items(), starts, strict=True)
+    }

@@ -1,0 +1,36 @@
+"""Why a loop swings and which loop started it: the numeric room's names, for users.
+
+    from fieldlink.diagnosis import diagnose
+    found = diagnose(op, pv, sp, period=1.0)
+    found.first.name, found.first.evidence, found.first.action
+
+Arrays in, results out; ``fieldlink diagnose`` reads files and stores.
+"""
+
+from estimator.diagnosis import (
+    Cause,
+    CauseName,
+    Controller,
+    Diagnosis,
+    Group,
+    LoopSignals,
+    Oscillation,
+    detect_oscillation,
+    diagnose,
+    find_groups,
+    read_controller,
+)
+
+__all__ = [
+    "Cause",
+    "CauseName",
+    "Controller",
+    "Diagnosis",
+    "Group",
+    "LoopSignals",
+    "Oscillation",
+    "detect_oscillation",
+    "diagnose",
+    "find_groups",
+    "read_controller",
+]

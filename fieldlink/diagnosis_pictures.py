@@ -1,0 +1,66 @@
+"""The picture of a diagnosis, with Matplotlib and no display."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from estimator.diagnosis.oscillation import autocorrelation, band_of, bridge
+from fieldlink.pictures import MARK, MODEL, OP, PV, STEM
+
+if TYPE_CHECKING:
+    from fieldlink.diagnosis import Diagnosis
+    from fieldlink.site.recording import Recording
+
+__all__ = ["diagnosis_figure"]
+
+_PERIODS = 6.0
+"""Periods that the autocorrelation is drawn for."""
+
+
+def diagnosis_figure(recording: Recording, found: Diagnosis, *, title: str) -> Figure:
+    """Draw OP, PV with SP, the oscillation's autocorrelation, and the causes with their weights."""
+    figure = Figure(figsize=(12.0, 8.0), layout="constrained")
+    grid = figure.add_gridspec(3, 2, height_ratios=(1.0, 1.0, 1.2))
+    t = np.arange(recording.op.size) * recording.period
+    upper = figure.add_subplot(grid[0, :])
+    lower = figure.add_subplot(grid[1, :], sharex=upper)
+    upper.plot(t, recording.op, color=OP, lw=1.0, label="OP")
+    has_pv = bool(np.isfinite(recording.pv).any())
+    if has_pv:
+        lower.plot(t, recording.pv, color=PV, lw=1.0, label="PV")
+    if recording.sp is not None:
+        lower.plot(t, recording.sp, color=MARK, lw=0.9, ls="--", label="SP")
+    upper.set_ylabel("OP")
+    lower.set(xlabel="time / s", ylabel="PV")
+    for axes in (upper, lower):
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper right", ncols=3, fontsize="small")
+        axes.margins(x=0.0)
+    swing = found.oscillation
+    left = figure.add_subplot(grid[2, 0])
+    left.set(xlabel="lag / s", ylabel="autocorrelation", title="oscillation")
+    if np.isfinite(swing.period_s):
+        signal = recording.op
+        if has_pv and found.oscillating != "op":
+            is_error = found.oscillating == "error" and recording.sp is not None
+            signal = recording.sp - recording.pv if is_error else recording.pv  # type: ignore[operator]
+        kept = band_of(bridge(signal), recording.period / swing.period_s)
+        lags = autocorrelation(kept)
+        shown = min(lags.size // 2, int(_PERIODS * swing.period_s / recording.period))
+        left.plot(np.arange(shown) * recording.period, lags[:shown], color=MODEL)
+        left.axhline(0.0, color=OP, lw=0.5)
+        left.set_title(
+            f"{'oscillation' if swing.present else 'no regular oscillation'}: "
+            f"{swing.period_s:.4g} s, regularity {swing.regularity:.3g}"
+        )
+    right = figure.add_subplot(grid[2, 1])
+    names = [cause.name.words for cause in found.causes][::-1]
+    right.barh(names, [cause.weight for cause in found.causes][::-1], color=STEM)
+    right.set(
+        xlim=(0.0, 1.0), ylim=(-0.7, max(2.0, len(names) - 0.3)), xlabel="weight", title="causes"
+    )
+    figure.suptitle(f"{title}: {found.first.name.words}")
+    return figure

@@ -1,0 +1,50 @@
+"""``fieldlink diagnose`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from tests.cli.conftest import Run
+
+
+def test_one_file_answers_in_the_contract_s_form(
+    fieldlink: Run, recording: Path, tmp_path: Path
+) -> None:
+    result = fieldlink("diagnose", recording, "--json", "--plot", "loop.png")
+    assert result.returncode == 0, result.stderr
+    document = json.loads(result.stdout)
+    assert {"causes", "oscillation", "indices", "controller", "tuning"} <= set(document)
+    assert document["causes"][0]["name"] == "sticky_valve"
+    assert (tmp_path / "loop.png").stat().st_size > 10_000
+
+
+def test_op_alone_and_a_folder(fieldlink: Run, recording: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "hours"
+    folder.mkdir()
+    wave = np.sin(np.arange(900) / 7.0)
+    (folder / "ALONE.csv").write_text("op\n" + "\n".join(f"{v:.6f}" for v in wave))
+    (folder / "LOOP.csv").write_text(recording.read_text())
+    (folder / "BROKEN.csv").write_text("a,b\n1,2\n")
+    result = fieldlink("diagnose", folder, "--json")
+    assert result.returncode == 0, result.stderr
+    document = json.loads(result.stdout)
+    assert set(document["loops"]) == {"ALONE", "LOOP"}
+    assert document["loops"]["ALONE"]["oscillation"]["present"] is True
+    assert isinstance(document["groups"], list)
+    assert "BROKEN" in document["refused"]
+
+
+def test_a_person_reads_the_cause_and_what_to_do(fieldlink: Run, recording: Path) -> None:
+    result = fieldlink("diagnose", recording)
+    assert "sticky valve" in result.stdout
+    assert "packing" in result.stdout
+
+
+def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None:
+    (tmp_path / "none").mkdir()
+    result = fieldlink("diagnose", tmp_path / "none")
+    assert result.returncode == 2
+    assert "no .csv file" in result.stderr

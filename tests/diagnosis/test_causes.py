@@ -1,0 +1,100 @@
+"""One loop of every cause: the cause comes first, the answer is the contract's."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from estimator import EstimatorError
+from fieldlink.diagnosis import Diagnosis, diagnose
+from tests.diagnosis.loops import Loop, run
+
+WAVE = 4.0 * np.sin(2.0 * np.pi * np.arange(1500) / 70.0)
+
+
+def found(loop: Loop, **more: object) -> Diagnosis:
+    return diagnose(loop.op, loop.pv, loop.sp, period=1.0, **more)  # type: ignore[arg-type]
+
+
+def test_a_sticky_valve() -> None:
+    answer = found(run(band=6.0, jump=4.0))
+    assert answer.first.name == "sticky_valve"
+    assert answer.tuning is not None
+    assert "sticks" in answer.tuning["note"]
+
+
+def test_a_wave_from_outside() -> None:
+    answer = found(run(load=WAVE))
+    assert answer.first.name == "external_oscillation"
+    assert answer.oscillation.period_s == pytest.approx(70.0, rel=0.05)
+
+
+def test_a_loop_tuned_too_tight() -> None:
+    answer = found(run(gain=3.4, integral_time=10.0))
+    assert answer.first.name == "tight_tuning"
+    assert answer.tuning is not None
+    assert abs(answer.tuning["gain"]) < 3.4
+
+
+def test_a_limit() -> None:
+    load = -12.0 - 8.0 * np.sin(2.0 * np.pi * np.arange(1500) / 700.0)
+    answer = found(run(load=load, limits=(0.0, 60.0)))
+    assert answer.first.name == "saturation"
+    assert answer.indices["time_at_limits_share"] > 0.2
+
+
+def test_manual() -> None:
+    loop = run()
+    auto = np.zeros(loop.op.size)
+    auto[:300] = 1.0
+    assert found(loop, auto=auto).first.name == "manual"
+
+
+def test_a_frozen_sensor() -> None:
+    loop = run(noise=0.1)
+    pv = loop.pv.copy()
+    pv[500:900] = pv[500]
+    assert diagnose(loop.op, pv, loop.sp).first.name == "sensor"
+
+
+def test_a_quiet_loop_has_a_json_form_of_the_contract() -> None:
+    answer = found(run())
+    assert answer.first.name == "quiet"
+    document = json.loads(json.dumps(answer.to_dict(), allow_nan=False))
+    assert {"causes", "oscillation", "indices", "controller", "tuning"} <= set(document)
+    assert {"present", "period_s", "regularity", "amplitude"} <= set(document["oscillation"])
+    assert set(document["causes"][0]) == {"name", "weight", "evidence", "action"}
+    assert {"structure", "gain", "integral_time_s", "derivative_time_s"} <= set(
+        document["controller"]
+    )
+
+
+def test_op_alone_gets_its_oscillation() -> None:
+    answer = diagnose(run(load=WAVE).op)
+    assert answer.oscillation.present
+    assert answer.first.name == "undetermined"
+    assert "PV" in answer.first.to_dict()["action"]
+
+
+def test_signals_of_different_length_are_refused() -> None:
+    with pytest.raises(EstimatorError, match="same number"):
+        diagnose(np.zeros(100), np.zeros(99))
+
+
+def test_new_settings_do_what_was_predicted() -> None:
+    steps = np.repeat([0.0, 3.0, -1.0, 2.0, -3.0, 1.0], 250)
+    loop = run(gain=2.4, integral_time=10.0, sp=steps)
+    answer = found(loop)
+    assert answer.tuning is not None
+    assert answer.tuning["ms"] == pytest.approx(1.6, rel=0.02)
+    gain, time = answer.tuning["gain"], answer.tuning["integral_time_s"]
+    again = run(gain=gain, integral_time=time, sp=steps)
+    real = float(np.std((again.sp - again.pv)[150:]))
+    assert answer.tuning["predicted_error_std"] == pytest.approx(real, rel=0.15)
+
+
+def test_a_process_that_hardly_shows_gives_no_advice() -> None:
+    loads = np.repeat(np.random.default_rng(4).uniform(-6.0, 6.0, 15), 100)
+    assert found(run(gain=0.15, integral_time=30.0, load=loads)).tuning is None

@@ -1,0 +1,59 @@
+"""Oscillations of known period in noise and drift, and signals that do not oscillate."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldlink.diagnosis import detect_oscillation
+
+RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "oscillation"
+
+
+@pytest.mark.parametrize("cycle", [13.0, 61.0, 190.0])
+@pytest.mark.parametrize("shape", [np.sin, lambda x: np.sign(np.sin(x))])
+def test_the_period_is_told_through_noise_and_drift(cycle: float, shape) -> None:
+    rng = np.random.default_rng(3)
+    k = np.arange(2000)
+    drift = 0.05 * np.cumsum(rng.standard_normal(k.size))
+    wave = shape(2.0 * np.pi * k / cycle)
+    found = detect_oscillation(wave + 0.4 * rng.standard_normal(k.size) + drift, period=2.0)
+    assert found.present
+    assert found.period_s == pytest.approx(2.0 * cycle, rel=0.05)
+    assert found.regularity > 1.0
+    assert found.amplitude == pytest.approx(1.0, rel=0.35)
+
+
+def test_bad_samples_are_bridged() -> None:
+    k = np.arange(1500)
+    values = np.sin(2.0 * np.pi * k / 40.0)
+    values[200:230] = np.nan
+    assert detect_oscillation(values).period_s == pytest.approx(40.0, rel=0.02)
+
+
+def test_noise_and_walks_seldom_oscillate() -> None:
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((60, 1000))
+    walks = np.cumsum(rng.standard_normal((60, 1000)), axis=1)
+    assert sum(detect_oscillation(row).present for row in white) <= 1
+    assert sum(detect_oscillation(row).present for row in walks) <= 8
+
+
+def test_a_constant_has_no_oscillation() -> None:
+    assert not detect_oscillation(np.full(500, 3.0)).present
+
+
+@pytest.mark.skipif(not RECORDED.is_dir(), reason=f"{RECORDED} is absent")
+def test_recorded_labels_agree_for_most_loops() -> None:
+    labels = list(
+        csv.DictReader((RECORDED.parent / "oscillation_labels.csv").read_text().splitlines())
+    )
+    agree = 0
+    for row in labels:
+        op = np.genfromtxt(RECORDED / row["file"], skip_header=1)
+        found = detect_oscillation(op, period=float(row["period_s"]))
+        agree += found.present == (row["oscillating"] == "1")
+    assert agree >= 40, f"{agree} of {len(labels)}"
