@@ -27,6 +27,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "identify export.csv --op FC101.OUT --pv FC101.PV --period 5",
         "identify FC101.csv --window 1000:3000 --json",
     ),
+    "diagnose": (
+        "diagnose FC101.csv --plot FC101.png",
+        "diagnose recordings/ --json",
+        "diagnose site.toml --hours 8",
+    ),
     "assess": (
         "assess recordings/ --every 1d --out assessment",
         "assess history.sqlite --since 2026-01-01 --workers 4 --out assessment",
