@@ -1,7 +1,7 @@
 """Why a loop swings, and the next step: the columns ``cause`` and ``action``.
 
-The one place where they are decided. The names are those of ``fieldlink diagnose``; what the
-verdict on the valve cannot tell is ``undetermined``, with what would determine it.
+The one place where they are decided. The names are those of ``fieldlink diagnose``, which is asked
+where the valve is not the cause; what stays open is ``undetermined``, with what would determine it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Cause", "cause_of"]
 
-UNDETERMINED = "undetermined"
+STICKY, UNDETERMINED = "sticky_valve", "undetermined"
 
 _CAUSES = {
     ReasonCode.NOT_IN_AUTOMATIC: "manual",
@@ -42,9 +42,20 @@ def cause_of(result: Identification, window: Series) -> Cause:
         result: the verdict with its reasons.
         window: its samples, for a diagnosis that looks at more than the valve.
     """
-    del window
+    from fieldlink.diagnosis import diagnose
+
     reason = result.reasons[0]
     if result.verdict is Verdict.STICTION:
         doubt = [one for one in result.reasons if one.code is ReasonCode.UNCERTAIN]
-        return Cause(UNDETERMINED if doubt else "sticky_valve", (doubt or [reason])[0].advice)
-    return Cause(_CAUSES.get(reason.code, UNDETERMINED), reason.advice)
+        return Cause(UNDETERMINED if doubt else STICKY, (doubt or [reason])[0].advice)
+    if reason.code in _CAUSES:
+        return Cause(_CAUSES[reason.code], reason.advice)
+    if result.verdict is Verdict.NOT_ASSESSABLE:
+        return Cause(UNDETERMINED, reason.advice)
+    found = diagnose(
+        window.op, window.pv, window.sp, auto=window.auto, period=window.period, advice=False
+    ).to_dict()["causes"][0]
+    # one word on the valve: the verdict of this row
+    if found["name"] == STICKY:
+        return Cause(UNDETERMINED, ReasonCode.UNCERTAIN.advice)
+    return Cause(found["name"], found["action"])

@@ -14,7 +14,8 @@ import typer
 from fieldlink.cli.progress import show_work
 
 if TYPE_CHECKING:
-    from fieldlink.worklist import ReportedLoop, WorkListSettings
+    from fieldlink.worklist import Finding, ReportedLoop, WorkListSettings
+    from fieldlink.worklist.window_samples import WindowSamples
 
 __all__ = ["report"]
 
@@ -121,10 +122,26 @@ def _loops(
     files = _recordings(sources)
     workers = max(1, (os.cpu_count() or 1) - 1)
     found = judge_recordings(
-        files, settings=settings, period=period, workers=workers, progress=progress
+        files,
+        settings=settings,
+        period=period,
+        workers=workers,
+        progress=progress,
+        diagnose=_finding,
     )
     what = files[0].name if len(files) == 1 else f"{len(files)} recordings"
     return f"Work list of {what}", found
+
+
+def _finding(_name: str, samples: WindowSamples) -> Finding | None:
+    """Return what the diagnosis finds in a recording; None where the valve's verdict is enough."""
+    from fieldlink.diagnosis import diagnose
+    from fieldlink.worklist import finding_of_diagnosis
+
+    if samples.stem is not None:
+        return None
+    found = diagnose(samples.op, samples.pv, samples.sp, period=samples.period, advice=False)
+    return finding_of_diagnosis(found.to_dict()["causes"])
 
 
 def _is_site(source: str) -> bool:
