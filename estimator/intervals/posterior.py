@@ -28,6 +28,8 @@ _NUDGE = 0.02
 """Step of log time constants for the derivative of a response."""
 _IMPOSSIBLE = 1e6
 """Nats by which a stem that does not work like a valve is behind."""
+_ALIKE = 0.05
+"""Stems that differ by less, as a share of S, are those of one law."""
 _PARTS = ndtri((np.arange(9) + 0.5) / 9.0)
 """Nine equal parts of a normal distribution."""
 
@@ -112,14 +114,20 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
 
 
 def _lead_of_law(explanations: tuple[Hypothesis, ...]) -> float:
-    """Nats by which the likeliest law is ahead of the next one; 0 where only one was tried."""
-    best: dict[str, float] = {}
-    for one in explanations:
-        assert one.valve is not None
-        law = one.valve.law
-        best[law] = max(best.get(law, -math.inf), one.likelihood)
-    ordered = sorted(best.values(), reverse=True)
-    return ordered[0] - ordered[1] if len(ordered) > 1 else 0.0
+    """Nats by which the likeliest law is ahead of the next one; 0 where only one was tried.
+
+    Laws that move the stem alike are one: ``he`` and ``steps`` where no sample asks for two slips.
+    """
+    best = explanations[0]
+    assert best.valve is not None
+    others = [
+        one.likelihood
+        for one in explanations
+        if one.valve is not None
+        and one.valve.law != best.valve.law
+        and float(np.abs(one.stem - best.stem).max()) > _ALIKE * best.valve.band
+    ]
+    return best.likelihood - max(others) if others else 0.0
 
 
 def _usual_step(op: Array) -> float:
