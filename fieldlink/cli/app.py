@@ -28,6 +28,7 @@ from fieldlink.cli import (
     simulate,
     site,
     standing,
+    support,
     web,
     work,
 )
@@ -44,6 +45,7 @@ app = typer.Typer(
     help="Find sticky control valves from OP and PV, and take their oscillation away.",
     epilog=FIRST_STEPS,
 )
+app.callback()(support.show_options)
 app.command("identify")(identify.identify)
 app.command("diagnose")(diagnose.diagnose)
 app.command("assess")(assess.assess)
@@ -63,6 +65,7 @@ app.command("report")(report.report)
 app.command("work")(work.work)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
+app.command("support-bundle")(support.support_bundle)
 app.command("scan")(scan.scan)
 app.command("read")(by_hand.read)
 app.command("write")(by_hand.write)

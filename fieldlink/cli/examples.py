@@ -67,6 +67,10 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "export site.toml --loop FC101 --from 2026-11-21 --out FC101.csv",
         "export site.toml --table estimates --out estimates.parquet",
     ),
+    "support-bundle": (
+        "support-bundle site.toml --out bundle.zip",
+        "support-bundle --out bundle.zip",
+    ),
     "scan": (
         "scan 192.168.1.10",
         "scan /dev/ttyUSB0 --units 1-32 --tables holding --baud 9600",
@@ -105,6 +109,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         "compensate",
         "backup",
         "export",
+        "support-bundle",
         "warm-up",
     ),
     "Try it without a plant": ("demo", "plant", "rehearse", "simulate", "fmu"),
