@@ -21,6 +21,7 @@ from fieldlink.cli import (
     fmu,
     history,
     identify,
+    init,
     registers_io,
     rehearse,
     report,
@@ -50,6 +51,7 @@ app.command("identify")(identify.identify)
 app.command("diagnose")(diagnose.diagnose)
 app.command("assess")(assess.assess)
 app.command("demo")(demo.demo)
+app.command("init")(init.init)
 app.command("check")(site.check)
 app.command("schema")(site.schema)
 app.command("plant")(fleet.plant)
