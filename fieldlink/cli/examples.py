@@ -13,8 +13,8 @@ No plant at hand: `fieldlink demo`
 
 A recorded loop: `fieldlink identify FC101.csv`, and for many `fieldlink assess recordings/`
 
-A PLC: `fieldlink init vendor.xlsx --host 192.168.1.10` makes a site file from its list of
-registers, then `fieldlink run site.toml`; without a list, `fieldlink scan 192.168.1.10`
+A PLC: `fieldlink scan 192.168.1.10`, then `fieldlink init vendor.xlsx --host 192.168.1.10` with its
+list of registers, `fieldlink check site.toml`, `fieldlink run site.toml`
 
 A running site: `fieldlink status site.toml`, `fieldlink report site.toml`
 
