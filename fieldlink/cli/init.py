@@ -53,6 +53,7 @@ def init(
         Literal["zero", "one", "modicon"] | None,
         typer.Option(help="How addresses are written; found out unless given."),
     ] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook; the first.")] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,11 +77,14 @@ def init(
     from fieldlink.site import SiteError
     from fieldlink.site.loop_proposal import propose_loops
     from fieldlink.site.map_import import import_map
-    from fieldlink.site.site_draft import PLACEHOLDER, SiteDraft, refuse_existing
+    from fieldlink.site.site_draft import PLACEHOLDER, SiteDraft, map_path_of, refuse_existing
 
-    draft_at = SiteDraft(out, {}, "", port, unit, period, (), "")
-    refuse_existing(out, draft_at.map_path)
-    found = import_map(file, addresses=addresses, headings=parse_headings(column or []))
+    if host is not None:
+        _check_host(host)
+    refuse_existing(out, map_path_of(out))
+    found = import_map(
+        file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
+    )
     for note in found.notes:
         _say(f"  {note}")
     for problem in found.problems:
@@ -123,12 +127,22 @@ def init(
     if not yes:
         if not may_ask:
             raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
-        typer.confirm(f"write {out} and {draft.map_path}?", abort=True)
+        typer.confirm(f"write {out} and {map_path_of(out)}?", abort=True)
     draft.write(found.tags)
-    _say(f"written: {out}, and {draft.map_path} with {len(taken)} of {len(found.tags)} tags")
+    _say(f"written: {out}, and {map_path_of(out)} with {len(taken)} of {len(found.tags)} tags")
     check(out)
     answers = host is not None and _read_once(out)
     typer.echo(f"next: {_next_step(out, host, answers)}")
+
+
+def _check_host(host: str) -> None:
+    name, colon, port = host.rpartition(":")
+    if not host.strip():
+        raise typer.BadParameter("give a host name or an address", param_hint="--host")
+    if colon and ":" not in name:
+        raise typer.BadParameter(
+            f"{host!r} holds a port; give --host {name} --port {port or 502}", param_hint="--host"
+        )
 
 
 def _say(text: str) -> None:

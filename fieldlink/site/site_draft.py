@@ -13,7 +13,7 @@ from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.loop_proposal import ROLES
 from fieldlink.site.map_export import map_as_csv
 
-__all__ = ["PLACEHOLDER", "SiteDraft", "refuse_existing"]
+__all__ = ["PLACEHOLDER", "SiteDraft", "map_path_of", "refuse_existing"]
 
 PLACEHOLDER = "192.0.2.10"
 """Host of a site file whose PLC is not known yet: an address for examples (RFC 5737)."""
@@ -43,11 +43,6 @@ class SiteDraft:
     auto_values: tuple[float, ...]
     source: str
 
-    @property
-    def map_path(self) -> Path:
-        """The register map's file."""
-        return self.path.with_name(f"{self.path.stem}-map.csv")
-
     def write(self, tags: Mapping[str, Tag]) -> None:
         """Write the map (the loops' tags, none of them writable) and the site file.
 
@@ -56,8 +51,9 @@ class SiteDraft:
         """
         used = dict.fromkeys(tag for roles in self.loops.values() for tag in roles.values())
         kept = [replace(tags[name], writable=False) for name in used]
-        refuse_existing(self.path, self.map_path)
-        _create(self.map_path, map_as_csv(kept))
+        map_path = map_path_of(self.path)
+        refuse_existing(self.path, map_path)
+        _create(map_path, map_as_csv(kept))
         _create(self.path, self.text)
 
     @property
@@ -74,7 +70,7 @@ class SiteDraft:
             f"host = {_quote(self.host)}",
             f"port = {self.port}",
             f"unit = {self.unit}",
-            f"register_map = {_quote(self.map_path.name)}",
+            f"register_map = {_quote(map_path_of(self.path).name)}",
         ]
         for name, roles in self.loops.items():
             key = name if _BARE.fullmatch(name) else _quote(name)
@@ -86,6 +82,11 @@ class SiteDraft:
             lines.append(f"period = {self.period!r}")
             lines.append("writeback = { enabled = false }")
         return "\n".join(lines) + "\n"
+
+
+def map_path_of(site: Path) -> Path:
+    """Return the file of the register map beside a new site file."""
+    return site.with_name(f"{site.stem}-map.csv")
 
 
 def refuse_existing(*paths: Path) -> None:

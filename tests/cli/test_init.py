@@ -125,3 +125,18 @@ def test_a_plc_that_does_not_answer_is_said_after_the_files_are_written(folder: 
     assert "not read: " in result.stderr
     assert result.stdout.rstrip().endswith("fieldlink read site.toml, once the PLC can be reached")
     assert load_site(folder / "site.toml").devices["plc"].port == 1
+
+
+def test_a_host_has_no_port_in_it(folder: Path) -> None:
+    result = run("clear.csv", "--host", "127.0.0.1:502", "--yes")
+    assert result.exit_code == 2
+    assert "--port 502" in " ".join(result.output.split())
+    assert not (folder / "site.toml").exists()
+
+
+def test_without_a_host_the_next_step_says_so(folder: Path) -> None:
+    result = run("clear.csv", "--loop", 'F"C\\1=FC101.OP,FC101.PV,sp=FC101.SP', "--yes")
+    assert result.exit_code == 0, result.output
+    # The name needs escapes in TOML; the loop's other proposals are withdrawn with it.
+    assert set(load_site(folder / "site.toml").loops) == {'F"C\\1', "FIC202"}
+    assert "put the PLC's host into site.toml" in result.stdout
