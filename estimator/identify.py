@@ -18,6 +18,7 @@ from estimator.evidence.effect import effect_of
 from estimator.evidence.hypothesis import Case
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
+from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
 from estimator.evidence.weighing import Weighing, weigh
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
@@ -145,6 +146,7 @@ def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidenc
     moves, reversals, strokes = describe_stem(sticky.stem)
     evidence = Evidence(
         log_bayes_factor=weighing.evidence,
+        steady=steady_evidence(case, healthy, sticky),
         effect=effect_of(case, best),
         process=max(case.evidence_of_process(one) for one in (healthy, sticky)),
         disturbances=healthy.disturbances,

@@ -37,6 +37,7 @@ class ReasonCode(StrEnum):
     NO_MODEL_EXPLAINS_PV = "no_model_explains_pv"
     TOO_FEW_MOVES = "too_few_moves"
     BAND_TOO_SMALL = "band_too_small"
+    EVIDENCE_IN_ONE_PART = "evidence_in_one_part"
     RECORD_INTERPOLATED = "record_interpolated"
     UNCERTAIN = "uncertain"
 
@@ -66,6 +67,9 @@ _ADVICE = {
     ),
     ReasonCode.TOO_FEW_MOVES: "Record a longer window or one with a set-point change.",
     ReasonCode.BAND_TOO_SMALL: "Nothing to do at the valve; watch whether the band grows.",
+    ReasonCode.EVIDENCE_IN_ONE_PART: (
+        "Look for a jump of the load or a gap in that part; judge another window."
+    ),
     ReasonCode.RECORD_INTERPOLATED: (
         "Poll the loop: the historian has drawn straight lines where the evidence was."
     ),

@@ -108,6 +108,8 @@ class Evidence:
     Attributes:
         log_bayes_factor: of a sticky over a healthy valve, in nats; both judged on the same rows,
             every parameter paid for; negative where the healthy valve is likelier.
+        steady: the same without the eighth of the window that holds most of it: low where one jump
+            of the load makes the evidence.
         effect: share of PV's variance that the difference between stem and OP makes.
         process: log-likelihood ratio of the better hypothesis over a PV that does not follow OP.
         disturbances: oscillations from outside that the healthy valve needs.
@@ -120,6 +122,7 @@ class Evidence:
     """
 
     log_bayes_factor: float
+    steady: float
     effect: float
     process: float
     disturbances: int
@@ -135,6 +138,7 @@ class Evidence:
         """Plain types, null for no number."""
         return {
             "log_bayes_factor": _number(self.log_bayes_factor),
+            "steady": _number(self.steady),
             "effect": _number(self.effect),
             "process": _number(self.process),
             "disturbances": self.disturbances,

@@ -141,6 +141,9 @@ class Judging:
         few_strokes, few_threshold: strokes of the stem below which a window is called sticky only
             from this log Bayes factor on: two or three strokes also fit a load that drifts (tuning
             family: half of the false alarms, none beyond 41).
+        parts, steady: parts of the window, and the log Bayes factor that must be left without the
+            part that holds most of it: a valve sticks all the time, a load jumps once (tuning
+            family: false alarms rest on one part).
         uncertain: half-width of the zone around the threshold in which the answer is uncertain.
         process: log-likelihood ratio of a process over none, below which PV does not follow OP:
             4.5 is a gain three deviations from zero.
@@ -150,6 +153,8 @@ class Judging:
     threshold: float = 10.0
     few_strokes: int = 4
     few_threshold: float = 50.0
+    parts: int = 8
+    steady: float = 6.0
     uncertain: float = 4.0
     process: float = 4.5
 

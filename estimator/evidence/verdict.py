@@ -48,16 +48,16 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
         f"healthy one; {evidence.strokes} strokes"
     )
 
-    def answer(verdict: Verdict, code: ReasonCode, text: str, uncertain: bool = False) -> Judgement:
+    def answer(
+        verdict: Verdict,
+        code: ReasonCode,
+        text: str,
+        uncertain: bool = False,
+        doubt: str = f"the evidence is within {judging.uncertain:g} of the threshold",
+    ) -> Judgement:
         reasons = [Reason(code, f"{text} ({figures})")]
         if uncertain:
-            reasons.append(
-                Reason(
-                    ReasonCode.UNCERTAIN,
-                    f"the evidence is within {judging.uncertain:g} of the threshold: the other "
-                    f"verdict is possible",
-                )
-            )
+            reasons.append(Reason(ReasonCode.UNCERTAIN, f"{doubt}: the other verdict is possible"))
         return Judgement(verdict, uncertain, tuple(reasons))
 
     sticks = evidence.log_bayes_factor >= judging.threshold
@@ -90,6 +90,15 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             ReasonCode.BAND_TOO_SMALL,
             f"the stick band is {evidence.band_over_span:.1%} of OP's span, less than a positioner "
             f"resolves",
+        )
+    if sticks and evidence.steady < judging.steady:
+        return answer(
+            Verdict.NO_STICTION,
+            ReasonCode.EVIDENCE_IN_ONE_PART,
+            f"a sticky valve is likelier in one part of the window only: without that part the log "
+            f"Bayes factor is {evidence.steady:.1f}, and {judging.steady:g} is needed",
+            uncertain=True,
+            doubt="the rest of the window holds too little evidence",
         )
     if sticks:
         return answer(

@@ -14,6 +14,7 @@ from estimator.settings import SETTINGS
 
 CLEAR = Evidence(
     log_bayes_factor=80.0,
+    steady=60.0,
     effect=0.5,
     process=200.0,
     disturbances=0,
@@ -116,3 +117,11 @@ def test_moves_that_follow_each_other_in_one_direction_are_one_stroke() -> None:
     assert count_strokes(stem) == 2
     assert describe_stem(stem) == (4, 1, 2)
     assert describe_stem(np.zeros(500)) == (0, 0, 0)
+
+
+def test_evidence_in_one_part_of_the_window_is_not_called() -> None:
+    # one jump of the load may fall on a slip of some valve
+    found = judge(replace(CLEAR, steady=SETTINGS.judging.steady - 0.1), Fit(0.9, 0.8), SETTINGS)
+    assert (found.verdict, found.uncertain) == (Verdict.NO_STICTION, True)
+    codes = [reason.code for reason in found.reasons]
+    assert codes == [ReasonCode.EVIDENCE_IN_ONE_PART, ReasonCode.UNCERTAIN]
