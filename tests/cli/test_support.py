@@ -75,3 +75,12 @@ def test_a_bundle_replaces_no_file(tmp_path: Path) -> None:
     assert isinstance(result.exception, FieldlinkError)
     assert "exists" in str(result.exception)
     assert out.read_bytes() == before
+
+
+def test_check_does_not_show_a_password_with_a_slash(site: Path) -> None:
+    for options in ((), ("--json",)):
+        shown = CliRunner().invoke(app, ["check", str(site), *options])
+        assert shown.exit_code == 0, shown.output
+        assert "meyer:***@127.0.0.1:1/plant" in shown.stdout
+        assert "hunter2" not in shown.stdout
+        assert "@sign" not in shown.stdout

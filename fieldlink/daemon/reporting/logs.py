@@ -18,7 +18,8 @@ from fieldlink.printable import as_printable
 
 __all__ = ["configure_logging", "hide_secrets"]
 
-_PASSWORD = re.compile(r"(\w+://[^\s:/@]*):[^\s/@]+@")
+_PASSWORD = re.compile(r"(\w+://[^\s:/@\"']*):[^\s\"']+@")
+"""Up to the last @ of a word, because a password may hold / and @."""
 _TOKEN = re.compile(r"(?i)\b(bearer\s+|(?:password|passwd|token)\s*[=:]\s*)[^\s;,]{6,}")
 
 

@@ -29,8 +29,6 @@ __all__ = ["EVENTS_KEPT", "BundleError", "write_bundle"]
 EVENTS_KEPT = 200
 """Events in a bundle, the newest: about a day of a site with a fault that comes back."""
 
-_URL_PASSWORD = re.compile(r"(\w+://[^\s:/@\"']*):[^\s\"']+@")
-"""Up to the last @, for a password that holds one itself."""
 _ASSIGNED = re.compile(
     r"(?i)\b([\w-]*(?:password|passwd|token|secret|api_?key)\"?\s*[=:]\s*)"
     r"(\"[^\"]*\"|'[^']*'|[^\s;,&\"']+)"
@@ -111,4 +109,4 @@ def _as_json(document: object) -> str:
 
 
 def _hide(text: str) -> str:
-    return hide_secrets(_ASSIGNED.sub(r'\1"***"', _URL_PASSWORD.sub(r"\1:***@", text)))
+    return hide_secrets(_ASSIGNED.sub(r'\1"***"', text))
