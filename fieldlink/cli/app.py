@@ -21,6 +21,7 @@ from fieldlink.cli import (
     fmu,
     history,
     identify,
+    init,
     registers_io,
     rehearse,
     report,
@@ -28,6 +29,7 @@ from fieldlink.cli import (
     simulate,
     site,
     standing,
+    support,
     web,
     work,
 )
@@ -44,10 +46,12 @@ app = typer.Typer(
     help="Find sticky control valves from OP and PV, and take their oscillation away.",
     epilog=FIRST_STEPS,
 )
+app.callback()(support.show_options)
 app.command("identify")(identify.identify)
 app.command("diagnose")(diagnose.diagnose)
 app.command("assess")(assess.assess)
 app.command("demo")(demo.demo)
+app.command("init")(init.init)
 app.command("check")(site.check)
 app.command("schema")(site.schema)
 app.command("plant")(fleet.plant)
@@ -63,6 +67,7 @@ app.command("report")(report.report)
 app.command("work")(work.work)
 app.command("backup")(history.backup)
 app.command("export")(history.export)
+app.command("support-bundle")(support.support_bundle)
 app.command("scan")(scan.scan)
 app.command("read")(by_hand.read)
 app.command("write")(by_hand.write)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fieldlink.links import Reading
     from fieldlink.links.by_hand import Point
 
-__all__ = ["read", "write"]
+__all__ = ["is_terminal", "read", "value_text", "write"]
 
 
 @takes_connection()
@@ -57,7 +57,7 @@ def read(
             if not reading.was_read:
                 missing.append(point)
             if not as_json:
-                typer.echo(f"{point.tag.name} = {_value(point, reading)}   ({point.where})")
+                typer.echo(f"{point.tag.name} = {value_text(point, reading)}   ({point.where})")
     if as_json and shown:
         typer.echo(json.dumps(shown))
     if failed and not shown:
@@ -102,13 +102,13 @@ def write(
         )
     words = words_for(point, value)
     before = asyncio.run(read_points([point]))[0]
-    typer.echo(f"{point.where} holds {_value(point, before)}")
+    typer.echo(f"{point.where} holds {value_text(point, before)}")
     if not yes:
         if not is_terminal():
             raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
         typer.confirm(f"write {value} {point.tag.unit}".rstrip() + "?", abort=True)
     after = asyncio.run(write_point(point, words))
-    typer.echo(f"written; it holds {_value(point, after)} now")
+    typer.echo(f"written; it holds {value_text(point, after)} now")
 
 
 def _point(target: str, text: str, connect: Connect) -> Point:
@@ -170,7 +170,8 @@ def _warn(message: str) -> None:
     typer.secho(f"fieldlink: {message}", err=True, fg=typer.colors.RED)
 
 
-def _value(point: Point, reading: Reading) -> str:
+def value_text(point: Point, reading: Reading) -> str:
+    """Return a reading for a person: value and unit, or why there is no good value."""
     if reading.text is not None:
         return repr(reading.text)
     if reading.good:

@@ -13,8 +13,8 @@ No plant at hand: `fieldlink demo`
 
 A recorded loop: `fieldlink identify FC101.csv`, and for many `fieldlink assess recordings/`
 
-A PLC: `fieldlink scan 192.168.1.10`, then `fieldlink map import vendor.xlsx --out map.csv`, write a
-site file, `fieldlink check site.toml`, `fieldlink run site.toml`
+A PLC: `fieldlink scan 192.168.1.10`, then `fieldlink init vendor.xlsx --host 192.168.1.10` with its
+list of registers, `fieldlink check site.toml`, `fieldlink run site.toml`
 
 A running site: `fieldlink status site.toml`, `fieldlink report site.toml`
 
@@ -37,6 +37,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "assess history.sqlite --since 2026-01-01 --workers 4 --out assessment",
     ),
     "demo": ("demo", "demo --hold 600", "demo --recording FC101.csv --output demo-FC101"),
+    "init": (
+        "init vendor.xlsx --host 192.168.1.10",
+        "init vendor.csv --host 192.168.1.10 --unit 5 --out area1.toml",
+        "init map.csv --loop FC101=FIC101.OUT,FT101.PV --auto-values 1 --yes",
+    ),
     "check": ("check site.toml", "check site.toml --json"),
     "schema": ("schema > site.schema.json",),
     "plant": ("plant site.toml", "plant site.toml --port 15020 --speed 20"),
@@ -67,6 +72,10 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "export site.toml --loop FC101 --from 2026-11-21 --out FC101.csv",
         "export site.toml --table estimates --out estimates.parquet",
     ),
+    "support-bundle": (
+        "support-bundle site.toml --out bundle.zip",
+        "support-bundle --out bundle.zip",
+    ),
     "scan": (
         "scan 192.168.1.10",
         "scan /dev/ttyUSB0 --units 1-32 --tables holding --baud 9600",
@@ -95,7 +104,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
 
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Judge loops": ("identify", "diagnose", "assess", "report", "work"),
-    "Set up a site": ("scan", "read", "write", "map", "check", "schema"),
+    "Set up a site": ("init", "scan", "read", "write", "map", "check", "schema"),
     "Run it": (
         "run",
         "web",
@@ -105,6 +114,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         "compensate",
         "backup",
         "export",
+        "support-bundle",
         "warm-up",
     ),
     "Try it without a plant": ("demo", "plant", "rehearse", "simulate", "fmu"),

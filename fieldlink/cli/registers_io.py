@@ -9,7 +9,7 @@ import typer
 
 from fieldlink.cli.site import SiteFile
 
-__all__ = ["app"]
+__all__ = ["app", "parse_headings"]
 
 app = typer.Typer(no_args_is_help=True, help="Register maps: from a vendor's list, to a file.")
 
@@ -46,7 +46,9 @@ def import_(
     from fieldlink.site.map_export import map_as_csv, write_map
     from fieldlink.site.map_import import import_map
 
-    found = import_map(file, addresses=addresses, sheet=sheet, headings=_headings(column or []))
+    found = import_map(
+        file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
+    )
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     for note in found.notes:
         console.print(f"  {as_printable(note)}", markup=False)
@@ -65,7 +67,7 @@ def import_(
         console.print(f"written to {out}")
 
 
-def _headings(pairs: list[str]) -> dict[str, str]:
+def parse_headings(pairs: list[str]) -> dict[str, str]:
     """Return column to heading of ``tag=Typ``."""
     found: dict[str, str] = {}
     for pair in pairs:

@@ -13,9 +13,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["ColumnGuess", "guess_columns"]
+__all__ = ["SIGNAL_WORDS", "UMLAUTS", "ColumnGuess", "guess_columns"]
 
-_WORDS: Mapping[str, tuple[str, ...]] = {
+SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
     "op": (
         "op",
         "out mv co output controlleroutput manipulatedvariable manipulatedvalue valve "
@@ -37,7 +37,7 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
 }
 """By role, the words that name it, the plainest first; words of one group are equally plain."""
 
-_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ def guess_columns(header: Sequence[str], named: Mapping[str, int]) -> ColumnGues
     taken = set(named.values())
     found = {
         role: [c for c in _candidates(role, header) if c.number not in taken]
-        for role in _WORDS
+        for role in SIGNAL_WORDS
         if role not in named
     }
     loops = {
@@ -95,7 +95,7 @@ def guess_columns(header: Sequence[str], named: Mapping[str, int]) -> ColumnGues
         if len(fitting) == 1:
             columns[role] = fitting[0].number
             taken.add(fitting[0].number)
-            if fitting[0].group == len(_WORDS[role]) - 1 and role in ("auto", "time"):
+            if fitting[0].group == len(SIGNAL_WORDS[role]) - 1 and role in ("auto", "time"):
                 unsure.add(role)
         elif fitting:
             ambiguous[role] = tuple(header[candidate.number] for candidate in fitting)
@@ -115,7 +115,7 @@ def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
     found = []
     for number, heading in enumerate(header):
         words = _split(heading)
-        for group, known in enumerate(_WORDS[role]):
+        for group, known in enumerate(SIGNAL_WORDS[role]):
             loop = _rest(words, known.split())
             if loop is not None:
                 found.append(_Candidate(number, group, loop))
@@ -129,7 +129,7 @@ def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
 
 def _split(heading: str) -> list[str]:
     """The words of a heading, without what stands in brackets."""
-    plain = re.sub(r"[\[(].*?[\])]", " ", heading).casefold().translate(_UMLAUTS)
+    plain = re.sub(r"[\[(].*?[\])]", " ", heading).casefold().translate(UMLAUTS)
     return [word for word in re.split(r"[^a-z0-9]+", plain) if word]
 
 

@@ -23,7 +23,8 @@ __all__ = ["Site"]
 M = TypeVar("M", bound=BaseModel)
 
 _SQLITE = "sqlite:///"
-_PASSWORD = re.compile(r"(\w+://[^\s:/@]*):[^\s/@]+@")
+_PASSWORD = re.compile(r"(\w+://[^\s:/@]*):.+@")
+"""Up to the last @, because a password may hold /, @ and blanks."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,10 @@ import structlog
 
 from fieldlink.printable import as_printable
 
-__all__ = ["configure_logging"]
+__all__ = ["configure_logging", "hide_secrets"]
 
-_PASSWORD = re.compile(r"(\w+://[^\s:/@]*):[^\s/@]+@")
+_PASSWORD = re.compile(r"(\w+://[^\s:/@\"']*):[^\s\"']+@")
+"""Up to the last @ of a word, because a password may hold / and @."""
 _TOKEN = re.compile(r"(?i)\b(bearer\s+|(?:password|passwd|token)\s*[=:]\s*)[^\s;,]{6,}")
 
 
@@ -57,15 +58,15 @@ def configure_logging(level: int = logging.INFO) -> None:
 def _one_line(_: object, __: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
     for key, value in event.items():
         if isinstance(value, str):
-            event[key] = _hidden(as_printable(value))
+            event[key] = hide_secrets(as_printable(value))
     return event
 
 
 def _without_secrets(record: logging.LogRecord) -> bool:
-    record.msg, record.args = _hidden(record.getMessage()), ()
+    record.msg, record.args = hide_secrets(record.getMessage()), ()
     return True
 
 
-def _hidden(text: str) -> str:
+def hide_secrets(text: str) -> str:
     """Put stars in place of what looks like a password or a token."""
     return _TOKEN.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))

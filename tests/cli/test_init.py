@@ -1,0 +1,142 @@
+"""``fieldlink init``: from a maker's list of registers to a site file that is checked and read."""
+
+from __future__ import annotations
+
+import struct
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from fieldlink.cli import by_hand
+from fieldlink.cli.app import app
+from fieldlink.errors import FieldlinkError
+from fieldlink.lab.plc import Listening
+from fieldlink.lab.plc.image import RegisterImage
+from fieldlink.lab.plc.modbus_device import modbus_device
+from fieldlink.registers import Table
+from fieldlink.site import load_site
+from tests.links.serving import served_in_a_thread
+
+HEADER = "Tag;Address;Type;Access;Unit\n"
+CLEAR = HEADER + (
+    "FC101.OP;40001;REAL;RW;%\n"
+    "FC101.PV;40003;REAL;R;m3/h\n"
+    "FC101.SP;40005;REAL;RW;m3/h\n"
+    "FC101.MODE;40007;INT;RW;\n"
+    "FIC202_OUT;40011;REAL;RW;%\n"
+    "FIC202_PV;40013;REAL;R;m3/h\n"
+    "TI301.PV;40021;REAL;R;degC\n"
+)
+UNCLEAR = HEADER + "FC101.OUT;0;REAL;R;%\nFC101.MV;2;REAL;R;%\nFC101.PV;4;REAL;R;m3/h\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "clear.csv").write_text(CLEAR)
+    (tmp_path / "unclear.csv").write_text(UNCLEAR)
+    return tmp_path
+
+
+@pytest.fixture
+def port() -> Iterator[int]:
+    image = RegisterImage()
+    image.define(Table.HOLDING, 0, 30)
+    image.put(Table.HOLDING, 0, list(struct.unpack(">4H", struct.pack(">2f", 42.5, 12.25))))
+    image.put(Table.HOLDING, 6, [1])
+    with served_in_a_thread([modbus_device(image, 1)], Listening()) as number:
+        yield number
+
+
+def run(*arguments: str, stdin: str | None = None) -> Result:
+    return CliRunner().invoke(app, ["init", *arguments], input=stdin)
+
+
+def refusal(result: Result) -> str:
+    assert isinstance(result.exception, FieldlinkError), result.output
+    return str(result.exception)
+
+
+def test_a_clear_list_becomes_a_site_that_is_read_once(folder: Path, port: int) -> None:
+    options = ("--host", "127.0.0.1", "--port", str(port), "--auto-values", "1,2", "--yes")
+    result = run("clear.csv", *options)
+    assert result.exit_code == 0, result.output
+    site = load_site(folder / "site.toml")
+    assert set(site.loops) == {"FC101", "FIC202"}
+    first = site.loops["FC101"]
+    assert first.tags == ("FC101.OP", "FC101.PV", "FC101.SP", "FC101.MODE")
+    assert first.auto_values == (1.0, 2.0)
+    assert site.loops["FIC202"].tags == ("FIC202_OUT", "FIC202_PV")
+    assert not any(loop.writeback.enabled for loop in site.loops.values())
+    # The list lets FC101.SP be written; the new map does not.
+    assert not any(tag.writable for tag in site.maps["plc"].values())
+    assert "TI301.PV" not in site.maps["plc"]
+    assert "left out: TI301 has no OP (TI301.PV)" in result.stderr
+    assert "FC101.OP = 42.5 %" in result.stderr
+    assert "FC101.PV = 12.25 m3/h" in result.stderr
+    assert "ok 1 device, 2 loops" in result.stdout
+    assert result.stdout.rstrip().endswith("fieldlink run site.toml")
+
+
+def test_nothing_is_overwritten(folder: Path) -> None:
+    (folder / "site-map.csv").write_text("mine")
+    said = refusal(run("clear.csv", "--auto-values", "1", "--yes"))
+    assert said == "site-map.csv: the file exists; choose another name with --out"
+    assert (folder / "site-map.csv").read_text() == "mine"
+    assert not (folder / "site.toml").exists()
+
+
+def test_what_is_not_clear_is_refused_without_a_terminal(folder: Path) -> None:
+    said = refusal(run("unclear.csv", "--yes"))
+    assert "FC101: OP may be FC101.OUT or FC101.MV" in said
+    assert "--loop FC101=FC101.OUT,FC101.PV" in said
+    assert "--auto-values" in run("clear.csv", "--yes").output
+    assert "--yes" in run("clear.csv", "--auto-values", "1").output
+    assert [path.name for path in folder.glob("site*")] == []
+
+
+def test_a_loop_can_be_named_or_left_out(folder: Path) -> None:
+    assert run("unclear.csv", "--loop", "FC101=FC101.MV,FC101.PV", "--yes").exit_code == 0
+    loops = tomllib.loads((folder / "site.toml").read_text())["loops"]
+    assert loops["FC101"]["op"] == "FC101.MV"
+    left = run("unclear.csv", "--leave-out", "FC101", "--out", "b.toml", "--yes")
+    assert left.exit_code == 2
+    assert "no tags that are OP and PV" in left.output
+    wrong = run("unclear.csv", "--loop", "FC101=FC101.MU,FC101.PV", "--out", "b.toml", "--yes")
+    assert "FC101.MV" in wrong.output
+
+
+def test_on_a_terminal_it_asks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(by_hand, "is_terminal", lambda: True)
+    result = run("unclear.csv", stdin="FC101.XX\nFC101.OUT\n127.0.0.1\ny\n")
+    assert "FC101.XX is none of them" in result.output
+    written = tomllib.loads((folder / "site.toml").read_text())
+    assert written["loops"]["FC101"]["op"] == "FC101.OUT"
+    assert written["devices"]["plc"]["host"] == "127.0.0.1"
+
+
+def test_a_plc_that_does_not_answer_is_said_after_the_files_are_written(folder: Path) -> None:
+    options = ("--host", "127.0.0.1", "--port", "1", "--auto-values", "1", "--yes")
+    result = run("clear.csv", *options)
+    assert result.exit_code == 0, result.output
+    assert "not read: " in result.stderr
+    assert result.stdout.rstrip().endswith("fieldlink read site.toml, once the PLC can be reached")
+    assert load_site(folder / "site.toml").devices["plc"].port == 1
+
+
+def test_a_host_has_no_port_in_it(folder: Path) -> None:
+    result = run("clear.csv", "--host", "127.0.0.1:502", "--yes")
+    assert result.exit_code == 2
+    assert "--port 502" in " ".join(result.output.split())
+    assert not (folder / "site.toml").exists()
+
+
+def test_without_a_host_the_next_step_says_so(folder: Path) -> None:
+    result = run("clear.csv", "--loop", 'F"C\\1=FC101.OP,FC101.PV,sp=FC101.SP', "--yes")
+    assert result.exit_code == 0, result.output
+    # The name needs escapes in TOML; the loop's other proposals are withdrawn with it.
+    assert set(load_site(folder / "site.toml").loops) == {'F"C\\1', "FIC202"}
+    assert "put the PLC's host into site.toml" in result.stdout
