@@ -138,8 +138,8 @@ class Judging:
             that were tried.
         threshold: log Bayes factor from which a valve is called sticky. About 1 in 20,000 at even
             odds: a false alarm sends a technician, and loops are judged daily.
-        few_strokes, few_threshold: strokes of the stem below which a window is called sticky only
-            from this log Bayes factor on: two or three strokes also fit a load that drifts (tuning
+        few: strokes of the stem below which a window is called sticky only from a higher log Bayes
+            factor on, and that factor: two or three strokes also fit a load that drifts (tuning
             family: half of the false alarms, none beyond 41).
         parts, steady: parts of the window, and the log Bayes factor that must be left without the
             part that holds most of it: a valve sticks all the time, a load jumps once (tuning
@@ -151,8 +151,7 @@ class Judging:
 
     price: float = 2.0
     threshold: float = 10.0
-    few_strokes: int = 4
-    few_threshold: float = 50.0
+    few: tuple[int, float] = (4, 50.0)
     parts: int = 8
     steady: float = 6.0
     uncertain: float = 4.0

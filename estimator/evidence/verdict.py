@@ -75,14 +75,13 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             ReasonCode.TOO_FEW_MOVES,
             f"the stem makes {evidence.strokes} strokes, {screening.min_strokes} are needed",
         )
-    few = evidence.strokes < judging.few_strokes
-    if sticks and few and evidence.log_bayes_factor < judging.few_threshold:
+    strokes, least = judging.few
+    if sticks and evidence.strokes < strokes and evidence.log_bayes_factor < least:
         return answer(
             Verdict.NOT_ASSESSABLE,
             ReasonCode.TOO_FEW_MOVES,
             f"the stem makes {evidence.strokes} strokes, which a drifting load may explain: "
-            f"{judging.few_strokes} strokes are needed, or evidence from "
-            f"{judging.few_threshold:g} on",
+            f"{strokes} strokes are needed, or evidence from {least:g} on",
         )
     if sticks and evidence.band_over_span < screening.min_band:
         return answer(
