@@ -153,7 +153,7 @@ class Judging:
     threshold: float = 10.0
     few: tuple[int, float] = (4, 50.0)
     parts: int = 8
-    steady: float = 5.0
+    steady: float = 1.5
     uncertain: float = 4.0
     process: float = 4.5
 
