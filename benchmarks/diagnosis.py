@@ -36,7 +36,7 @@ FAMILIES: dict[str, Any] = {"report": report, "tuning": tuning}
 
 
 def judge_loop(job: tuple[tuple[str, ...], int], family: str) -> dict[str, Any]:
-    """What is said of one loop, and the truth."""
+    """The diagnosis of one loop, and the truth."""
     causes, seed = job
     loop = FAMILIES[family].draw_loop(causes, seed)
     begun = perf_counter()

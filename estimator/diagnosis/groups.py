@@ -236,7 +236,7 @@ def _candidates(
                 score -= grouping.strength
                 against.append(f"its OP is the set-point of {cascade.slave}, which moves the valve")
         scores.append((score, name, tuple(evidence), tuple(against)))
-    # where no loop makes the oscillation itself it comes from outside, whoever shows it most
+    # where no loop makes the oscillation itself it comes from outside, whichever loop shows it most
     is_made = any(_makes(diagnoses[name], period, settings)[0] > 0.0 for name in names)
     most_likely = max(score for score, *_ in scores)
     outside = grouping.outside if is_made else most_likely + grouping.unmade

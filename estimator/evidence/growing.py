@@ -22,6 +22,10 @@ _STEPS = (0.4, 0.2, 0.1, 0.05)
 """Cycles by which a frequency is moved while it is refined."""
 _SHARP_STEPS = (0.03, 0.015, 0.007)
 """The same for a wave with harmonics."""
+_ROUGH_STEPS = (0.1, 0.05)
+"""The same before it where the frequency is only that of a peak."""
+_RESOLVED = 0.4
+"""Highest frequency of a harmonic over the sampling frequency; one half is the limit (Nyquist)."""
 _HOPE = 8.0
 """Nats a harmonic by which a wave may be behind before its frequency is sharpened."""
 _NEAR = 3
@@ -59,10 +63,8 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
     if len(waves) < case.settings.modelling.max_sinusoids:
         cycles = _frequency(case, of, other)
         if cycles is not None:
-            most = 0.4 * case.rows.size / cycles
-            for harmonics in case.settings.modelling.waves:
-                if max(harmonics) <= max(1.0, most):
-                    found.append(_sharpened(tried, Sinusoid(cycles, harmonics), of.likelihood))
+            for wave in _waves_of(case, cycles):
+                found.append(_sharpened(tried, wave, of.likelihood))
     if not any(isinstance(one, Characteristic) for one in of.nuisances):
         found.append(tried(Characteristic()))
     return max(found, key=lambda one: one.likelihood, default=None)
@@ -78,21 +80,24 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
     if cycles < _FEWEST_CYCLES:
         return None
-    most = 0.4 * case.rows.size / cycles
     found = []
-    for harmonics in case.settings.modelling.waves:
-        if max(harmonics) > max(1.0, most):
-            continue
+    for wave in _waves_of(case, cycles):
         for taps in (DRIFT, DRIFT_AND_NOISE):
-            start = polish(case, None, healthy, (Sinusoid(cycles, harmonics),), taps, passes=2)
-            at = start
+            at = polish(case, None, healthy, (wave,), taps, passes=2)
 
             def tried(nuisance: Nuisance, at: Hypothesis = at) -> Hypothesis:
                 return case.fit(None, at.poles, at.dead_time, (nuisance,), at.taps, stem=at.stem)
 
-            sharp = _sharpened(tried, Sinusoid(cycles, harmonics), -math.inf, (0.1, 0.05))
+            sharp = _sharpened(tried, wave, -math.inf, _ROUGH_STEPS)
             found.append(polish(case, None, sharp, sharp.nuisances, sharp.taps, passes=2))
     return max(found, key=lambda one: one.likelihood)
+
+
+def _waves_of(case: Case, cycles: float) -> list[Sinusoid]:
+    """The waves that are offered at a frequency: all of whose harmonics the samples resolve."""
+    most = max(1.0, _RESOLVED * case.rows.size / cycles)
+    waves = case.settings.modelling.waves
+    return [Sinusoid(cycles, harmonics) for harmonics in waves if max(harmonics) <= most]
 
 
 def _sharpened(
