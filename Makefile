@@ -59,7 +59,7 @@ bench: dev
 	$(BIN)/python -m benchmarks.web_page --out docs/benchmarks
 	$(BIN)/python -m benchmarks.web_pictures --images docs/images
 	$(BIN)/python -m benchmarks.kills --runs 50 --out docs/benchmarks
-	$(BIN)/python -m benchmarks.fleet --out docs/benchmarks
+	$(BIN)/python -m benchmarks.assess_fleet --out docs/benchmarks
 
 fmus: install
 	$(BIN)/python -m fmu_models.build

@@ -24,7 +24,7 @@ import httpx
 
 from benchmarks.report import heading, keep, table
 from benchmarks.web_store import fill_store
-from fieldlink.web.answers import STATIC
+from fieldlink.web.responses import STATIC
 
 LOOPS, DAYS = 500, 365
 POINTS = 10_000

@@ -12,23 +12,23 @@ import sys
 import typer
 
 from fieldlink.cli import (
+    ask_daemon,
     assess,
-    by_hand,
+    backup_export,
     compensate,
     demo,
     diagnose,
-    fleet,
     fmu,
-    history,
     identify,
     init,
-    registers_io,
+    map_commands,
+    read_write,
     rehearse,
     report,
+    run,
     scan,
     simulate,
     site,
-    standing,
     support,
     web,
     work,
@@ -54,24 +54,24 @@ app.command("demo")(demo.demo)
 app.command("init")(init.init)
 app.command("check")(site.check)
 app.command("schema")(site.schema)
-app.command("plant")(fleet.plant)
-app.command("run")(fleet.run)
+app.command("plant")(run.plant)
+app.command("run")(run.run)
 app.command("rehearse")(rehearse.rehearse)
 app.command("simulate")(simulate.simulate)
 app.command("compensate")(compensate.compensate)
 app.command("web")(web.web)
-app.command("status")(standing.status)
-app.command("events")(standing.events)
-app.command("withdraw")(standing.withdraw)
+app.command("status")(ask_daemon.status)
+app.command("events")(ask_daemon.events)
+app.command("withdraw")(ask_daemon.withdraw)
 app.command("report")(report.report)
 app.command("work")(work.work)
-app.command("backup")(history.backup)
-app.command("export")(history.export)
+app.command("backup")(backup_export.backup)
+app.command("export")(backup_export.export)
 app.command("support-bundle")(support.support_bundle)
 app.command("scan")(scan.scan)
-app.command("read")(by_hand.read)
-app.command("write")(by_hand.write)
-app.add_typer(registers_io.app, name="map")
+app.command("read")(read_write.read)
+app.command("write")(read_write.write)
+app.add_typer(map_commands.app, name="map")
 app.add_typer(fmu.app, name="fmu")
 app.command("warm-up")(identify.warm_up)
 

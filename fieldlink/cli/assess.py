@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldlink.cli.moments import parse_length, parse_moment
+from fieldlink.cli.time_arguments import parse_length, parse_moment
 
 if TYPE_CHECKING:
     from fieldlink.assess.assessment import Outcome

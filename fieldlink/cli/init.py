@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from fieldlink.cli import by_hand
+from fieldlink.cli import read_write
 
 if TYPE_CHECKING:
     from fieldlink.registers import Tag
@@ -72,7 +72,7 @@ def init(
     Nothing is written to the PLC, and write-back is off in the new file. With --host every tag is
     read once.
     """
-    from fieldlink.cli.registers_io import parse_headings
+    from fieldlink.cli.map_commands import parse_headings
     from fieldlink.cli.site import check
     from fieldlink.site import SiteError
     from fieldlink.site.loop_proposal import propose_loops
@@ -94,7 +94,7 @@ def init(
         raise typer.Exit(2)
     given = _given_loops(loop or [], found.tags)
     proposal = propose_loops(found.tags.values())
-    may_ask = by_hand.is_terminal()
+    may_ask = read_write.is_terminal()
     clear, unclear = _divide(proposal, given, leave_out or [])
     if unclear and not may_ask:
         raise SiteError(_unclear_problems(file, unclear))
@@ -272,7 +272,7 @@ def _automatic(text: str | None, loops: Mapping[str, Roles], may_ask: bool) -> t
 def _read_once(out: Path) -> bool:
     """Read every tag of the new site once and print it; return whether the PLC answered."""
     from fieldlink.links import LinkError
-    from fieldlink.links.by_hand import Point, read_points
+    from fieldlink.links.single_values import Point, read_points
     from fieldlink.site import load_site
 
     site = load_site(out)
@@ -285,7 +285,7 @@ def _read_once(out: Path) -> bool:
         _say(f"not read: {error}")
         return False
     for point, reading in zip(points, readings, strict=True):
-        _say(f"  {point.tag.name} = {by_hand.value_text(point, reading)}")
+        _say(f"  {point.tag.name} = {read_write.value_text(point, reading)}")
     return True
 
 

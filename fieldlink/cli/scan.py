@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldlink.cli.target import Connect, Target, TargetArgument, find_target, takes_connection
+from fieldlink.cli.device_argument import (
+    Connect,
+    Target,
+    TargetArgument,
+    find_target,
+    takes_connection,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console

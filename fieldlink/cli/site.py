@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fieldlink.site import CheckReport
-    from fieldlink.site.report import DeviceReport, LoopReport, RequestReport
+    from fieldlink.site.check_report import DeviceReport, LoopReport, RequestReport
 
 __all__ = ["SiteFile", "check", "schema"]
 

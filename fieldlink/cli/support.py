@@ -48,7 +48,7 @@ def support_bundle(
     It holds host names, tags and event texts. Passwords and tokens are cut out and files with keys
     are not opened. Look through it before you send it.
     """
-    from fieldlink.daemon.reporting.support import write_bundle
+    from fieldlink.daemon.reporting.support_bundle import write_bundle
 
     parts = write_bundle(site, out)
     typer.echo(f"{out}: {', '.join(parts)}")

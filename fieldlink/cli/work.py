@@ -36,7 +36,7 @@ def work(
 
     With neither state, owner nor note it shows what has been said so far.
     """
-    from fieldlink.cli.moments import parse_moment
+    from fieldlink.cli.time_arguments import parse_moment
     from fieldlink.site import load_site
     from fieldlink.store import FleetReader, record_work
 

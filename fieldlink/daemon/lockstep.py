@@ -9,11 +9,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from fieldlink.daemon.assembly import Assembly, OpenLink
 from fieldlink.daemon.estimation.estimating import Estimator, InlineEstimator
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.settings import retention_of
+from fieldlink.daemon.site_runner import OpenLink, SiteRunner
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Link, SteppedLink, VirtualClock, open_link
 from fieldlink.site import Site
@@ -56,18 +56,18 @@ class LockstepRun:
         )
         self._on_record = on_record
         self._estimator = estimator or InlineEstimator()
-        self._assembly = Assembly(
+        self._runner = SiteRunner(
             site, self._clock, self._put, read_only=read_only, live=False, links=links
         )
 
     def link(self, device: str) -> Link:
         """Return the link of a device, for judging a run by what the plant really did."""
-        return self._assembly.runners[device].link
+        return self._runner.runners[device].link
 
     def status(self) -> DaemonStatus:
         """Return a snapshot; may be called at any time."""
         report = StoreReport() if self._historian is None else self._historian.report()
-        return self._assembly.status(report)
+        return self._runner.status(report)
 
     async def run(
         self,
@@ -86,16 +86,16 @@ class LockstepRun:
             FieldlinkError: a device is not a simulation, or cannot be opened.
             StoreError: the historian cannot be opened.
         """
-        journal = self._assembly.journal
+        journal = self._runner.journal
         if self._historian is not None:
             self._historian.start(journal.event_record("lockstep.start", "daemon", self._site.name))
             self._historian.tidy()
         try:
-            await self._assembly.open()
+            await self._runner.open()
             try:
                 await self._steps(duration, on_scan, stop)
             finally:
-                await self._assembly.close()
+                await self._runner.close()
         finally:
             if self._historian is not None:
                 await asyncio.to_thread(self._historian.stop)
@@ -107,7 +107,7 @@ class LockstepRun:
         on_scan: Callable[[float], None] | None,
         stop: asyncio.Event | None,
     ) -> None:
-        periods = {name: _period(runner) for name, runner in self._assembly.runners.items()}
+        periods = {name: _period(runner) for name, runner in self._runner.runners.items()}
         scans = dict.fromkeys(periods, 0)
         total = 0
         while periods and not (stop is not None and stop.is_set()):
@@ -116,10 +116,10 @@ class LockstepRun:
             if now >= duration:
                 return
             self._clock.advance_to(now)
-            await self._step(self._assembly.runners[name], now)
+            await self._step(self._runner.runners[name], now)
             scans[name] += 1
             total += 1
-            if self._assembly.runners[name].ended:
+            if self._runner.runners[name].ended:
                 del periods[name]
             if on_scan is not None:
                 on_scan(now)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from fieldlink.daemon.assembly import Assembly
 from fieldlink.daemon.installation import only_daemon
+from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SystemClock
@@ -40,16 +40,16 @@ async def withdraw_without_daemon(
     clock = clock or SystemClock()
     with only_daemon(site.data_dir) as identity:
         historian = Historian(site.historian_url)
-        assembly = Assembly(site, clock, historian.put, keep=historian.keep)
-        assembly.identify(identity)
-        loop = assembly.loop(name)
-        runner = assembly.runner_of(name)
+        site_runner = SiteRunner(site, clock, historian.put, keep=historian.keep)
+        site_runner.identify(identity)
+        loop = site_runner.loop(name)
+        runner = site_runner.runner_of(name)
         assert loop is not None
         assert runner is not None
-        begun = assembly.journal.event_record("withdraw.start", name, reason)
+        begun = site_runner.journal.event_record("withdraw.start", name, reason)
         historian.start(begun)
         try:
-            assembly.resume(await asyncio.to_thread(last_blocks, site.historian_url))
+            site_runner.resume(await asyncio.to_thread(last_blocks, site.historian_url))
             loop.withdraw(reason, clock.utc())
             await runner.link.open()
             now = 0.0

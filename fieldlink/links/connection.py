@@ -33,7 +33,7 @@ from fieldlink.links.frames import (
     write_many_request,
     write_one_request,
 )
-from fieldlink.links.late import LateReplies, proves
+from fieldlink.links.late_replies import LateReplies, proves
 from fieldlink.links.line import Line, Lines, LineSettings
 from fieldlink.links.wire import Wire, WireClosedError, WireLostError, WrongReplyError
 from fieldlink.registers import Table

@@ -6,6 +6,8 @@
 Everything is checked when a site is loaded; what is wrong is a `SiteError` that lists all of it.
 """
 
+from fieldlink.site.check_report import CheckReport, check
+from fieldlink.site.checked_site import Site
 from fieldlink.site.device import Device, Quirks, Tls
 from fieldlink.site.errors import Problem, RecordingError, SiteError
 from fieldlink.site.load import load_site, schema
@@ -20,8 +22,6 @@ from fieldlink.site.models import (
 )
 from fieldlink.site.recording import Recording, read_recording
 from fieldlink.site.register_map import read_register_map
-from fieldlink.site.report import CheckReport, check
-from fieldlink.site.resolved import Site
 
 __all__ = [
     "CheckReport",

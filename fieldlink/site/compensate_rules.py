@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from fieldlink.registers import DataType, Table
+from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.models import Loop
-from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
 __all__ = ["compensate_fits"]

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from fieldlink.registers import Tag
+from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import SiteFile
 from fieldlink.site.node_map import read_node_map
 from fieldlink.site.register_map import read_register_map
-from fieldlink.site.resolved import Site
 from fieldlink.site.rules import find_problems
 from fieldlink.site.toml_source import TomlSource
 from fieldlink.site.validation import validated

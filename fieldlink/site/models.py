@@ -14,15 +14,15 @@ from pydantic import Field, model_validator
 
 from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
-from fieldlink.site.device import Address, Device, Model, Seconds
-from fieldlink.site.mqtt import MqttSettings
-from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
-from fieldlink.site.upkeep import (
+from fieldlink.site.daemon_tables import (
     EstimationSettings,
     HistorianTable,
     ReportSettings,
     WebSettings,
 )
+from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.mqtt import MqttSettings
+from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 
 __all__ = [
     "Device",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem
 from fieldlink.site.named_files import find_missing
-from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
 __all__ = ["mqtt_fits"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem
-from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
 __all__ = ["find_missing"]

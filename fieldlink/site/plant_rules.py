@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem, RecordingError, nearest
 from fieldlink.site.models import Loop
 from fieldlink.site.plant import PlantSettings
 from fieldlink.site.recording import read_recording
-from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
 __all__ = ["plant_fits"]

@@ -17,6 +17,7 @@ from fieldlink.registers import (
     Tag,
     plan_reads,
 )
+from fieldlink.site.checked_site import Site
 from fieldlink.site.compensate_rules import compensate_fits
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
@@ -25,7 +26,6 @@ from fieldlink.site.mqtt_rules import mqtt_fits
 from fieldlink.site.named_files import find_missing
 from fieldlink.site.opcua_rules import opcua_fits
 from fieldlink.site.plant_rules import plant_fits
-from fieldlink.site.resolved import Site
 from fieldlink.site.toml_source import TomlSource
 
 __all__ = ["find_problems"]

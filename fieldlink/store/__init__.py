@@ -25,9 +25,9 @@ from fieldlink.store.records import (
     WorkRecord,
     WritebackRecord,
 )
-from fieldlink.store.reports import HistorianSettings, StoreReport
-from fieldlink.store.stretches import SampleReader
-from fieldlink.store.work import WORK_DONE, WORK_STATES, record_work
+from fieldlink.store.sample_stretches import SampleReader
+from fieldlink.store.settings_and_counts import HistorianSettings, StoreReport
+from fieldlink.store.work_notes import WORK_DONE, WORK_STATES, record_work
 
 __all__ = [
     "EXPORTED_TABLES",

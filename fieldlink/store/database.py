@@ -11,8 +11,8 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from fieldlink.store.damage import is_corruption, was_a_database
+from fieldlink.store.database_identity import refuse_foreign_file, refuse_foreign_tables
 from fieldlink.store.errors import StoreCorruptError, StoreError
-from fieldlink.store.ownership import refuse_foreign_file, refuse_foreign_tables
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
 

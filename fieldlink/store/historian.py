@@ -24,11 +24,11 @@ from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.store.damage import is_corruption, set_aside
 from fieldlink.store.database import cause_of, file_of, open_for_writing
 from fieldlink.store.errors import StoreCorruptError, StoreError, StoreMismatchError
+from fieldlink.store.file_presence import Presence
 from fieldlink.store.housekeeping import Housekeeping, Retention
 from fieldlink.store.inserting import insert_batch, may_pass
-from fieldlink.store.presence import Presence
 from fieldlink.store.records import EventRecord, Record, SampleRecord
-from fieldlink.store.reports import HistorianSettings, StoreReport
+from fieldlink.store.settings_and_counts import HistorianSettings, StoreReport
 from fieldlink.store.wal import keep_damaged_log
 
 __all__ = ["Historian"]

@@ -4,8 +4,8 @@ Nothing here reads or writes a device; commands from above go through the daemon
 """
 
 from fieldlink.upward.commands import CommandDesk
+from fieldlink.upward.counts import FormatReport, UpwardReport
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.publishing import Publishing
-from fieldlink.upward.report import FormatReport, UpwardReport
 
 __all__ = ["CommandDesk", "FormatReport", "Publishing", "UpwardError", "UpwardReport"]

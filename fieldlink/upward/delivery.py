@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterable
 from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.upward.broker import BrokerSession
 from fieldlink.upward.broker_settings import BrokerSettings
+from fieldlink.upward.counts import FormatReport
 from fieldlink.upward.errors import BrokerError, BrokerRefusalError, UpwardError
 from fieldlink.upward.formats import Format, Health
 from fieldlink.upward.packets import Outgoing
-from fieldlink.upward.report import FormatReport
 from fieldlink.upward.spool_thread import SpoolThread
 
 __all__ = ["Delivery"]

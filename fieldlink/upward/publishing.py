@@ -24,12 +24,12 @@ from fieldlink.site import Site
 from fieldlink.store import Record
 from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.commands import Action, CommandDesk
+from fieldlink.upward.counts import UpwardReport
 from fieldlink.upward.delivery import Delivery
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.formats import Format, Health
 from fieldlink.upward.json_format import JsonFormat
 from fieldlink.upward.messages import Message, message_maker
-from fieldlink.upward.report import UpwardReport
 from fieldlink.upward.spool import Spool
 from fieldlink.upward.spool_thread import SpoolThread
 

@@ -21,8 +21,8 @@ from fieldlink.daemon.orders import Action, Order
 from fieldlink.errors import FieldlinkError
 from fieldlink.store import StoreError
 from fieldlink.web.access import COOKIE, SESSION_SECONDS, Access
-from fieldlink.web.answers import json_answer, page_answer, render, static_answer
 from fieldlink.web.health import Readiness
+from fieldlink.web.responses import json_answer, page_answer, render, static_answer
 from fieldlink.web.source import Source
 from fieldlink.web.view.cost_map import cost_map
 from fieldlink.web.view.curves import RAW, curves, phase

@@ -16,8 +16,8 @@ from fieldlink.site import Site
 from fieldlink.store import StoreError
 from fieldlink.store.database import file_of
 from fieldlink.web.analyst import Analyst
-from fieldlink.web.answers import load_templates
-from fieldlink.web.view.fleet import Fleet, FleetView
+from fieldlink.web.responses import load_templates
+from fieldlink.web.view.fleet_view import Fleet, FleetView
 from fieldlink.web.view.store_queries import StoreQueries
 
 __all__ = ["Source"]

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from estimator import Interval, Track
 from fieldlink.store import WORK_DONE, FleetReader
-from fieldlink.worklist.course import Course, Repair, outlook_of, repair_in, trend_of, worse_since
+from fieldlink.worklist.estimates_over_time import (
+    Course,
+    Repair,
+    outlook_of,
+    repair_in,
+    trend_of,
+    worse_since,
+)
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.row import BeforeAfter, Confidence, Figures, WorkItem, WorkRow
 from fieldlink.worklist.settings import WorkListSettings

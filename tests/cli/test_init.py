@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from fieldlink.cli import by_hand
+from fieldlink.cli import read_write
 from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
@@ -110,7 +110,7 @@ def test_a_loop_can_be_named_or_left_out(folder: Path) -> None:
 
 
 def test_on_a_terminal_it_asks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(by_hand, "is_terminal", lambda: True)
+    monkeypatch.setattr(read_write, "is_terminal", lambda: True)
     result = run("unclear.csv", stdin="FC101.XX\nFC101.OUT\n127.0.0.1\ny\n")
     assert "FC101.XX is none of them" in result.output
     written = tomllib.loads((folder / "site.toml").read_text())

@@ -173,8 +173,8 @@ async def test_a_killed_estimator_process_is_replaced(device: Any, tmp_path: Pat
     site = site_for(tmp_path, {"plc": device.port})
     async with plant_on(device), running(site) as daemon:
         await until(lambda: daemon.status().loops["PLC"].estimates >= 1, "an estimate")
-        assert daemon._pool is not None
-        for process in daemon._pool.worker_ids():
+        assert daemon._judging.worker_ids()
+        for process in daemon._judging.worker_ids():
             os.kill(process, signal.SIGKILL)
         before = daemon.status().loops["PLC"].estimates
         await until(lambda: daemon.status().loops["PLC"].estimates >= before + 2, "estimates again")

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.assembly import Assembly
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.links import Quality, Reading, Scan, SystemClock
 from fieldlink.site import Site, load_site
 
@@ -34,7 +34,7 @@ def scan_of(slot: int) -> Scan:
 
 
 def runner_of(site: Site) -> DeviceRunner:
-    return Assembly(site, SystemClock(), lambda _: None).runners["plc"]
+    return SiteRunner(site, SystemClock(), lambda _: None).runners["plc"]
 
 
 def filled(runner: DeviceRunner, samples: int = 60) -> LoopRunner:
@@ -113,9 +113,9 @@ def test_an_estimate_of_before_a_reload_is_asked_for_again(
 
 def test_numbers_of_blocks_go_on_when_a_loop_comes_back(tmp_path: Path, live: Any) -> None:
     site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
-    assembly = Assembly(site, SystemClock(), lambda _: None)
-    first = assembly.runners["plc"].loops["PLC"]
-    again = assembly.runner(site, "plc").loops["PLC"]
+    site_runner = SiteRunner(site, SystemClock(), lambda _: None)
+    first = site_runner.runners["plc"].loops["PLC"]
+    again = site_runner.runner(site, "plc").loops["PLC"]
     assert first.writer is not None
     assert again.writer is not None
     first.writer._handover._numbers.learn(41)

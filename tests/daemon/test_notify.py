@@ -71,7 +71,7 @@ async def test_a_daemon_whose_parts_hang_says_which(device: Any, tmp_path: Path,
     async with live.plant_on(device), live.running(site) as daemon:
         await live.until(lambda: daemon.status().loops["PLC"].counts.read >= 5, "samples")
         assert daemon.stuck() == ()
-        daemon._devices["plc"]._turn -= 1000.0
+        daemon._devices.tasks["plc"]._turn -= 1000.0
         # Until its next turn, which comes at once here.
         assert daemon.stuck() == ("device plc",)
         await live.until(lambda: daemon.stuck() == (), "its turn")

@@ -12,7 +12,7 @@ import pytest
 
 from fieldlink.daemon.estimation.pool import EstimatorPool
 from fieldlink.daemon.reporting.journal import Journal
-from fieldlink.daemon.sampling.placing import CounterPlacer, Place
+from fieldlink.daemon.sampling.slot_placing import CounterPlacer, Place
 from fieldlink.daemon.windows.pipeline import LoopCounts, LoopPipeline
 from fieldlink.links import LinkState, Quality, Reading, Scan, VirtualClock
 from fieldlink.links.modbus import ModbusLink

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place
+from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place
 from fieldlink.daemon.windows.window import LoopSample, Window
 
 

@@ -16,7 +16,7 @@ from pymodbus.framer import FramerType
 from fieldlink.links import LinkTimeoutError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.frames import echo_request, read_request, write_one_request
-from fieldlink.links.late import LateReplies, proves
+from fieldlink.links.late_replies import LateReplies, proves
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
@@ -136,7 +136,7 @@ async def test_late_replies_are_counted(new_slow: Callable[..., Any]) -> None:
 async def test_a_device_that_says_nothing_to_fc8_and_refuses_other_lengths_comes_back(
     new_slow: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fieldlink.links.late.FORGET_AFTER", 0.5)
+    monkeypatch.setattr("fieldlink.links.late_replies.FORGET_AFTER", 0.5)
     neighbours = {n + k for n in APART for k in (1, 2, 3, 4, 5, 6, 7, 8)}
     delays = iter([1.6 * TIMEOUT])
     slow = await new_slow(delay=lambda: next(delays, 0.0), echoes="ignored", illegal=neighbours)

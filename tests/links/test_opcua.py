@@ -12,8 +12,8 @@ import pytest
 import pytest_asyncio
 
 from fieldlink.links import LinkState, Quality, SystemClock, open_link
-from fieldlink.links.by_hand import Point, read_points
 from fieldlink.links.errors import AccessRefusedError, LinkError
+from fieldlink.links.single_values import Point, read_points
 from fieldlink.site import Site, check
 from tests.links.opcua_server import OpcuaServer
 

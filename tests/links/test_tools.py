@@ -15,7 +15,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.modbus_device import modbus_device, other_units
-from fieldlink.links.by_hand import as_manual_address
+from fieldlink.links.single_values import as_manual_address
 from fieldlink.registers import Table
 from tests.links.serving import served_in_a_thread
 
@@ -270,7 +270,7 @@ def test_reading_40001_says_that_0_may_be_meant(port: int) -> None:
 
 
 def test_reading_40001_asks_on_a_terminal(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fieldlink.cli.by_hand.is_terminal", lambda: True)
+    monkeypatch.setattr("fieldlink.cli.read_write.is_terminal", lambda: True)
     result = run("read", f"127.0.0.1:{port}", "40011", "--timeout", "5", stdin="y\n")
     assert "is holding:10 meant" in result.stdout
     assert "holding:10 = 425" in result.stdout

@@ -22,7 +22,7 @@ from fieldlink.worklist import (
     finding_of_estimate,
     list_loops,
 )
-from fieldlink.worklist.course import Course
+from fieldlink.worklist.estimates_over_time import Course
 from fieldlink.worklist.row import Confidence, Outlook
 
 END = datetime.fromtimestamp(END_MS / 1000.0, UTC)

@@ -201,7 +201,7 @@ def worker_context() -> multiprocessing.context.BaseContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["fieldlink.daemon.estimation.preloaded"])
+    context.set_forkserver_preload(["fieldlink.daemon.estimation.worker_imports"])
     return context
 
 

@@ -6,9 +6,13 @@ marked with the stretch of time that its stamp belongs to, and the scheduler's j
 
 from __future__ import annotations
 
+import asyncio
+
+from fieldlink.daemon.reporting.journal import Journal
+from fieldlink.daemon.schedule import Schedule
 from fieldlink.links import Clock
 
-__all__ = ["CHECK_EVERY", "ClockWatch"]
+__all__ = ["ClockWatch", "follow_clock"]
 
 CHECK_EVERY = 1.0
 """Seconds between two looks."""
@@ -67,3 +71,21 @@ class ClockWatch:
         self._stepped += offset - self._offset
         self._before, self._offset = self._offset, offset
         self.steps += 1
+
+
+async def follow_clock(watch: ClockWatch, schedule: Schedule, journal: Journal) -> None:
+    """Look every second, for ever: move the scheduler's jobs along with a step, and record it."""
+    while True:
+        await asyncio.sleep(CHECK_EVERY)
+        journal.summarize()
+        step = watch.look()
+        if step == 0.0:
+            continue
+        schedule.clock_stepped(step)
+        journal.event(
+            "clock.stepped",
+            "daemon",
+            f"the wall clock stepped by {step:+.1f} s; sampling goes on, its samples are now "
+            f"marked clock_steps = {watch.steps}",
+            bad=True,
+        )

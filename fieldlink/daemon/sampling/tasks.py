@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
 
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.links import Clock
 from fieldlink.registers import HEARTBEAT_EVERY
 
-__all__ = ["DeviceTasks", "spawn", "wait_for"]
+__all__ = ["DeviceTasks", "spawn", "wait_for", "wait_for_end"]
 
 STUCK_AFTER = 30.0
 """Seconds beyond three polls without a turn of the polling task after which it counts as stuck."""
@@ -101,3 +101,22 @@ async def wait_for(event: asyncio.Event, seconds: float) -> bool:
     except TimeoutError:
         return False
     return True
+
+
+async def wait_for_end(
+    stop: asyncio.Event | None, duration: float | None, failures: Sequence[asyncio.Future[None]]
+) -> None:
+    """Wait for ``stop`` or so many seconds; raise when something ended that must not."""
+    asked = spawn(_wait_for_stop(stop), "stop")
+    try:
+        done, _ = await asyncio.wait(
+            [asked, *failures], timeout=duration, return_when=asyncio.FIRST_COMPLETED
+        )
+        for future in done:
+            future.result()
+    finally:
+        asked.cancel()
+
+
+async def _wait_for_stop(stop: asyncio.Event | None) -> None:
+    await (stop or asyncio.Event()).wait()

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
-from fieldlink.daemon.sampling.placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
+from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
 from fieldlink.daemon.windows.window import LoopSample, Window
 from fieldlink.links import Quality, Scan
 from fieldlink.registers import Tag

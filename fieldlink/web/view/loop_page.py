@@ -9,7 +9,7 @@ from typing import Any
 from fieldlink.daemon import WritebackOutcome
 from fieldlink.site import Site
 from fieldlink.web.view.compensation import before_and_after
-from fieldlink.web.view.fleet import Document, Fleet, FleetView
+from fieldlink.web.view.fleet_view import Document, Fleet, FleetView
 from fieldlink.web.view.reasons import what_to_do, what_would_help, why
 from fieldlink.web.view.store_queries import DAY_MS, Row, StoreQueries
 from fieldlink.web.view.words import iso_time

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.sampling.accounts import SlotAccounts
 from fieldlink.daemon.sampling.lateness import BOUNDS, Lateness
+from fieldlink.daemon.sampling.slot_accounts import SlotAccounts
 from fieldlink.daemon.windows.pipeline import LoopCounts, LoopPipeline
 from fieldlink.links import Quality, Reading, Scan, VirtualClock
 from fieldlink.site import Loop

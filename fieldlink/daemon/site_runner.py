@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.orders import ORDER_EVENTS, recall_orders
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
@@ -16,16 +18,23 @@ from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import Clock, Link, LinkState, open_link
 from fieldlink.site import Site
-from fieldlink.store import Record, StoreReport, WritebackRecord
+from fieldlink.store import (
+    Record,
+    StoreError,
+    StoreReport,
+    WritebackRecord,
+    last_blocks,
+    last_events,
+)
 from fieldlink.upward import UpwardReport
 
-__all__ = ["Assembly", "OpenLink"]
+__all__ = ["OpenLink", "SiteRunner"]
 
 OpenLink = Callable[[Site, str, Clock], Link]
 """Makes the link of a device: `open_link`, or something that stands before it."""
 
 
-class Assembly:
+class SiteRunner:
     """One runner for every device that has a loop.
 
     Args:
@@ -95,6 +104,20 @@ class Assembly:
         for loop, record in unfinished.items():
             if (found := self.loop(loop)) is not None:
                 found.resume(record)
+
+    async def resume_from(self, url: str) -> None:
+        """Go on after the last block and the last order of every loop in the historian at ``url``.
+
+        A historian that cannot be read now is an event: what waits is then judged anew.
+        """
+        try:
+            last = await asyncio.to_thread(last_blocks, url)
+            orders = await asyncio.to_thread(last_events, url, ORDER_EVENTS)
+        except StoreError as error:
+            self.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
+        else:
+            self.resume(last)
+            recall_orders(orders, self.orders)
 
     async def open(self) -> None:
         """Open every link.

@@ -1,6 +1,6 @@
 """What finishing a run takes: rows into the run_file, ranked, both tables and the page.
 
-    python -m benchmarks.fleet_table ROWS
+    python -m benchmarks.finish_table ROWS
 
 Rows are made up, 50 a loop; no window is judged. Prints a line of JSON: processor seconds to store
 the rows and to finish, the most megabytes of the process, and the size of the files.

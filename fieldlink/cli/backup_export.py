@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from fieldlink.cli.moments import parse_moment
 from fieldlink.cli.progress import show_work
 from fieldlink.cli.site import SiteFile
+from fieldlink.cli.time_arguments import parse_moment
 
 __all__ = ["backup", "export"]
 

@@ -11,12 +11,17 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from fieldlink.registers import ReadRequest, Tag, plan_reads
+from fieldlink.site.daemon_tables import (
+    EstimationSettings,
+    HistorianTable,
+    ReportSettings,
+    WebSettings,
+)
 from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
 from fieldlink.site.node_plan import plan_nodes
 from fieldlink.site.polling import poll_period, polls_by_tag
-from fieldlink.site.upkeep import EstimationSettings, HistorianTable, ReportSettings, WebSettings
 
 __all__ = ["Site"]
 

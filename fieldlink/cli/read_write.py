@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldlink.cli.target import Connect, TargetArgument, find_target, takes_connection
+from fieldlink.cli.device_argument import Connect, TargetArgument, find_target, takes_connection
 
 if TYPE_CHECKING:
     from fieldlink.links import Reading
-    from fieldlink.links.by_hand import Point
+    from fieldlink.links.single_values import Point
 
 __all__ = ["is_terminal", "read", "value_text", "write"]
 
@@ -39,7 +39,7 @@ def read(
     """
     from fieldlink.cli.errors import explain
     from fieldlink.links import LinkError
-    from fieldlink.links.by_hand import read_points
+    from fieldlink.links.single_values import read_points
 
     points = [_point(target, _meant(text), connect) for text in what or _all_tags(target, connect)]
     shown: dict[str, object] = {}
@@ -87,7 +87,7 @@ def write(
     A site file allows tags that its register map calls writable, inside their range. Put -- before
     a negative value.
     """
-    from fieldlink.links.by_hand import as_manual_address, read_points, words_for, write_point
+    from fieldlink.links.single_values import as_manual_address, read_points, words_for, write_point
 
     if (other := as_manual_address(what)) is not None:
         raise typer.BadParameter(
@@ -113,7 +113,7 @@ def write(
 
 def _point(target: str, text: str, connect: Connect) -> Point:
     """Return what ``text`` means on ``target``: a tag wherever it is, or an address."""
-    from fieldlink.links.by_hand import ByHandError, Point, parse_point
+    from fieldlink.links.single_values import ByHandError, Point, parse_point
     from fieldlink.site import load_site
     from fieldlink.site.errors import nearest
 
@@ -148,7 +148,7 @@ def is_terminal() -> bool:
 
 def _meant(text: str) -> str:
     """Return what an address such as 40001 means; asks where somebody is there to answer."""
-    from fieldlink.links.by_hand import as_manual_address
+    from fieldlink.links.single_values import as_manual_address
 
     other = as_manual_address(text)
     if other is None:

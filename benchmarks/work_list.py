@@ -1,7 +1,7 @@
 """The work list of a fleet: seconds, memory and size of each kind of report.
 
-    python -m benchmarks.fleet_report                 # 200 loops, a year of daily estimates
-    python -m benchmarks.fleet_report --loops 50 --days 30
+    python -m benchmarks.work_list                 # 200 loops, a year of daily estimates
+    python -m benchmarks.work_list --loops 50 --days 30
 
 A made-up historian (`benchmarks.made_fleet`): six of ten loops have something wrong or were
 repaired, each with pictures and a page of its own. Each report is made by the command itself in a
@@ -33,7 +33,7 @@ HEADER = ("fleet", "for", "format", "wall s", "core s", "memory MB", "size MB")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet_report")
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.work_list")
     parser.add_argument("--loops", type=int, default=200)
     parser.add_argument("--days", type=int, default=365)
     parser.add_argument("--out", type=Path, default=None)
@@ -54,14 +54,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{given.loops} loops, {given.days} daily estimates each, historian {size:.0f} MB. The "
         f"slowest took {slowest:.1f} s; {ASKED_SECONDS:g} s are asked for 200 loops."
     )
-    text = "\n\n".join([heading("fleet_report", __doc__, arguments), table(HEADER, rows), words])
+    text = "\n\n".join([heading("work_list", __doc__, arguments), table(HEADER, rows), words])
     print(text)
     figures = {
         "loops": given.loops,
         "days": given.days,
         "rows": [dict(zip(HEADER, r, strict=True)) for r in rows],
     }
-    keep(given.out, "fleet_report", text, figures)
+    keep(given.out, "work_list", text, figures)
     return 0
 
 

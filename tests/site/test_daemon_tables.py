@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from fieldlink.site.upkeep import HistorianTable, WebSettings
+from fieldlink.site.daemon_tables import HistorianTable, WebSettings
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.7", "::", "plc-gateway"])

@@ -15,8 +15,8 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from fieldlink.daemon.reporting.documents import event_document
 from fieldlink.daemon.reporting.logs import hide_secrets
+from fieldlink.daemon.reporting.status_documents import event_document
 from fieldlink.errors import FieldlinkError
 from fieldlink.site import Site, check, load_site
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes

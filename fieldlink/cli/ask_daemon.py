@@ -23,8 +23,8 @@ FOLLOW_EVERY = 0.5
 def status(site: SiteFile, as_json: Json = False) -> None:
     """Show devices, loops, blocks and what waits: of the running daemon, or from the store."""
     from fieldlink.daemon.installation import is_in_use
-    from fieldlink.daemon.reporting.control import ask_daemon
-    from fieldlink.daemon.reporting.documents import stored_status
+    from fieldlink.daemon.reporting.control_socket import ask_daemon
+    from fieldlink.daemon.reporting.status_documents import stored_status
     from fieldlink.site import load_site
 
     loaded = load_site(site)
@@ -46,7 +46,7 @@ def events(
     last: Annotated[int, typer.Option(min=0, help="Show at most so many of the newest.")] = 100,
 ) -> None:
     """Show what happened to the daemon, its devices, loops and store, oldest first."""
-    from fieldlink.daemon.reporting.documents import event_document
+    from fieldlink.daemon.reporting.status_documents import event_document
     from fieldlink.site import load_site
     from fieldlink.store import read_events
 
@@ -79,7 +79,7 @@ def withdraw(
     No block follows until an operator clears the PLC's enable bit and sets it again.
     """
     from fieldlink.daemon.installation import is_in_use
-    from fieldlink.daemon.reporting.control import ask_daemon
+    from fieldlink.daemon.reporting.control_socket import ask_daemon
     from fieldlink.daemon.withdrawal import withdraw_without_daemon
     from fieldlink.site import load_site
 

@@ -1,6 +1,6 @@
 """What a fleet of loops takes: windows a second, Dask over local, kills, memory, machines.
 
-    python -m benchmarks.fleet [--windows 2000] [--samples 1000] [--out docs/benchmarks]
+    python -m benchmarks.assess_fleet [--windows 2000] [--samples 1000] [--out docs/benchmarks]
 
 Windows are simulated loops of the tuning family, sticky and healthy in turn, each in a Parquet file
 of its own loop, a window after another. The command `fieldlink assess` is run on them as a user
@@ -348,13 +348,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--days", type=int, default=10, help="windows of a loop")
     parser.add_argument("--kill-windows", type=int, default=200, help="of the runs with kills")
     parser.add_argument("--kills", type=int, default=10, help="of workers; half of the command")
-    parser.add_argument("--out", type=Path, help="folder for fleet.md and .json")
+    parser.add_argument("--out", type=Path, help="folder for assess_fleet.md and .json")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="fleet") as name:
         text, figures = _measure(Path(name), options)
-    text = "\n\n".join([heading("fleet", __doc__, arguments), text])
+    text = "\n\n".join([heading("assess_fleet", __doc__, arguments), text])
     print(text)
-    keep(options.out, "fleet", text, figures)
+    keep(options.out, "assess_fleet", text, figures)
     return 0
 
 
@@ -399,7 +399,7 @@ def _measure(root: Path, options: argparse.Namespace) -> tuple[str, dict[str, An
 
 def _finished(rows: int) -> dict[str, float]:
     """Figures of finishing a table, from a process of its own for its memory."""
-    command = [sys.executable, "-m", "benchmarks.fleet_table", str(rows)]
+    command = [sys.executable, "-m", "benchmarks.finish_table", str(rows)]
     figures: dict[str, float] = json.loads(subprocess.check_output(command))
     return figures
 

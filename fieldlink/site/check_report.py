@@ -11,9 +11,9 @@ from typing import Any
 
 from fieldlink.registers import Apart, ReadRequest, find_apart
 from fieldlink.registers.types import order_name
+from fieldlink.site.checked_site import Site
 from fieldlink.site.device import Device
 from fieldlink.site.models import Loop
-from fieldlink.site.resolved import Site
 
 __all__ = ["CheckReport", "DeviceReport", "LoopReport", "RequestReport", "WriteBackReport", "check"]
 
