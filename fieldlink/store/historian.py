@@ -10,26 +10,25 @@ be gone, and what was written last is written again.
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 
 import structlog
-from sqlalchemy import Engine
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.once_a_minute import OnceAMinute
-from fieldlink.store.damage import is_corruption, set_aside
-from fieldlink.store.database import cause_of, file_of, open_for_writing
-from fieldlink.store.errors import StoreCorruptError, StoreError, StoreMismatchError
-from fieldlink.store.file_presence import Presence
+from fieldlink.store.damage import is_corruption
+from fieldlink.store.database import cause_of
+from fieldlink.store.errors import StoreError, StoreMismatchError
 from fieldlink.store.housekeeping import Housekeeping, Retention
 from fieldlink.store.inserting import insert_batch, may_pass
-from fieldlink.store.records import EventRecord, Record, SampleRecord
+from fieldlink.store.open_database import OpenDatabase
+from fieldlink.store.record_queue import RecordQueue, now_ms
+from fieldlink.store.records import EventRecord, Record
+from fieldlink.store.running_counts import RunningCounts
 from fieldlink.store.settings_and_counts import HistorianSettings, StoreReport
-from fieldlink.store.wal import keep_damaged_log
 
 __all__ = ["Historian"]
 
@@ -55,23 +54,15 @@ class Historian:
         *,
         retention: Retention | None = None,
     ) -> None:
-        self._url = url
+        self._settings = settings or HistorianSettings()
+        self._counts = RunningCounts()
+        self._records = RecordQueue(self._settings.queue, self._counts)
+        self._database = OpenDatabase(url, self._settings.busy_timeout, self._records, self._counts)
         self._housekeeping = Housekeeping(retention or Retention())
         self._sweep: Iterator[int] | None = None
         self._sweep_due = threading.Event()
-        self._settings = settings or HistorianSettings()
-        self._queue: queue.SimpleQueue[Record] = queue.SimpleQueue()
-        self._samples_stop_at = int(0.9 * self._settings.queue)
-        self._lock = threading.Lock()
-        self._written = self._dropped = self._retries = self._in_hand = 0
-        self._set_aside = self._removed = self._gone = 0
-        self._presence: Presence | None = None
-        self._receipts: dict[int, Future[bool]] = {}
-        self._last_error = ""
-        self._failing = False
         self._refusals = OnceAMinute()
         self._mismatch_since: float | None = None
-        self._overflowing_since: int | None = None
         self._stopping = threading.Event()
         self._deadline = float("inf")
         self._thread: threading.Thread | None = None
@@ -84,46 +75,17 @@ class Historian:
         Raises:
             StoreError: see `open_for_writing`.
         """
-        try:
-            engine = self._open(opened)
-        except StoreCorruptError as error:
-            engine = self._begin_anew(str(error.__cause__), opened)
-        self._written += 1
-        self._thread = threading.Thread(
-            target=self._run, args=(engine,), name="historian", daemon=True
-        )
+        self._database.open(opened)
+        self._thread = threading.Thread(target=self._run, name="historian", daemon=True)
         self._thread.start()
 
     def put(self, record: Record, *, wait: bool = False) -> bool:
-        """Hand over a record; returns at once, False when there was no room for it.
-
-        With ``wait`` it waits for room instead, for runs that are faster than any disk.
-        """
-        room_for = (
-            self._samples_stop_at if isinstance(record, SampleRecord) else self._settings.queue
-        )
-        while wait and self._queue.qsize() >= room_for:
-            time.sleep(0.001)
-        if self._queue.qsize() >= room_for:
-            self._drop(1)
-            if self._overflowing_since is None:
-                self._overflowing_since = self._dropped - 1
-                _log.error("store.overflow", waiting=self._queue.qsize(), error=self._last_error)
-            return False
-        self._queue.put(record)
-        since = self._overflowing_since
-        if since is not None and self._queue.qsize() < 0.5 * self._samples_stop_at:
-            self._overflowing_since = None
-            self._note_loss(self._dropped - since)
-        return True
+        """Hand over a record; see `RecordQueue.put`."""
+        return self._records.put(record, wait=wait)
 
     def keep(self, record: Record) -> Future[bool]:
         """Hand over a record; the promise becomes True when it is stored, False when it is lost."""
-        receipt: Future[bool] = Future()
-        self._receipts[id(record)] = receipt
-        if not self.put(record):
-            self._settle([record], stored=False)
-        return receipt
+        return self._records.keep(record)
 
     def tidy(self) -> None:
         """Let the retention be applied soon, between two batches; returns at once."""
@@ -136,18 +98,7 @@ class Historian:
 
     def report(self) -> StoreReport:
         """Return the counts up to now."""
-        with self._lock:
-            return StoreReport(
-                self._written,
-                self._dropped,
-                self._queue.qsize() + self._in_hand,
-                self._retries,
-                self._last_error,
-                self._failing,
-                self._set_aside,
-                self._removed,
-                self._gone,
-            )
+        return self._counts.report(len(self._records))
 
     def stop(self) -> StoreReport:
         """Write everything that waits, close the database, and return the final counts.
@@ -165,47 +116,40 @@ class Historian:
             _log.error("store.lost", records=report.dropped, error=report.last_error)
         return report
 
-    def _run(self, engine: Engine) -> None:
+    def _run(self) -> None:
         try:
             while True:
                 batch = self._next_batch()
                 if batch:
-                    engine = self._write(engine, batch)
+                    self._write(batch)
                 elif self._stopping.is_set():
                     return
-                engine = self._tidy(engine)
+                self._tidy()
         finally:
-            engine.dispose()
+            self._database.close()
 
     def _next_batch(self) -> list[Record]:
         """Wait for records; empty when none came for a while, or when stopping and none is left."""
-        batch: list[Record] = []
-        try:
-            batch.append(self._queue.get(timeout=self._settings.linger))
-        except queue.Empty:
-            return batch
-        with self._lock:
-            self._in_hand = 1
+        record = self._records.first(self._settings.linger)
+        if record is None:
+            return []
+        self._counts.hold(1)
         if not self._stopping.is_set():
             self._stopping.wait(self._settings.linger)
-        while len(batch) < self._settings.batch:
-            try:
-                batch.append(self._queue.get_nowait())
-            except queue.Empty:
-                break
-        with self._lock:
-            self._in_hand = len(batch)
+        batch = [record, *self._records.more(self._settings.batch - 1)]
+        self._counts.hold(len(batch))
         return batch
 
-    def _write(self, engine: Engine, batch: Sequence[Record]) -> Engine:
-        """Write a batch, however long that takes; return the engine to go on with."""
+    def _write(self, batch: Sequence[Record]) -> None:
+        """Write a batch, however long that takes."""
         failed = False
         while True:
             try:
-                if self._presence is not None and (what := self._presence.lost()):
-                    engine = self._go_on_without(engine, self._presence, what)
-                written = insert_batch(engine, batch)
-                if self._presence is not None and self._presence.lost():
+                if self._database.is_lost():
+                    self._sweep = None
+                    self._database.find_again()
+                written = insert_batch(self._database.engine, batch)
+                if self._database.is_lost():
                     # It went into a file that nobody will find.
                     continue
             except StoreError as error:
@@ -218,12 +162,11 @@ class Historian:
                     break
                 continue
             except SQLAlchemyError as error:
-                if is_corruption(error) and (anew := self._replace(engine, error)) is not None:
-                    engine = anew
+                if is_corruption(error) and self._replace(error):
                     continue
                 if not may_pass(error):
                     # Not the database but a record is wrong: the others must not suffer.
-                    engine = self._write_singly(engine, batch, cause_of(error))
+                    self._write_singly(batch, cause_of(error))
                     break
                 self._note_failure(cause_of(error), first=not failed)
                 failed = True
@@ -231,41 +174,33 @@ class Historian:
                     break
                 continue
             except Exception as error:  # noqa: BLE001  (of a driver, for a value out of its range)
-                engine = self._write_singly(engine, batch, " ".join(str(error).split()))
+                self._write_singly(batch, " ".join(str(error).split()))
                 break
             self._mismatch_since = None
-            with self._lock:
-                self._written += written
-                self._failing = False
-            self._settle(batch, stored=True)
+            self._counts.succeed(written)
+            self._records.settle(batch, stored=True)
             if failed:
-                _log.info("store.writable_again", retries=self._retries)
+                _log.info("store.writable_again", retries=self._counts.retries)
             break
-        with self._lock:
-            self._in_hand = 0
-        return engine
+        self._counts.hold(0)
 
-    def _write_singly(self, engine: Engine, batch: Sequence[Record], cause: str) -> Engine:
+    def _write_singly(self, batch: Sequence[Record], cause: str) -> None:
         """Write the good rows of a batch that is refused as a whole."""
         if len(batch) == 1:
             self._refuse(batch, f"a row of {batch[0].table.name} is refused: {cause}")
-            return engine
+            return
         for record in batch:
-            engine = self._write(engine, [record])
-        return engine
+            self._write([record])
 
     def _refuse(self, batch: Sequence[Record], cause: str, *, failing: bool = False) -> None:
         """Give up records that the database will never take; each cause is told once a minute."""
-        self._drop(len(batch))
-        self._settle(batch, stored=False)
-        with self._lock:
-            self._last_error = cause
-            self._failing = failing
+        self._records.drop(batch)
+        self._counts.fail(cause, failing=failing)
         if lost := self._refusals.note(cause, len(batch)):
             _log.error("store.refused", error=cause, records=lost)
             if not failing and not isinstance(batch[0], EventRecord):
                 message = f"lost {lost} records: {cause}"
-                self.put(EventRecord(_now_ms(), "store.refused", "store", message))
+                self.put(EventRecord(now_ms(), "store.refused", "store", message))
 
     def _is_beyond_patience(self) -> bool:
         """Whether a database that is no historian has had the place of ours for too long."""
@@ -277,8 +212,7 @@ class Historian:
     def _give_up(self, batch: Sequence[Record]) -> bool:
         """Wait for the next attempt; True when there is no time left for one."""
         if time.monotonic() >= self._deadline:
-            self._drop(len(batch))
-            self._settle(batch, stored=False)
+            self._records.drop(batch)
             return True
         if self._stopping.is_set():
             time.sleep(min(self._settings.retry, 0.05))
@@ -286,13 +220,13 @@ class Historian:
             self._stopping.wait(self._settings.retry)
         return False
 
-    def _tidy(self, engine: Engine) -> Engine:
+    def _tidy(self) -> None:
         """Go on with the sweep that is under way, for a moment; begin one when it is due."""
         if self._sweep is None and self._sweep_due.is_set():
             self._sweep_due.clear()
-            self._sweep = self._housekeeping.sweep(engine)
+            self._sweep = self._housekeeping.sweep(self._database.engine)
         if self._sweep is None:
-            return engine
+            return
         until = time.monotonic() + TIDY_TIME
         try:
             while time.monotonic() < until:
@@ -300,110 +234,25 @@ class Historian:
                 if removed is None:
                     self._sweep = None
                     break
-                with self._lock:
-                    self._removed += removed
+                self._counts.add(removed=removed)
         except SQLAlchemyError as error:
             # The next sweep begins where this one ended.
             self._sweep = None
             self._note_failure(cause_of(error), first=True)
             if is_corruption(error):
-                return self._replace(engine, error) or engine
-            with self._lock:
-                self._failing = False
-        except Exception as error:  # noqa: BLE001  (told; samples go on being stored)
+                self._replace(error)
+                return
+            self._counts.recover()
+        except Exception as error:  # noqa: BLE001  (logged; samples go on being stored)
             self._sweep = None
             self._note_failure(" ".join(str(error).split()), first=True)
-            with self._lock:
-                self._failing = False
-        return engine
+            self._counts.recover()
 
-    def _replace(self, engine: Engine, error: SQLAlchemyError) -> Engine | None:
-        """Go on with a new file in place of a damaged one; None when that cannot be done now."""
-        engine.dispose()
+    def _replace(self, error: SQLAlchemyError) -> bool:
         self._sweep = None
-        cause = cause_of(error)
-        opened = EventRecord(_now_ms(), "store.reopened", "store", "after damage")
-        try:
-            return self._begin_anew(cause, opened)
-        except StoreError as problem:
-            with self._lock:
-                self._last_error = str(problem)
-            _log.error("store.cannot_be_replaced", error=str(problem))
-            return None
-
-    def _open(self, opened: EventRecord) -> Engine:
-        file = file_of(self._url)
-        damage = "" if file is None else keep_damaged_log(file)
-        engine = open_for_writing(self._url, opened, self._settings.busy_timeout)
-        self._presence = None if file is None else Presence(file)
-        if damage:
-            _log.error("store.log_damaged", error=damage)
-            self.put(EventRecord(_now_ms(), "store.log_damaged", "store", damage))
-        return engine
-
-    def _go_on_without(self, engine: Engine, presence: Presence, what: str) -> Engine:
-        """Open what is there under the file's name now, or begin a new one."""
-        self._sweep = None
-        presence.let_go(engine)
-        file = file_of(self._url)
-        message = (
-            f"{file} {what} while it was written; what was in it is where it is now, and the "
-            "historian goes on here"
-        )
-        opened = EventRecord(_now_ms(), "store.gone", "store", message)
-        try:
-            anew = self._open(opened)
-        except StoreCorruptError as error:
-            anew = self._begin_anew(str(error.__cause__), opened)
-        with self._lock:
-            self._gone += 1
-            self._written += 1
-        _log.error("store.gone", file=str(file), what=what)
-        return anew
-
-    def _begin_anew(self, cause: str, opened: EventRecord) -> Engine:
-        file = file_of(self._url)
-        assert file is not None
-        aside = set_aside(file)
-        message = (
-            f"{file.name} is damaged ({cause}) and was set aside as {aside.name}; a new historian "
-            "has begun. sqlite3's .recover may save what is in the old one"
-        )
-        engine = self._open(opened)
-        with self._lock:
-            self._set_aside += 1
-            self._last_error = cause
-        _log.error("store.set_aside", file=str(file), aside=str(aside), cause=cause)
-        self.put(EventRecord(_now_ms(), "store.set_aside", "store", message))
-        return engine
+        return self._database.replace(cause_of(error))
 
     def _note_failure(self, cause: str, *, first: bool) -> None:
-        with self._lock:
-            self._retries += 1
-            self._last_error = cause
-            self._failing = True
+        self._counts.retry(cause)
         if first:
-            _log.error("store.cannot_write", error=cause, waiting=self._queue.qsize())
-
-    def _note_loss(self, lost: int) -> None:
-        """Say in the store itself how much is missing from it."""
-        message = f"{lost} records were lost while the store could not be written"
-        _log.error("store.overflow_over", lost=lost, error=self._last_error)
-        self.put(EventRecord(_now_ms(), "store.lost", "store", f"{message}: {self._last_error}"))
-
-    def _settle(self, batch: Sequence[Record], *, stored: bool) -> None:
-        """Keep the promises made for records; identity tells them, their batch holds them."""
-        if not self._receipts:
-            return
-        for record in batch:
-            receipt = self._receipts.pop(id(record), None)
-            if receipt is not None:
-                receipt.set_result(stored)
-
-    def _drop(self, count: int) -> None:
-        with self._lock:
-            self._dropped += count
-
-
-def _now_ms() -> int:
-    return round(1000.0 * time.time())
+            _log.error("store.cannot_write", error=cause, waiting=len(self._records))

@@ -6,23 +6,20 @@ Everything is computed in threads; the event loop, which polls the devices, only
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable
 from typing import Any
-from urllib.parse import parse_qs
 
-import structlog
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
 from fieldlink.daemon import DaemonStatus
-from fieldlink.daemon.orders import Action, Order
-from fieldlink.errors import FieldlinkError
 from fieldlink.store import StoreError
-from fieldlink.web.access import COOKIE, SESSION_SECONDS, Access
+from fieldlink.web.access import Access
+from fieldlink.web.actions import action_routes
 from fieldlink.web.health import Readiness
-from fieldlink.web.responses import json_answer, page_answer, render, static_answer
+from fieldlink.web.requests import BadRequestError, milliseconds, number_of, refuse, wants_json
+from fieldlink.web.responses import json_answer, page_answer, render
 from fieldlink.web.source import Source
 from fieldlink.web.view.cost_map import cost_map
 from fieldlink.web.view.curves import RAW, curves, phase
@@ -32,16 +29,7 @@ from fieldlink.web.view.store_queries import Row
 
 __all__ = ["page_routes"]
 
-LARGEST_BODY = 8192
-"""Bytes of a posted form: a name, a reason and a token are a few hundred."""
-
-_log = structlog.get_logger(__name__)
-
 _Work = Callable[[Request, DaemonStatus | None], Response]
-
-
-class BadRequestError(FieldlinkError):
-    """A request whose parameters cannot be understood."""
 
 
 def page_routes(source: Source, access: Access) -> list[Route]:
@@ -63,10 +51,7 @@ def page_routes(source: Source, access: Access) -> list[Route]:
     )
     return [
         *(Route(path, pages.answer(work), methods=["GET"]) for path, work in looking),
-        Route("/api/loops/{name:path}/actions", pages.act, methods=["POST"]),
-        Route("/login", pages.login_form, methods=["GET"]),
-        Route("/login", pages.login, methods=["POST"]),
-        Route("/static/{name}", pages.static, methods=["GET"]),
+        *action_routes(source, access),
     ]
 
 
@@ -80,10 +65,10 @@ class _Pages:
 
         async def handle(request: Request) -> Response:
             if not self._access.is_for_us(request):
-                return self._refuse(request, 421, "this server answers for this machine only")
+                return refuse(request, 421, "this server answers for this machine only")
             if not self._access.may_look(request):
-                if _wants_json(request):
-                    return self._refuse(request, 401, "a bearer token is needed")
+                if wants_json(request):
+                    return refuse(request, 401, "a bearer token is needed")
                 return RedirectResponse("/login", 303)
             status = self._source.status()
             try:
@@ -91,7 +76,7 @@ class _Pages:
             except StoreError as error:
                 return self._store_failed(request, error)
             except BadRequestError as error:
-                return self._refuse(request, 400, str(error))
+                return refuse(request, 400, str(error))
 
         return handle
 
@@ -128,7 +113,7 @@ class _Pages:
 
     def fleet_changes(self, request: Request, status: DaemonStatus | None) -> Response:
         _, fleet = self._source.fleet(status)
-        known = _number(request, "revision", None)
+        known = number_of(request, "revision", None)
         known = -1.0 if known is None else known
         largest = _largest(fleet.rows)
         return json_answer(
@@ -194,7 +179,7 @@ class _Pages:
         if name is None:
             return self._missing(request, status)
         since, until, last = (
-            _milliseconds(_number(request, key, None)) for key in ("since", "until", "last")
+            milliseconds(number_of(request, key, None)) for key in ("since", "until", "last")
         )
         found = curves(
             queries,
@@ -204,7 +189,7 @@ class _Pages:
             until_ms=until,
             last_ms=last,
             live=self._source.has_daemon,
-            points=round(_number(request, "points", RAW) or RAW),
+            points=round(number_of(request, "points", RAW) or RAW),
         )
         return json_answer(request, found)
 
@@ -224,70 +209,6 @@ class _Pages:
             return self._missing(request, status)
         found = cost_map(queries, self._source.analyst, judged, self._source.site)
         return json_answer(request, found, 202 if found["state"] == "computing" else 200)
-
-    # actions -------------------------------------------------------------------------------------
-
-    async def act(self, request: Request) -> Response:
-        """Carry out an operator's order; the token is in the request's own header."""
-        if not self._access.is_for_us(request):
-            return self._refuse(request, 421, "this server answers for this machine only")
-        if not self._source.has_daemon:
-            return self._refuse(
-                request, 409, "no daemon runs behind this page; actions need fieldlink run"
-            )
-        if not self._access.may_act(request):
-            return self._refuse(
-                request, 401, f"this needs the operator's token; it is in {self._token_place}"
-            )
-        try:
-            asked = json.loads(await _body(request))
-            if not isinstance(asked, dict):
-                raise BadRequestError("an action is a JSON object with action, who and why")
-            order = Order(
-                request.path_params["name"],
-                Action.of(str(asked.get("action", ""))),
-                str(asked.get("who", "")),
-                str(asked.get("why", "")),
-            )
-            done = self._source.carry_out(order)
-        except (ValueError, BadRequestError) as error:
-            said = str(error) if isinstance(error, BadRequestError) else "the body is not JSON"
-            return self._refuse(request, 400, said)
-        except FieldlinkError as error:
-            return self._refuse(request, 409, str(error))
-        return json_answer(request, {"done": done, "action": order.action.code})
-
-    async def login_form(self, request: Request) -> Response:
-        """Ask for the token."""
-        if not self._access.is_guarded:
-            return RedirectResponse("/", 303)
-        return page_answer(request, render("login.html.j2", site=self._source.name, wrong=False))
-
-    async def login(self, request: Request) -> Response:
-        """Give a session for the right token."""
-        try:
-            fields = parse_qs((await _body(request)).decode("utf-8", "replace"))
-        except BadRequestError as error:
-            return self._refuse(request, 400, str(error))
-        session = self._access.begin_session(fields.get("token", [""])[0].strip())
-        if session is None:
-            _log.warning("web.login_refused", client=request.client and request.client.host)
-            page = render("login.html.j2", site=self._source.name, wrong=True)
-            return page_answer(request, page, 401)
-        answer = RedirectResponse("/", 303)
-        answer.set_cookie(
-            COOKIE,
-            session,
-            max_age=SESSION_SECONDS,
-            httponly=True,
-            samesite="strict",
-            secure=request.url.scheme == "https",
-        )
-        return answer
-
-    async def static(self, request: Request) -> Response:
-        """Give a file that the pages load; there is nothing secret in it."""
-        return static_answer(request, request.path_params["name"])
 
     # -----------------------------------------------------------------------------------------
 
@@ -328,14 +249,14 @@ class _Pages:
 
     def _missing(self, request: Request, status: DaemonStatus | None) -> Response:
         said = "there is no such loop, or nothing of it has been judged yet"
-        if _wants_json(request):
-            return self._refuse(request, 404, said)
+        if wants_json(request):
+            return refuse(request, 404, said)
         page = render("message.html.j2", **self._frame(status, ""), title="Not found", text=said)
         return page_answer(request, page, 404)
 
     def _store_failed(self, request: Request, error: StoreError) -> Response:
-        if _wants_json(request):
-            return self._refuse(request, 503, str(error))
+        if wants_json(request):
+            return refuse(request, 503, str(error))
         page = render(
             "message.html.j2",
             **self._frame(self._source.status(), ""),
@@ -344,44 +265,8 @@ class _Pages:
         )
         return page_answer(request, page, 503)
 
-    def _refuse(self, request: Request, status: int, said: str) -> Response:
-        answer = json_answer(request, {"error": said}, status)
-        if status == 401:
-            answer.headers["WWW-Authenticate"] = "Bearer"
-        return answer
-
 
 def _largest(rows: list[dict[str, Any]]) -> float:
     """Return the scale of the stick bands' bars: all on one, the limits where they are known."""
     values = [row["limit"] or row["stick_band"]["high"] or 0.0 for row in rows]
     return max([value for value in values if value], default=1.0)
-
-
-def _wants_json(request: Request) -> bool:
-    return request.url.path.startswith(("/api/", "/fragments/"))
-
-
-def _number(request: Request, key: str, default: float | None) -> float | None:
-    text = request.query_params.get(key)
-    if text is None:
-        return default
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not abs(value) < 1e12:
-        raise BadRequestError(f"{key} is {text[:40]!r}; give a number")
-    return value
-
-
-def _milliseconds(seconds: float | None) -> int | None:
-    return None if seconds is None else round(seconds * 1000.0)
-
-
-async def _body(request: Request) -> bytes:
-    body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > LARGEST_BODY:
-            raise BadRequestError(f"the body has more than {LARGEST_BODY} bytes")
-    return body

@@ -1,0 +1,103 @@
+"""What a person may do at the pages: give an order, with the operator's token, and log in."""
+
+from __future__ import annotations
+
+import json
+from urllib.parse import parse_qs
+
+import structlog
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import Route
+
+from fieldlink.daemon.orders import Action, Order
+from fieldlink.errors import FieldlinkError
+from fieldlink.web.access import COOKIE, SESSION_SECONDS, Access
+from fieldlink.web.requests import BadRequestError, body_of, refuse
+from fieldlink.web.responses import json_answer, page_answer, render, static_answer
+from fieldlink.web.source import Source
+
+__all__ = ["action_routes"]
+
+_log = structlog.get_logger(__name__)
+
+
+def action_routes(source: Source, access: Access) -> list[Route]:
+    """Return the routes for orders, for logging in, and for the files that the pages load."""
+    actions = _Actions(source, access)
+    return [
+        Route("/api/loops/{name:path}/actions", actions.act, methods=["POST"]),
+        Route("/login", actions.login_form, methods=["GET"]),
+        Route("/login", actions.login, methods=["POST"]),
+        Route("/static/{name}", actions.static, methods=["GET"]),
+    ]
+
+
+class _Actions:
+    def __init__(self, source: Source, access: Access) -> None:
+        self._source = source
+        self._access = access
+
+    async def act(self, request: Request) -> Response:
+        """Carry out an operator's order; the token is in the request's own header."""
+        if not self._access.is_for_us(request):
+            return refuse(request, 421, "this server answers for this machine only")
+        if not self._source.has_daemon:
+            return refuse(
+                request, 409, "no daemon runs behind this page; actions need fieldlink run"
+            )
+        if not self._access.may_act(request):
+            return refuse(
+                request,
+                401,
+                f"this needs the operator's token; it is in {self._access.token_place}",
+            )
+        try:
+            asked = json.loads(await body_of(request))
+            if not isinstance(asked, dict):
+                raise BadRequestError("an action is a JSON object with action, who and why")
+            order = Order(
+                request.path_params["name"],
+                Action.of(str(asked.get("action", ""))),
+                str(asked.get("who", "")),
+                str(asked.get("why", "")),
+            )
+            done = self._source.carry_out(order)
+        except (ValueError, BadRequestError) as error:
+            said = str(error) if isinstance(error, BadRequestError) else "the body is not JSON"
+            return refuse(request, 400, said)
+        except FieldlinkError as error:
+            return refuse(request, 409, str(error))
+        return json_answer(request, {"done": done, "action": order.action.code})
+
+    async def login_form(self, request: Request) -> Response:
+        """Ask for the token."""
+        if not self._access.is_guarded:
+            return RedirectResponse("/", 303)
+        return page_answer(request, render("login.html.j2", site=self._source.name, wrong=False))
+
+    async def login(self, request: Request) -> Response:
+        """Give a session for the right token."""
+        try:
+            fields = parse_qs((await body_of(request)).decode("utf-8", "replace"))
+        except BadRequestError as error:
+            return refuse(request, 400, str(error))
+        session = self._access.begin_session(fields.get("token", [""])[0].strip())
+        if session is None:
+            _log.warning("web.login_refused", client=request.client and request.client.host)
+            page = render("login.html.j2", site=self._source.name, wrong=True)
+            return page_answer(request, page, 401)
+        answer = RedirectResponse("/", 303)
+        answer.set_cookie(
+            COOKIE,
+            session,
+            max_age=SESSION_SECONDS,
+            httponly=True,
+            samesite="strict",
+            secure=request.url.scheme == "https",
+        )
+        return answer
+
+    async def static(self, request: Request) -> Response:
+        """Give a file that the pages load; there is nothing secret in it."""
+        return static_answer(request, request.path_params["name"])
