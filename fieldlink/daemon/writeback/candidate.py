@@ -77,6 +77,16 @@ class Candidate:
             return self.status is block.status
         return same_stick_band(_bounded(self.findings.stick_band), block.stick_band)
 
+    def is_contradicted_by(self, findings: Findings) -> bool:
+        """Whether newer findings say otherwise; a window that cannot tell says nothing."""
+        if self.withdrawal or findings.verdict == "not_assessable":
+            return False
+        return not findings_agree(self.findings, findings)
+
+    def says_less_than(self, other: Candidate) -> bool:
+        """Whether this is of a window that cannot tell, and the other of one that can."""
+        return self.status is Status.NOT_ASSESSABLE and other.status is not Status.NOT_ASSESSABLE
+
     def confirming(self, block: ParameterBlock) -> Candidate:
         """Return the same with the valve and the process of a block: it is confirmed as it is."""
         found = replace(
