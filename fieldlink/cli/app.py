@@ -27,6 +27,7 @@ from fieldlink.cli import (
     report,
     run,
     scan,
+    service,
     simulate,
     site,
     support,
@@ -72,6 +73,7 @@ app.command("scan")(scan.scan)
 app.command("read")(read_write.read)
 app.command("write")(read_write.write)
 app.add_typer(map_commands.app, name="map")
+app.add_typer(service.app, name="service")
 app.add_typer(fmu.app, name="fmu")
 app.command("warm-up")(identify.warm_up)
 

@@ -20,7 +20,14 @@ FOLLOW_EVERY = 0.5
 """Seconds between two looks at the store while events are followed."""
 
 
-def status(site: SiteFile, as_json: Json = False) -> None:
+def status(
+    site: SiteFile,
+    as_json: Json = False,
+    must_run: Annotated[
+        bool,
+        typer.Option("--must-run", help="End with status 1 when no daemon runs: a health check."),
+    ] = False,
+) -> None:
     """Show devices, loops, blocks and what waits: of the running daemon, or from the store."""
     from fieldlink.daemon.installation import is_in_use
     from fieldlink.daemon.reporting.control_socket import ask_daemon
@@ -34,9 +41,12 @@ def status(site: SiteFile, as_json: Json = False) -> None:
         found = stored_status(loaded)
     if as_json:
         typer.echo(json.dumps(found))
-        return
-    for line in _lines(found):
-        typer.echo(line)
+    else:
+        for line in _lines(found):
+            typer.echo(line)
+    if must_run and not is_in_use(loaded.data_dir):
+        typer.echo("no daemon runs for this site", err=True)
+        raise typer.Exit(1)
 
 
 def events(

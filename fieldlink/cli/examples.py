@@ -76,6 +76,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "support-bundle site.toml --out bundle.zip",
         "support-bundle --out bundle.zip",
     ),
+    "service show": ("service show site.toml",),
+    "service install": (
+        "service install /etc/fieldlink/plant1/site.toml",
+        "service install site.toml --user",
+    ),
     "scan": (
         "scan 192.168.1.10",
         "scan /dev/ttyUSB0 --units 1-32 --tables holding --baud 9600",
@@ -107,6 +112,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     "Set up a site": ("init", "scan", "read", "write", "map", "check", "schema"),
     "Run it": (
         "run",
+        "service",
         "web",
         "status",
         "events",

@@ -59,7 +59,7 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
     async with plant_on(device, plc):
         async with running(site) as daemon:
             await until(lambda: daemon.status().loops["PLC"].last_accepted is not None, "accepted")
-            found = json.loads(await command("status", file, "--json"))
+            found = json.loads(await command("status", file, "--json", "--must-run"))
             await command("withdraw", file, "PLC", "--reason", "the valve is repaired")
             await until(lambda: plc.state.fallback is Fallback.WITHDRAWN, "the withdrawal")
             await until(
@@ -76,6 +76,8 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
 
         stored = json.loads(await command("status", file, "--json"))
         assert stored["daemon"]["alive"] is False
+        with pytest.raises(AssertionError, match="no daemon runs for this site"):
+            await command("status", file, "--must-run")
         assert stored["loops"][0]["block"]["status"] == "withdrawn"
         assert stored["loops"][0]["read"] >= loop["read"]
         lines = [

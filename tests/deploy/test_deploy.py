@@ -171,23 +171,8 @@ def test_the_service_can_open_serial_ports() -> None:
 def test_the_kernels_are_compiled_where_the_service_may_write() -> None:
     """systemd makes the cache directory of a bare machine, before anything of the unit runs."""
     service = unit()["Service"]
-    cache = Path(service["Environment"].removeprefix("NUMBA_CACHE_DIR="))
-    assert cache == Path("/var/cache") / service["CacheDirectory"]
+    # %C is /var/cache for a system's unit (systemd.unit(5)).
+    assert service["Environment"] == f"NUMBA_CACHE_DIR=%C/{service['CacheDirectory']}"
     program, command = service["ExecStartPre"].split()
     assert (program, command) == ("/opt/fieldlink/bin/fieldlink", "warm-up")
     assert command in {name.name for name in app.registered_commands}
-
-
-def test_systemd_itself_agrees(tmp_path: Path) -> None:
-    if (tool := shutil.which("systemd-analyze")) is None:
-        pytest.skip("systemd-analyze is not here")
-    text = (DEPLOY / "systemd" / "fieldlink@.service").read_text()
-    # Only what stands in for this machine's lack of an installation.
-    text = text.replace("/opt/fieldlink/bin/fieldlink", "/bin/true")
-    copy = tmp_path / "fieldlink@.service"
-    copy.write_text(text.replace("User=fieldlink", "User=root").replace("Group=fieldlink\n", ""))
-    result = subprocess.run(
-        [tool, "verify", "--man=no", str(copy)], capture_output=True, text=True, check=False
-    )
-    ours = [line for line in result.stderr.splitlines() if "fieldlink@" in line]
-    assert ours == [], result.stderr
