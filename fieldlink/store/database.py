@@ -11,7 +11,11 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from fieldlink.store.damage import is_corruption, was_a_database
-from fieldlink.store.database_identity import refuse_foreign_file, refuse_foreign_tables
+from fieldlink.store.database_identity import (
+    refuse_foreign_file,
+    refuse_foreign_tables,
+    refuse_unreadable_file,
+)
 from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
@@ -64,6 +68,7 @@ def open_for_reading(url: str) -> Engine:
     """Return an engine on a historian that exists.
 
     Raises:
+        StoreMismatchError: it was made by a release whose tables this one does not read.
         StoreError: there is no such file, or the address is wrong.
     """
     address = _address(url)
@@ -72,6 +77,8 @@ def open_for_reading(url: str) -> Engine:
         raise StoreError(
             f"there is no historian at {file}; run the daemon first, or check data_dir"
         )
+    if file is not None:
+        refuse_unreadable_file(file)
     return _engine(address, busy_timeout=5.0)
 
 

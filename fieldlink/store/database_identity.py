@@ -12,7 +12,10 @@ from sqlalchemy import Engine, inspect, select
 from fieldlink.store.errors import StoreMismatchError
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION
 
-__all__ = ["refuse_foreign_file", "refuse_foreign_tables"]
+__all__ = ["refuse_foreign_file", "refuse_foreign_tables", "refuse_unreadable_file"]
+
+OLDEST_READABLE = 2
+"""Schema whose tables can be read as they are: what came later are tables of their own."""
 
 _OF_LATER_RELEASES = {"samples": {"late_ms", "clock_steps"}}
 """Columns that a historian of the first release lacks."""
@@ -32,8 +35,37 @@ def refuse_foreign_file(file: Path) -> None:
     Raises:
         StoreMismatchError: its tables are not those of a historian that this release writes.
     """
-    if not file.is_file() or file.stat().st_size == 0:
+    if (found := _look_into(file)) is not None:
+        _judge(str(file), *found)
+
+
+def refuse_unreadable_file(file: Path) -> None:
+    """Refuse to read the historian of a later release, or one whose columns are too old.
+
+    Any other database passes: what can be read of it is for the reader to say.
+
+    Raises:
+        StoreMismatchError: its schema is one that this release does not read.
+    """
+    if (found := _look_into(file)) is None:
         return
+    tables, version = found
+    if version is None or not version.isdecimal() or not {"samples", "writebacks"} <= set(tables):
+        return
+    if int(version) > SCHEMA_VERSION:
+        raise StoreMismatchError(_of_a_later_release(str(file), version))
+    if int(version) < OLDEST_READABLE:
+        raise StoreMismatchError(
+            f"{file} has schema {version} of the first release, this release reads schema "
+            f"{OLDEST_READABLE} to {SCHEMA_VERSION}; start the daemon on it once (fieldlink run), "
+            "which keeps its data and adds what is missing"
+        )
+
+
+def _look_into(file: Path) -> tuple[Tables, str | None] | None:
+    """Return the tables of an SQLite file and its schema; None when it holds no database."""
+    if not file.is_file() or file.stat().st_size == 0:
+        return None
     try:
         with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as found:
             names = found.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
@@ -50,8 +82,8 @@ def refuse_foreign_file(file: Path) -> None:
                 row = found.execute("SELECT value FROM meta WHERE key = 'schema'").fetchone()
                 version = None if row is None else str(row[0])
     except sqlite3.Error:
-        return
-    _judge(str(file), tables, version)
+        return None
+    return tables, version
 
 
 def refuse_foreign_tables(engine: Engine) -> None:
@@ -82,6 +114,8 @@ def _judge(where: str, tables: Tables, version: str | None) -> None:
         if version.isdecimal() and 1 <= int(version) <= SCHEMA_VERSION:
             # Tables of another program beside ours are its own affair.
             return
+        if version.isdecimal() and int(version) > SCHEMA_VERSION:
+            raise StoreMismatchError(_of_a_later_release(where, version))
         raise StoreMismatchError(
             f"{where} has schema {version}, this release writes schema {SCHEMA_VERSION}; move it "
             "away or set historian.url to a new one"
@@ -93,6 +127,13 @@ def _judge(where: str, tables: Tables, version: str | None) -> None:
             f"{where} is the database of another program (tables {named}), nothing was written to "
             "it; set historian.url to a database of its own"
         )
+
+
+def _of_a_later_release(where: str, version: str) -> str:
+    return (
+        f"{where} has schema {version} of a later release, this release knows schema "
+        f"{SCHEMA_VERSION}; install the later release again, or set historian.url to a new file"
+    )
 
 
 def _is_ours(name: str, columns: set[str]) -> bool:

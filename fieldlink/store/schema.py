@@ -19,6 +19,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    inspect,
     text,
 )
 
@@ -181,6 +182,9 @@ WORK = Table(
 def upgrade(connection: Connection, version: int) -> None:
     """Bring the tables of schema ``version`` to `SCHEMA_VERSION`; new tables exist already."""
     if version < 2:
+        # An upgrade that was cut off may have left one of them.
+        present = {column["name"] for column in inspect(connection).get_columns("samples")}
         for column in ("late_ms", "clock_steps"):
-            connection.execute(text(f"ALTER TABLE samples ADD COLUMN {column} INTEGER"))
+            if column not in present:
+                connection.execute(text(f"ALTER TABLE samples ADD COLUMN {column} INTEGER"))
     connection.execute(META.update().where(META.c.key == "schema"), {"value": str(SCHEMA_VERSION)})
