@@ -6,7 +6,7 @@
   wire: whatever still arrives can never be the answer to a later request.
 - RTU framing has no transaction id, a gateway may deliver a late reply into a new connection, and
   other devices share the line. There the connection remembers which replies are still owed, and
-  before the device is asked for anything else it has to answer a probe (see `late`).
+  before the device is asked for anything else it has to answer a probe (see `late_replies`).
 
 A device that has failed is left alone for a while that grows with every failure in a row. Requests
 of other devices on the same line go on meanwhile.
@@ -180,7 +180,7 @@ class ModbusConnection:
                 self._unit, request, self._timeout, late.recognise if late else None
             )
         except WireLostError as error:
-            line.drop()
+            line.closed(wire)
             self._owe(request)
             if again and isinstance(error, WireClosedError):
                 raise

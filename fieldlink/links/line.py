@@ -52,12 +52,19 @@ class Line:
     Args:
         settings: how it is opened and paced.
         clock: for the pauses.
+
+    Attributes:
+        turns: whose turn it is.
+        connects: how often the line was opened.
+        closes_after_answer: whether the other side was seen to close after each answer; every
+            request then has a connection of its own, so that none meets the closing of one.
     """
 
     def __init__(self, settings: LineSettings, clock: Clock) -> None:
         self.settings = settings
         self.turns = Turns()
         self.connects = 0
+        self.closes_after_answer = False
         self._clock = clock
         self._wire: Wire | None = None
         self._free_at = 0.0
@@ -80,7 +87,7 @@ class Line:
         Raises:
             WireLostError: it cannot be opened.
         """
-        if self._wire is not None and self._wire.is_open:
+        if self._wire is not None and self._wire.is_open and not self._is_used_up(self._wire):
             await self._pause_until(self._free_at)
             return self._wire
         self.drop()
@@ -90,6 +97,8 @@ class Line:
             await wire.open(self.settings.timeout)
         except BaseException:
             self.drop()
+            # Perhaps it is another device that answers there next time.
+            self.closes_after_answer = False
             raise
         self.connects += 1
         await self._pause_until(self._clock.monotonic() + self.settings.pause_after_connect)
@@ -113,6 +122,15 @@ class Line:
         wire, self._wire = self._wire, None
         if wire is not None:
             wire.close()
+
+    def closed(self, wire: Wire) -> None:
+        """Note that the other side closed a wire while it was asked, and drop it."""
+        if wire.answers == 1:
+            self.closes_after_answer = True
+        self.drop()
+
+    def _is_used_up(self, wire: Wire) -> bool:
+        return self.closes_after_answer and wire.answers > 0
 
     def _begin_gap(self) -> None:
         if self.settings.gap:

@@ -65,6 +65,9 @@ class Wire(ModbusProtocol):
         params: what to open; needs a running event loop.
         framing: how PDUs travel on it.
         server_name: name that a TLS server has to prove, where that is not its host.
+
+    Attributes:
+        answers: requests that were answered on it.
     """
 
     def __init__(
@@ -78,7 +81,7 @@ class Wire(ModbusProtocol):
         self._datagrams = params.comm_type is CommType.UDP
         self._buffer = b""
         self._waiting: _Waiting | None = None
-        self._answered = False
+        self.answers = 0
 
     @property
     def is_open(self) -> bool:
@@ -136,7 +139,7 @@ class Wire(ModbusProtocol):
             self._buffer = b""
             self._send(self._framing.encode(unit, transaction, request.pdu))
             answer = await reply
-            self._answered = True
+            self.answers += 1
             return answer
         finally:
             timer.cancel()
@@ -151,7 +154,7 @@ class Wire(ModbusProtocol):
 
     def callback_disconnected(self, exc: Exception | None) -> None:
         """Part of pymodbus' transport: wake a request whose connection is lost."""
-        if self._answered and (exc is None or isinstance(exc, BrokenPipeError)):
+        if self.answers and (exc is None or isinstance(exc, BrokenPipeError)):
             self._fail(WireClosedError("the connection was closed after the last answer"))
             return
         reason = f" ({_reason(exc)})" if exc is not None else ""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import struct
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +17,8 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
+from tests.loopback import LoopbackServer
+from tests.wire_bytes import crc
 
 if TYPE_CHECKING:
     from tests.links.fake_device import FakeDevice
@@ -25,9 +30,17 @@ FAR_APART = [Tag(f"T{i}", Table.HOLDING, 50 * i, DataType.UINT16) for i in range
 """Seven tags, each in a request of its own."""
 
 
-def link_to(port: int, tags: list[Tag], clock: Clock | None = None) -> ModbusLink:
-    device = Device(
-        link="modbus-tcp", host="127.0.0.1", port=port, timeout=PATIENCE, register_map=Path("m.csv")
+def link_to(
+    port: int, tags: list[Tag], clock: Clock | None = None, kind: str = "modbus-tcp"
+) -> ModbusLink:
+    device = Device.model_validate(
+        {
+            "link": kind,
+            "host": "127.0.0.1",
+            "port": port,
+            "timeout": PATIENCE,
+            "register_map": "m.csv",
+        }
     )
     backoff = BackoffSettings(first=600.0, cap=600.0)
     settings = ModbusSettings("plc", device, backoff=backoff, writable=((0, 9),))
@@ -146,3 +159,45 @@ async def test_a_serial_setting_that_the_port_refuses_is_a_failure_of_that_devic
     assert link.state is LinkState.DEMOTED
     assert "the serial port refuses its settings (Invalid argument)" in str(scan.failures[0])
     await link.close()
+
+
+@dataclass
+class ClosingRtu(LoopbackServer):
+    """RTU frames over TCP: holding register n holds n, and a connection is closed after an answer.
+
+    With ``waits`` it is closed only when the next request is on its way, as over a slow network:
+    that request is lost.
+    """
+
+    waits: bool = False
+    served: int = 0
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        frame = await reader.readexactly(8)
+        unit, function, address, count = struct.unpack(">BBHH", frame[:6])
+        answer = frame[:6]
+        if function != 8:
+            words = range(address, address + count)
+            answer = struct.pack(f">BBB{count}H", unit, function, 2 * count, *words)
+        self.served += 1
+        writer.write(answer + crc(answer))
+        await writer.drain()
+        if self.waits:
+            # Ends also when the client closes.
+            await reader.read(8)
+
+
+@pytest.mark.parametrize("waits", [False, True], ids=["at once", "when asked again"])
+async def test_a_gateway_that_closes_after_each_answer_starves_no_loop(waits: bool) -> None:
+    gateway = ClosingRtu(waits=waits)
+    await gateway.start()
+    link = link_to(gateway.port, FAR_APART, kind="modbus-rtu-tcp")
+    for _ in range(3):
+        scan = await link.scan()
+        assert scan.failures == ()
+        assert [scan[f"T{i}"].value for i in range(7)] == [50 * i for i in range(7)]
+    assert link.state is LinkState.GOOD
+    # 21 requests, each answered once; one probe or none, before what closes was known to close.
+    assert 21 <= gateway.served <= 22
+    await link.close()
+    await gateway.stop()
