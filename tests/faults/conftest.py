@@ -26,5 +26,5 @@ class NoPool:
 @pytest.fixture(autouse=True, scope="module")
 def _no_pool() -> Any:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fieldlink.daemon.service.EstimatorPool", NoPool)
+        patch.setattr("fieldlink.daemon.estimation.judging.EstimatorPool", NoPool)
         yield
