@@ -7,6 +7,7 @@ between scans, and windows are judged inline. A run is the same for the same see
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 
 from fieldlink.daemon.estimation.estimating import Estimator, InlineEstimator
@@ -15,11 +16,15 @@ from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.settings import retention_of
 from fieldlink.daemon.site_runner import OpenLink, SiteRunner
 from fieldlink.errors import FieldlinkError
-from fieldlink.links import Link, SteppedLink, VirtualClock, open_link
+from fieldlink.links import GoesOn, Link, SteppedLink, VirtualClock, open_link
+from fieldlink.registers import HEARTBEAT_EVERY
 from fieldlink.site import Site
 from fieldlink.store import Historian, Record, StoreReport
 
 __all__ = ["LockstepRun"]
+
+LOOK_EVERY = 0.5 * HEARTBEAT_EVERY
+"""Plant seconds between two looks of the write-backs, as in the live daemon (`DeviceTasks`)."""
 
 _YIELD_EVERY = 64
 """Scans between two chances for other tasks of the event loop."""
@@ -107,20 +112,23 @@ class LockstepRun:
         on_scan: Callable[[float], None] | None,
         stop: asyncio.Event | None,
     ) -> None:
-        periods = {name: _period(runner) for name, runner in self._runner.runners.items()}
-        scans = dict.fromkeys(periods, 0)
+        steps = {name: _Steps(runner) for name, runner in self._runner.runners.items()}
         total = 0
-        while periods and not (stop is not None and stop.is_set()):
-            name = min(periods, key=lambda name: scans[name] * periods[name])
-            now = scans[name] * periods[name]
+        while steps and not (stop is not None and stop.is_set()):
+            name = min(steps, key=lambda name: steps[name].next)
+            device = steps[name]
+            now = device.next
             if now >= duration:
                 return
             self._clock.advance_to(now)
-            await self._step(self._runner.runners[name], now)
-            scans[name] += 1
+            if not device.is_scan:
+                await device.look()
+                continue
+            await self._step(device.runner, now)
+            device.note_scan()
             total += 1
-            if self._runner.runners[name].ended:
-                del periods[name]
+            if device.runner.ended:
+                del steps[name]
             if on_scan is not None:
                 on_scan(now)
             if total % _YIELD_EVERY == 0:
@@ -148,3 +156,44 @@ def _period(runner: DeviceRunner) -> float:
             'use link = "fmu" or link = "recording", or the live daemon'
         )
     return runner.link.scan_period
+
+
+class _Steps:
+    """What a device does next: a scan on its period, or the write-backs' look in between.
+
+    The live daemon lets write-backs look on a beat of their own, so that the heartbeat counts
+    whatever the polling period is; the PLC's block reader watches the heartbeat meanwhile.
+    """
+
+    def __init__(self, runner: DeviceRunner) -> None:
+        self.runner = runner
+        self._period = _period(runner)
+        self._scans = self._looks = 0
+
+    @property
+    def next(self) -> float:
+        """Plant second of what comes next."""
+        return self._next_scan if self.is_scan else self._looks * LOOK_EVERY
+
+    @property
+    def is_scan(self) -> bool:
+        """Whether a scan comes next; it takes the place of a look at the same moment."""
+        return not self.runner.writes or self._next_scan <= self._looks * LOOK_EVERY
+
+    @property
+    def _next_scan(self) -> float:
+        return self._scans * self._period
+
+    def note_scan(self) -> None:
+        """Note that the next scan is done."""
+        self._looks = math.floor(self._next_scan / LOOK_EVERY) + 1
+        self._scans += 1
+
+    async def look(self) -> None:
+        """Let the PLC watch its blocks, then the write-backs do what is due."""
+        now = self.next
+        link = self.runner.link
+        if isinstance(link, GoesOn):
+            link.go_on(now - (self._scans - 1) * self._period)
+        self._looks += 1
+        await self.runner.service(now)

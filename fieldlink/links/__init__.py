@@ -2,6 +2,7 @@
 
 from fieldlink.links.base import (
     CountingLink,
+    GoesOn,
     Link,
     LinkState,
     Quality,
@@ -30,6 +31,7 @@ __all__ = [
     "CountingLink",
     "ExceptionCode",
     "ExceptionReplyError",
+    "GoesOn",
     "Link",
     "LinkError",
     "LinkFactory",

@@ -188,6 +188,15 @@ class SteppedLink(Link, Protocol):
 
 
 @runtime_checkable
+class GoesOn(Protocol):
+    """A stepped link whose controller works on between two scans: it watches its registers."""
+
+    def go_on(self, seconds: float) -> None:
+        """Let the controller look at its registers ``seconds`` of plant time after a scan."""
+        ...
+
+
+@runtime_checkable
 class CountingLink(Link, Protocol):
     """A link over a medium that can be lost, and that counts what it had to do about that."""
 

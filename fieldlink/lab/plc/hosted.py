@@ -111,6 +111,11 @@ class HostedLoop:
         if "scan" in self._tags:
             self._tags["scan"].count(self.cycles)
 
+    def watch(self, now: float) -> None:
+        """Look at the exchange area between two cycles, as a PLC's faster task does."""
+        if self.exchange is not None:
+            self.block = self.exchange.scan(now)
+
     def settle(self) -> None:
         """Wait for a plant that is at work, so that the record of the last cycle is whole."""
         plant = self.program.plant

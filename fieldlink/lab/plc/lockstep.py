@@ -72,6 +72,11 @@ class LockstepLink:
         self.plc.scan()
         return await self._reader.scan()
 
+    def go_on(self, seconds: float) -> None:
+        """Let the PLC's block readers look ``seconds`` after the last scan."""
+        if self._plc is not None:
+            self._plc.watch(seconds)
+
     async def close(self) -> None:
         """Stop the plants; what the PLC retains is there when the link is opened again."""
         if self._plc is not None:

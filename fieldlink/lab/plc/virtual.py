@@ -146,6 +146,14 @@ class VirtualPlc:
             loop.end()
         self.scans += 1
 
+    def watch(self, seconds: float) -> None:
+        """Let the block readers look ``seconds`` after the last scan, before the next one."""
+        if not self.scans:
+            return
+        moment = (self.scans - 1) * self._period.numerator / self._period.denominator + seconds
+        for loop in self._loops.values():
+            loop.watch(moment)
+
     def truth(self, loop: str) -> Truth:
         """Return what really happened in a loop, for judging."""
         hosted = self._loops[loop]

@@ -26,6 +26,7 @@ class Defect(StrEnum):
     NO_COMPENSATION = "no-compensation"
     NO_FALL_BACK = "no-fall-back"
     CLOSED_GAPS = "closed-gaps"
+    HEARTBEAT_WITH_POLLS = "heartbeat-with-polls"
 
     @property
     def text(self) -> str:
@@ -44,5 +45,6 @@ _TEXTS = {
     Defect.LOST_BLOCKS: "the PLC never sees the commit of a block",
     Defect.NO_COMPENSATION: "the PLC takes blocks over but never compensates",
     Defect.NO_FALL_BACK: "the PLC never notices that compensation makes the loop worse",
+    Defect.HEARTBEAT_WITH_POLLS: "the heartbeat goes out with the polls only",
     Defect.CLOSED_GAPS: "samples that were missed leave no gap: the next take their places",
 }

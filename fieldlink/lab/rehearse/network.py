@@ -60,6 +60,9 @@ class RehearsalLink(LockstepLink):
         layout = loop.writeback.exchange
         lost = defect is Defect.LOST_BLOCKS and layout is not None
         self._lost_register = layout.commit if lost and layout is not None else None
+        with_polls = defect is Defect.HEARTBEAT_WITH_POLLS and layout is not None
+        self._heartbeat = layout.heartbeat if with_polls and layout is not None else None
+        self._polled = False
         self._layout: ExchangeLayout | None = layout
         self._random = np.random.default_rng(scenario.scenario.seed)
         self._answered = 0
@@ -78,6 +81,7 @@ class RehearsalLink(LockstepLink):
             ScenarioError: the plant has failed, which no scenario means to rehearse.
         """
         now = self._stage.time
+        self._polled = True
         if self._hit("restart", now):
             if not self._off:
                 await self.close()
@@ -98,6 +102,11 @@ class RehearsalLink(LockstepLink):
             raise ScenarioError(f"the rehearsal cannot go on at {now:g} s: {failure}")
         return self._without_gap(scan)
 
+    def go_on(self, seconds: float) -> None:
+        """Let the PLC's block readers look ``seconds`` after the last scan."""
+        self._polled = False
+        super().go_on(seconds)
+
     async def _read(self, table: Table, address: int, count: int) -> list[int]:
         self._require_power("read")
         if self._poll_lost:
@@ -109,7 +118,7 @@ class RehearsalLink(LockstepLink):
 
     def _write(self, address: int, words: Sequence[int]) -> None:
         self._require_power("write")
-        if address == self._lost_register:
+        if address == self._lost_register or (address == self._heartbeat and not self._polled):
             self.requests += 1
             return
         if self._hit("write_lost", self._stage.time):
