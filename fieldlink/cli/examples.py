@@ -40,6 +40,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "init": (
         "init vendor.xlsx --host 192.168.1.10",
         "init vendor.csv --host 192.168.1.10 --unit 5 --out area1.toml",
+        "init map.csv --host 192.168.1.10 --data export.csv --trial",
         "init map.csv --loop FC101=FIC101.OUT,FT101.PV --auto-values 1 --yes",
     ),
     "check": ("check site.toml", "check site.toml --json"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from fieldlink.cli import read_write
+from fieldlink.cli.first_run import next_step, read_once, run_trial, say
 
 if TYPE_CHECKING:
     from fieldlink.registers import Tag
@@ -63,6 +63,16 @@ def init(
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Go on with the good rows although others are bad.")
     ] = False,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="Recorded data whose columns are tags of the list: what they say of OP and PV.",
+        ),
+    ] = None,
+    trial: Annotated[
+        bool, typer.Option("--trial", help="Run the new site for a minute; nothing is written.")
+    ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", help="Take every clear proposal without a question.")
     ] = False,
@@ -70,9 +80,10 @@ def init(
     """Make a site file from a register map: propose loops from the tags' names, ask, check.
 
     Nothing is written to the PLC, and write-back is off in the new file. With --host every tag is
-    read once.
+    read once, with --trial for a minute.
     """
     from fieldlink.cli.map_commands import parse_headings
+    from fieldlink.cli.role_questions import RecordedTags, doubt_loop, propose_roles
     from fieldlink.cli.site import check
     from fieldlink.site import SiteError
     from fieldlink.site.loop_proposal import propose_loops
@@ -81,26 +92,37 @@ def init(
 
     if host is not None:
         _check_host(host)
+    elif trial and not read_write.is_terminal():
+        raise typer.BadParameter("a trial needs a PLC: give --host", param_hint="--trial")
     refuse_existing(out, map_path_of(out))
     found = import_map(
         file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
     )
     for note in found.notes:
-        _say(f"  {note}")
+        say(f"  {note}")
     for problem in found.problems:
-        _say(f"bad row {problem}")
+        say(f"bad row {problem}")
     if found.problems and not skip_bad:
-        _say("nothing is written; correct the rows, or leave them out with --skip-bad")
+        say("nothing is written; correct the rows, or leave them out with --skip-bad")
         raise typer.Exit(2)
     given = _given_loops(loop or [], found.tags)
     proposal = propose_loops(found.tags.values())
     may_ask = read_write.is_terminal()
     clear, unclear = _divide(proposal, given, leave_out or [])
+    recorded = None if data is None else RecordedTags(data)
+    if recorded is not None:
+        doubts = {n: doubt_loop(n, roles, recorded, say) for n, roles in clear.items()}
+        unclear += [doubt for doubt in doubts.values() if doubt is not None]
+        clear = {name: roles for name, roles in clear.items() if doubts[name] is None}
+    proposed = {
+        each.name: {} if recorded is None else propose_roles(each, recorded, say)
+        for each in unclear
+    }
     if unclear and not may_ask:
-        raise SiteError(_unclear_problems(file, unclear))
+        raise SiteError(_unclear_problems(file, unclear, proposed))
     loops: dict[str, Roles] = {**given, **clear}
     for each in unclear:
-        if (answered := _ask_roles(each)) is not None:
+        if (answered := _ask_roles(each, proposed[each.name])) is not None:
             loops[each.name] = answered
     if not loops:
         raise typer.BadParameter(
@@ -109,12 +131,12 @@ def init(
             param_hint="MAP",
         )
     for name, roles in sorted(loops.items()):
-        _say(f"  loop {name}: " + ", ".join(f"{role} {tag}" for role, tag in roles.items()))
+        say(f"  loop {name}: " + ", ".join(f"{role} {tag}" for role, tag in roles.items()))
     taken = {tag for roles in loops.values() for tag in roles.values()}
     for half in proposal.halves:
         if not half.all_tags & taken:
             lacks = "PV" if "op" in (*half.roles, *half.unclear) else "OP"
-            _say(f"  left out: {half.name} has no {lacks} ({', '.join(sorted(half.all_tags))})")
+            say(f"  left out: {half.name} has no {lacks} ({', '.join(sorted(half.all_tags))})")
     values = _automatic(auto_values, loops, may_ask)
     if host is None and may_ask and not yes:
         host = (
@@ -123,16 +145,17 @@ def init(
     draft = SiteDraft(
         out, dict(sorted(loops.items())), host or PLACEHOLDER, port, unit, period, values, file.name
     )
-    _say(f"  every {period:g} s (--period); write-back off")
+    say(f"  every {period:g} s (--period); write-back off")
     if not yes:
         if not may_ask:
             raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
         typer.confirm(f"write {out} and {map_path_of(out)}?", abort=True)
     draft.write(found.tags)
-    _say(f"written: {out}, and {map_path_of(out)} with {len(taken)} of {len(found.tags)} tags")
+    say(f"written: {out}, and {map_path_of(out)} with {len(taken)} of {len(found.tags)} tags")
     check(out)
-    answers = host is not None and _read_once(out)
-    typer.echo(f"next: {_next_step(out, host, answers)}")
+    answers = host is not None and read_once(out)
+    tried = run_trial(out) if trial and answers else None
+    typer.echo(f"next: {next_step(out, host, answers, tried)}")
 
 
 def _check_host(host: str) -> None:
@@ -143,13 +166,6 @@ def _check_host(host: str) -> None:
         raise typer.BadParameter(
             f"{host!r} holds a port; give --host {name} --port {port or 502}", param_hint="--host"
         )
-
-
-def _say(text: str) -> None:
-    from fieldlink.printable import as_printable
-
-    indent = text[: len(text) - len(text.lstrip())]
-    typer.echo(indent + as_printable(text.lstrip()), err=True)
 
 
 def _given_loops(texts: list[str], tags: Mapping[str, Tag]) -> dict[str, Roles]:
@@ -203,7 +219,9 @@ def _divide(
     return clear, [loop for loop in open_loops if loop.unclear]
 
 
-def _unclear_problems(file: Path, unclear: list[LoopProposal]) -> list[Problem]:
+def _unclear_problems(
+    file: Path, unclear: list[LoopProposal], proposed: Mapping[str, Roles]
+) -> list[Problem]:
     from fieldlink.site import Problem
 
     problems = []
@@ -211,7 +229,8 @@ def _unclear_problems(file: Path, unclear: list[LoopProposal]) -> list[Problem]:
         choices = "; ".join(
             f"{role.upper()} may be {' or '.join(tags)}" for role, tags in loop.unclear.items()
         )
-        example = {**{role: tags[0] for role, tags in loop.unclear.items()}, **loop.roles}
+        first = {role: tags[0] for role, tags in loop.unclear.items()}
+        example = {**first, **loop.roles, **proposed[loop.name]}
         message = f"{choices}, and there is no terminal to ask on"
         remedy = (
             f"name the tags, such as --loop {loop.name}={example['op']},{example['pv']}, or leave "
@@ -221,23 +240,31 @@ def _unclear_problems(file: Path, unclear: list[LoopProposal]) -> list[Problem]:
     return problems
 
 
-def _ask_roles(loop: LoopProposal) -> Roles | None:
-    """Ask for the unclear roles; None when the loop is to be left out."""
+def _ask_roles(loop: LoopProposal, proposed: Roles) -> Roles | None:
+    """Ask for the unclear roles; None when the loop is to be left out.
+
+    What the data propose is the answer of an empty line, and shown as that.
+    """
     roles = dict(loop.roles)
     for role, tags in loop.unclear.items():
         optional = role not in ("op", "pv")
         empty = f"no {role.upper()}" if optional else "leave the loop out"
         while True:
+            offered = proposed.get(role, "")
             question = (
-                f"{loop.name}: which tag is {role.upper()}: {', '.join(tags)}? (empty: {empty})"
+                f"{loop.name}: which tag is {role.upper()}: {', '.join(tags)}? "
+                + (f"(empty: {offered}, as the data say; -: " if offered else "(empty: ")
+                + f"{empty})"
             )
             answer = typer.prompt(
-                question, default="", show_default=False, prompt_suffix=" "
+                question, default=offered, show_default=False, prompt_suffix=" "
             ).strip()
+            if offered and answer == "-":
+                answer = ""
             if answer in tags:
                 roles[role] = answer
             elif answer:
-                _say(f"{answer} is none of them")
+                say(f"{answer} is none of them")
                 continue
             elif not optional:
                 return None
@@ -267,31 +294,3 @@ def _automatic(text: str | None, loops: Mapping[str, Roles], may_ask: bool) -> t
             f"{text!r} is not a list of numbers, such as 1 or 1,2", param_hint="--auto-values"
         ) from error
     return values
-
-
-def _read_once(out: Path) -> bool:
-    """Read every tag of the new site once and print it; return whether the PLC answered."""
-    from fieldlink.links import LinkError
-    from fieldlink.links.single_values import Point, read_points
-    from fieldlink.site import load_site
-
-    site = load_site(out)
-    device = site.devices["plc"]
-    points = [Point("plc", device, tag, site) for tag in site.maps["plc"].values()]
-    typer.echo(f"\nreading every tag of {device.where} once")
-    try:
-        readings = asyncio.run(read_points(points))
-    except LinkError as error:
-        _say(f"not read: {error}")
-        return False
-    for point, reading in zip(points, readings, strict=True):
-        _say(f"  {point.tag.name} = {read_write.value_text(point, reading)}")
-    return True
-
-
-def _next_step(out: Path, host: str | None, answers: bool) -> str:
-    if host is None:
-        return f"put the PLC's host into {out}, then fieldlink read {out}"
-    if not answers:
-        return f"fieldlink read {out}, once the PLC can be reached"
-    return f"compare the values with the operator's screen, then fieldlink run {out}"

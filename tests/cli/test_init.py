@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import tomllib
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from fieldlink.cli import read_write
 from fieldlink.cli.app import app
+from fieldlink.daemon import trial
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
@@ -19,6 +21,7 @@ from fieldlink.lab.plc.modbus_device import modbus_device
 from fieldlink.registers import Table
 from fieldlink.site import load_site
 from tests.links.serving import served_in_a_thread
+from tests.site.made_loops import made_loop
 
 HEADER = "Tag;Address;Type;Access;Unit\n"
 CLEAR = HEADER + (
@@ -140,3 +143,46 @@ def test_without_a_host_the_next_step_says_so(folder: Path) -> None:
     # The name needs escapes in TOML; the loop's other proposals are withdrawn with it.
     assert set(load_site(folder / "site.toml").loops) == {'F"C\\1', "FIC202"}
     assert "put the PLC's host into site.toml" in result.stdout
+
+
+def test_recorded_data_answer_and_contradict_the_names(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    op, pv = made_loop(3)
+    rows = [
+        f"{k},{o:.2f},{p:.4f},{50 + k % 7}" for k, (o, p) in enumerate(zip(op, pv, strict=True))
+    ]
+    header = "time,FC101.OUT,FC101.PV,FC101.MV\n"
+    (folder / "data.csv").write_text(header + "\n".join(rows) + "\n")
+    said = run("unclear.csv", "--data", "data.csv", "--yes")
+    assert "OP FC101.OUT, PV FC101.PV: OP is computed from PV" in said.stderr
+    assert "--loop FC101=FC101.OUT,FC101.PV" in refusal(said)
+    # The same data with the names of OP and PV exchanged contradict a clear list.
+    swapped = header.replace("OUT", "x").replace("PV", "OP").replace("x", "PV")
+    (folder / "swapped.csv").write_text(swapped + "\n".join(rows) + "\n")
+    options = ("clear.csv", "--leave-out", "FIC202", "--data", "swapped.csv", "--auto-values", "1")
+    assert "OP may be FC101.PV or FC101.OP" in refusal(run(*options, "--yes"))
+    assert [path.name for path in folder.glob("site*")] == []
+    # On a terminal the data's answer is offered, and a person says so.
+    monkeypatch.setattr(read_write, "is_terminal", lambda: True)
+    asked = run(*options, stdin="\n\n127.0.0.1\ny\n")
+    assert "(empty: FC101.PV, as the data say; -: leave the loop out)" in asked.output
+    loop = tomllib.loads((folder / "site.toml").read_text())["loops"]["FC101"]
+    assert (loop["op"], loop["pv"]) == ("FC101.PV", "FC101.OP")
+
+
+def test_a_trial_says_what_came_and_what_is_next(
+    folder: Path, port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial, "TRIAL", 1.0)
+    options = ("--host", "127.0.0.1", "--port", str(port), "--auto-values", "1", "--yes")
+    result = run("clear.csv", *options, "--period", "0.05", "--trial")
+    assert result.exit_code == 0, result.output
+    counted = re.search(r"FC101: (\d+) of (\d+) samples read, \d+ bad", result.stderr)
+    assert counted is not None, result.stderr
+    assert 1 <= int(counted[1]) <= int(counted[2])
+    assert "only" in result.stderr or "stood still" in result.stderr
+    assert result.stdout.rstrip().splitlines()[-1].startswith("next: ")
+    # It leaves the two files behind and no store.
+    assert sorted(path.name for path in folder.glob("site*")) == ["site-map.csv", "site.toml"]
+    assert not list(folder.rglob("*.sqlite"))

@@ -1,0 +1,68 @@
+"""What ``fieldlink init`` does with a new site: read it, run it a minute, say what is next."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import typer
+
+from fieldlink.cli import read_write
+from fieldlink.printable import as_printable
+
+__all__ = ["next_step", "read_once", "run_trial", "say"]
+
+
+def say(text: str) -> None:
+    """Print a line for a person, on stderr; its indent is kept."""
+    indent = text[: len(text) - len(text.lstrip())]
+    typer.echo(indent + as_printable(text.lstrip()), err=True)
+
+
+def read_once(out: Path) -> bool:
+    """Read every tag of the new site once and print it; return whether the PLC answered."""
+    from fieldlink.links import LinkError
+    from fieldlink.links.single_values import Point, read_points
+    from fieldlink.site import load_site
+
+    site = load_site(out)
+    device = site.devices["plc"]
+    points = [Point("plc", device, tag, site) for tag in site.maps["plc"].values()]
+    typer.echo(f"\nreading every tag of {device.where} once")
+    try:
+        readings = asyncio.run(read_points(points))
+    except LinkError as error:
+        say(f"not read: {error}")
+        return False
+    for point, reading in zip(points, readings, strict=True):
+        say(f"  {point.tag.name} = {read_write.value_text(point, reading)}")
+    return True
+
+
+def run_trial(out: Path) -> bool:
+    """Run the new site for a minute and print what came of it; return whether all is well."""
+    from fieldlink.daemon import configure_logging, trial
+    from fieldlink.site import load_site
+
+    configure_logging()
+    typer.echo(f"\nrunning the site for {trial.TRIAL:g} s; nothing is written")
+    found = asyncio.run(trial.try_site(load_site(out), trial.TRIAL))
+    for name, loop in found.items():
+        say(
+            f"  {name}: {loop.read} of {loop.expected} samples read, {loop.bad} bad, "
+            f"{loop.missed} missed; {loop.reason or loop.evidence.sentence}"
+        )
+        if loop.looks_swapped:
+            say(f"  {name}: OP and PV look exchanged; if they are, exchange them in {out}")
+    return all(loop.is_good for loop in found.values())
+
+
+def next_step(out: Path, host: str | None, answers: bool, tried: bool | None) -> str:
+    """Return the command to type next."""
+    if host is None:
+        return f"put the PLC's host into {out}, then fieldlink read {out}"
+    if not answers:
+        return f"fieldlink read {out}, once the PLC can be reached"
+    if tried is False:
+        return f"look at the lines above; fieldlink read {out} shows single values"
+    return f"compare the values with the operator's screen, then fieldlink run {out}"
