@@ -7,7 +7,7 @@ The wheel is built and installed into empty environments: as an edge box needs i
 simulated plants (`lab`), and with everything (`all`). Megabytes are those of the environment, the
 interpreter's own (a link) and pip not counted. Start-up is the processor time of a command that
 has run before, as a multiple of an empty Python program's on the same machine: seconds depend on
-the machine, the ratio hardly does. `--contents` only looks into a wheel: what it must carry and
+the machine, the ratio much less. `--contents` only looks into a wheel: what it must carry and
 does not, and what must not be in it.
 """
 
@@ -107,7 +107,7 @@ def _measure(wheel: Path, root: Path) -> list[dict[str, Any]]:
                 "installation": name,
                 "pip install": f"fieldlink{extras}",
                 "packages": _packages(python),
-                "MB": _megabytes(folder),
+                "MB": round(_megabytes(folder)),
                 **{
                     f"{command[0]}, times python": _processor_seconds([program, *command]) / empty
                     for command in COMMANDS
