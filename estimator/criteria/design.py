@@ -69,17 +69,15 @@ class Design:
         self.target: Array = project_out(target, self.basis)
         self.rest = float(dot(self.target, self.target))
 
-    def respond(self, stems: Array, processes: Array) -> Array:
-        """Whitened responses ``(n, L)`` of stems ``(n, L)`` through processes ``(4, L)``."""
-        found: Array = respond(stems, processes[0], processes[1], processes[2], processes[3])
-        whiten_lanes(found, self.taps)
-        return found
+    def single(self, responses: Array, delays: Index, stride: int = 1) -> Array:
+        """Sums of squares ``(D, L)`` with one gain at each of the ``delays``.
 
-    def single(self, stems: Array, processes: Array, delays: Index, stride: int = 1) -> Array:
-        """Sums of squares ``(D, L)`` with one gain at each of the ``delays``."""
+        The ``responses`` ``(n, L)`` are whitened in place.
+        """
         rows = self.rows
+        whiten_lanes(responses, self.taps)
         found: Array = delayed_costs(
-            self.respond(stems, processes),
+            responses,
             rows.weight,
             self.target,
             self.basis,
@@ -96,8 +94,10 @@ class Design:
     ) -> Array:
         """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on."""
         rows = self.rows
+        responses: Array = respond(stems, *processes)
+        whiten_lanes(responses, self.taps)
         found: Array = paired_costs(
-            self.respond(stems, processes),
+            responses,
             rows.weight,
             self.target,
             self.basis,
