@@ -12,7 +12,7 @@ from estimator.evidence.hypothesis import Case, Hypothesis, Valve
 from estimator.evidence.nuisances import Nuisance
 from estimator.lanes import Array, respond
 from estimator.processes.poles import COARSE
-from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Found, descend
+from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
 from estimator.settings import Searching
@@ -24,6 +24,8 @@ _BLOCK = 32
 """Valves of a block: its signals stay in the cache."""
 _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
+_TRIAL = 5
+"""Rounds that every seed of a look is followed; only the best ones go on."""
 _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""
 _SHIFTS = 6
@@ -84,22 +86,24 @@ def simulated_starts(
     _rank(case, looks, valves, law, stride)
     found = []
     for look in looks:
-        ends = []
-        for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart):
-            poles = COARSE[look.process[i]]
-            valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
-            start = Found(float(look.cost[i]), valve, poles, int(look.late[i]))
-            ends.append(
-                descend(
-                    case,
-                    look.designs[poles.integrating],
-                    start,
-                    searching.wide,
-                    searching.generations,
-                    searching.few,
-                    stride,
-                )
+        ways = [
+            Descent(
+                case,
+                look.designs[poles.integrating],
+                Found(float(look.cost[i]), Valve(*valves[i].tolist(), law), poles, int(look.late[i])),
+                searching.wide,
+                searching.few,
+                stride,
             )
+            for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart)
+            for poles in (COARSE[look.process[i]],)
+        ]
+        for way in ways:
+            way.go_on(_TRIAL)
+        ways.sort(key=lambda way: way.squares)
+        for way in ways[: searching.basins]:
+            way.go_on(searching.generations - _TRIAL)
+        ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])
         found += [
