@@ -86,18 +86,13 @@ def simulated_starts(
     _rank(case, looks, valves, law, stride)
     found = []
     for look in looks:
-        ways = [
-            Descent(
-                case,
-                look.designs[poles.integrating],
-                Found(float(look.cost[i]), Valve(*valves[i].tolist(), law), poles, int(look.late[i])),
-                searching.wide,
-                searching.few,
-                stride,
-            )
-            for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart)
-            for poles in (COARSE[look.process[i]],)
-        ]
+        ways = []
+        for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart):
+            poles = COARSE[look.process[i]]
+            valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
+            start = Found(float(look.cost[i]), valve, poles, int(look.late[i]))
+            design = look.designs[poles.integrating]
+            ways.append(Descent(case, design, start, searching.wide, searching.few, stride))
         for way in ways:
             way.go_on(_TRIAL)
         ways.sort(key=lambda way: way.squares)
@@ -106,9 +101,7 @@ def simulated_starts(
         ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])
-        found += [
-            (ends[i], look.taps) for i in first_apart(bands, squares, searching.basins, 0.05)
-        ]
+        found += [(ends[i], look.taps) for i in first_apart(bands, squares, searching.basins, 0.05)]
     return found
 
 

@@ -15,7 +15,15 @@ from estimator.processes.poles import Poles, Shape, coefficients
 from estimator.search.processes import spread_points
 from estimator.valves.laws import LAWS
 
-__all__ = ["Descent", "Found", "descend", "moved_valves", "refine_valve", "sweep_jump", "turned_points"]
+__all__ = [
+    "Descent",
+    "Found",
+    "descend",
+    "moved_valves",
+    "refine_valve",
+    "sweep_jump",
+    "turned_points",
+]
 
 LEAST_BAND, WIDEST_BAND = 0.004, 1.1
 """Stick bands that are tried, as shares of OP's span."""

@@ -173,7 +173,7 @@ class OneStep:
             ValueError: a dead time beyond `LATEST` samples is asked for.
         """
         if shortest + shifts > LATEST:
-            raise ValueError(f"dead times up to {LATEST} samples; {shortest + shifts - 1} asked for")
+            raise ValueError(f"dead times and coefficients up to {LATEST} samples have sums")
         found: tuple[Array, Index] = one_step_costs(
             self.rows.u,
             self.top,
