@@ -85,6 +85,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "scan": (
         "scan 192.168.1.10",
         "scan /dev/ttyUSB0 --units 1-32 --tables holding --baud 9600",
+        "scan 192.168.1.10 --out map.csv",
         "scan 192.168.1.10 --first 1000 --last 4999 --thorough",
     ),
     "read": (

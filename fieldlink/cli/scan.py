@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -45,6 +46,10 @@ def scan(
         float, typer.Option(min=0.0, max=10.0, help="Seconds between two requests.")
     ] = 0.02,
     max_requests: Annotated[int, typer.Option(min=1, help="Most requests in all.")] = 2000,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="New register map (.csv, .xlsx) of the registers that can be read."),
+    ] = None,
     connect: Connect = Connect(),  # noqa: B008  (immutable)
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
@@ -53,6 +58,8 @@ def scan(
 
     from fieldlink.links.survey import SurveySettings, survey
 
+    if out is not None and out.exists():
+        raise typer.BadParameter(f"{out} exists; choose another name", param_hint="--out")
     if last < first:
         raise typer.BadParameter(f"{last} is before --first {first}", param_hint="--last")
     found = find_target(target, connect)
@@ -83,6 +90,48 @@ def scan(
         typer.echo(json.dumps(result.to_dict()))
     else:
         _print_survey(Console(highlight=False, soft_wrap=True), result)
+    if out is not None:
+        _write_map(found, result, out, errors)
+
+
+def _write_map(found: Target, result: Survey, out: Path, errors: Console) -> None:
+    """Read what can be read once more and write it as a register map with guessed types."""
+    from fieldlink.links.single_values import Point, read_points
+    from fieldlink.registers import DataType, Table, Tag
+    from fieldlink.registers.guessed_tags import guess_tags
+    from fieldlink.site.map_export import write_map
+
+    ranges = [
+        (Table(table.table), first, last)
+        for unit in result.units[:1]
+        for table in unit.tables
+        if table.table in (Table.HOLDING, Table.INPUT)
+        for first, last in table.ranges
+    ]
+    if not ranges:
+        errors.print(f"{out} is not written: no register can be read")
+        raise typer.Exit(1)
+    unit = result.units[0].unit
+    device = found.device.model_copy(update={"unit": unit})
+    words = [
+        Tag(f"{table} {address}", table, address, DataType.UINT16)
+        for table, first, last in ranges
+        for address in range(first, last + 1)
+    ]
+    points = [Point(found.name, device, tag, found.site) for tag in words]
+    readings = asyncio.run(read_points(points))
+    read: dict[Table, dict[int, int]] = {}
+    for tag, reading in zip(words, readings, strict=True):
+        if reading.was_read:
+            read.setdefault(tag.table, {})[tag.address] = int(reading.value)
+    tags = guess_tags(read)
+    write_map(tags, out)
+    errors.print(
+        f"written: {out} with {len(tags)} guessed tags of unit {unit}. Compare their values with "
+        "the operator's screen and give them names, then"
+    )
+    place = f"--host {device.host} --port {device.port} " if not device.serial_port else ""
+    errors.print(f"next: fieldlink init {out} {place}--unit {unit}", soft_wrap=True)
 
 
 def _unit_ids(text: str) -> tuple[int, ...]:

@@ -16,7 +16,8 @@ from fieldlink.lab.plc import Listening
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.lab.plc.modbus_device import modbus_device, other_units
 from fieldlink.links.single_values import as_manual_address
-from fieldlink.registers import Table
+from fieldlink.registers import DataType, Table, Tag
+from fieldlink.site.register_map import read_register_map
 from tests.links.serving import served_in_a_thread
 
 SITE = """\
@@ -281,3 +282,28 @@ def test_an_address_of_a_manual_is_never_written_by_guess(port: int, image: Regi
     assert result.exit_code == 2
     assert "holding:10" in result.output
     assert image.get(Table.HOLDING, 10, 1) == [425]
+
+
+def test_a_scan_makes_a_map_that_reads_back(port: int, tmp_path: Path) -> None:
+    out = tmp_path / "guessed.csv"
+    options = ("--units", "1", "--last", "60", "--pause", "0", "--timeout", "5", "--out", str(out))
+    result = run("scan", f"127.0.0.1:{port}", *options)
+    assert result.exit_code == 0, result.output
+    tags = read_register_map(out)
+    assert (tags["H10"].data_type, tags["H11"].data_type) == (DataType.UINT16, DataType.FLOAT32)
+    assert tags["H11"].comment == "guessed: 25 when it was read"
+    assert not any(tag.writable for tag in tags.values())
+    taken = [n for tag in tags.values() if tag.table is Table.HOLDING for n in span(tag)]
+    assert taken == [*range(10, 20), *range(40, 43)]
+    assert f"fieldlink init {out} --host 127.0.0.1 --port {port} --unit 1" in unwrapped(result)
+    before = out.read_text()
+    assert "exists; choose another name" in unwrapped(run("scan", "127.0.0.1:1", "--out", str(out)))
+    assert out.read_text() == before
+
+
+def span(tag: Tag) -> range:
+    return range(tag.address, tag.end)
+
+
+def unwrapped(result: Result) -> str:
+    return " ".join(re.sub("[│╭╮╰╯─]", " ", result.stderr).split())
