@@ -146,14 +146,6 @@ class VirtualPlc:
             loop.end()
         self.scans += 1
 
-    def watch(self, seconds: float) -> None:
-        """Let the block readers look ``seconds`` after the last scan, before the next one."""
-        if not self.scans:
-            return
-        moment = (self.scans - 1) * self._period.numerator / self._period.denominator + seconds
-        for loop in self._loops.values():
-            loop.watch(moment)
-
     def truth(self, loop: str) -> Truth:
         """Return what really happened in a loop, for judging."""
         hosted = self._loops[loop]
@@ -184,6 +176,14 @@ class VirtualPlc:
         if exchange is None:
             raise PlcError(f"loop {loop} has no exchange area; give its writeback a base")
         exchange.enable(allowed)
+
+    def watch(self, seconds: float) -> None:
+        """Let the block readers look ``seconds`` after the last scan, before the next one."""
+        if not self.scans:
+            return
+        moment = (self.scans - 1) * self._period.numerator / self._period.denominator + seconds
+        for loop in self._loops.values():
+            loop.watch(moment)
 
     def close(self) -> None:
         """End the plants; may be called twice."""
