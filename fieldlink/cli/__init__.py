@@ -1,4 +1,7 @@
-"""The command line: parse, call, print."""
+"""The command line: parse, call, print.
+
+No rule and no computation lives here; a command that needs one calls it.
+"""
 
 from __future__ import annotations
 

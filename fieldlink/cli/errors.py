@@ -8,8 +8,20 @@ import typer
 
 __all__ = ["explain"]
 
-LAB_PACKAGES = ("fmpy", "lxml")
-"""What the extra ``lab`` installs; an edge box does without."""
+_EXTRAS = {
+    "asyncua": "opcua",
+    "casadi": "nlp",
+    "distributed": "dask",
+    "fmpy": "lab",
+    "fpdf": "plot",
+    "lxml": "lab",
+    "matplotlib": "plot",
+    "openpyxl": "excel",
+    "paho": "mqtt",
+    "psycopg": "postgresql",
+    "pyarrow": "parquet",
+}
+"""Which extra of the package brings a library that not everybody needs."""
 
 
 def explain(error: Exception) -> bool:
@@ -24,15 +36,15 @@ def explain(error: Exception) -> bool:
     # An edge box has no FMPy, and without it there can be no error of a plant.
     plants = sys.modules.get("fmu_models.errors")
     known = (EstimatorError, FieldlinkError, *((plants.PlantError,) if plants else ()))
-    if isinstance(error, ModuleNotFoundError) and _package(error) in LAB_PACKAGES:
-        said = f"simulated plants need {_package(error)}: pip install 'fieldlink[lab]'"
+    missing = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    if missing in _EXTRAS:
+        words = (
+            f"this needs {missing}, which is not installed; install it with "
+            f"pip install 'fieldlink[{_EXTRAS[missing]}]'"
+        )
     elif isinstance(error, known):
-        said = str(error)
+        words = as_printable(str(error), lines=True)
     else:
         return False
-    typer.secho(f"fieldlink: {as_printable(said, lines=True)}", err=True, fg=typer.colors.RED)
+    typer.secho(f"fieldlink: {words}", err=True, fg=typer.colors.RED)
     return True
-
-
-def _package(error: ModuleNotFoundError) -> str:
-    return (error.name or "").split(".")[0]

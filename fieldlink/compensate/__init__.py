@@ -1,1 +1,4 @@
-"""The compensator at work beside a real PLC."""
+"""The compensator at work beside a real PLC.
+
+Its control law is `compensator`'s; registers, clock and memory are handled here.
+"""

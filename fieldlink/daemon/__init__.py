@@ -1,4 +1,7 @@
-"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks."""
+"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks.
+
+A room for each of these steps; nothing here is simulated, served over HTTP or shown.
+"""
 
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings, Interval
 from fieldlink.daemon.estimation.pool import PoolReport, PoolSettings

@@ -1,4 +1,7 @@
-"""Links: one module per kind of source behind one small protocol."""
+"""Links: one module per kind of source behind one small protocol.
+
+A link reads and writes what it is asked; when, and what it means, is decided above.
+"""
 
 from fieldlink.links.base import (
     CountingLink,
