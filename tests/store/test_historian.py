@@ -18,14 +18,12 @@ from fieldlink.store import (
     Historian,
     HistorianSettings,
     SampleRecord,
-    SlotRecord,
     StoreError,
     WritebackRecord,
     last_blocks,
     read_estimates,
     read_events,
     read_samples,
-    read_slots,
     read_writebacks,
 )
 
@@ -176,29 +174,6 @@ def test_the_files_are_for_the_owner_and_the_group_to_read(url: str) -> None:
     for part in (file, file.with_name(file.name + "-wal"), file.parent):
         assert part.stat().st_mode & 0o027 == 0, part
     historian.stop()
-
-
-def test_a_historian_of_the_first_release_goes_on(url: str) -> None:
-    historian = Historian(url, QUICK)
-    historian.start(OPENED)
-    historian.put(sample(0))
-    historian.stop()
-    with sqlite3.connect(url.removeprefix("sqlite:///")) as connection:
-        connection.execute("UPDATE meta SET value = '1'")
-        connection.execute("ALTER TABLE samples DROP COLUMN late_ms")
-        connection.execute("ALTER TABLE samples DROP COLUMN clock_steps")
-        connection.execute("DROP TABLE slots")
-        connection.execute("DROP TABLE averages")
-    connection.close()
-    again = Historian(url, QUICK)
-    again.start(OPENED)
-    again.put(replace(sample(1), late_ms=3, clock_steps=1))
-    again.put(SlotRecord("FC101", NOON_MS, 600.0, 600, 598, 0, 2, 0, 0, 0))
-    assert again.stop().dropped == 0
-    frame = read_samples(url)
-    assert frame["slot"].tolist() == [0, 1]
-    assert frame["clock_steps"].tolist()[1] == 1
-    assert read_slots(url, "FC101")["missed"].tolist() == [2]
 
 
 def test_stopping_against_a_lock_ends_and_counts_what_is_lost(url: str) -> None:

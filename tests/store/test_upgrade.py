@@ -13,17 +13,22 @@ from fieldlink.store import (
     FleetReader,
     Historian,
     HistorianSettings,
+    SampleRecord,
+    SlotRecord,
     StoreError,
     back_up,
     read_estimates,
     read_events,
     read_samples,
+    read_slots,
     read_writebacks,
 )
 from fieldlink.store.errors import StoreMismatchError
 from fieldlink.store.schema import METADATA, SCHEMA_VERSION
 
 QUICK = HistorianSettings(linger=0.01, retry=0.02)
+NOON_MS = 1_767_268_800_000
+NEW = SampleRecord("FC101", NOON_MS + 3000, 3, 42.5, 53.25, 50.0, True, 0, 3, 1)
 OPENED = EventRecord(1_767_300_000_000, "daemon.start", "daemon", "after the upgrade")
 
 
@@ -54,7 +59,9 @@ def test_the_first_release_s_store_is_upgraded_and_keeps_its_data(old: Path) -> 
     back_up(url, old.with_name("before.sqlite"))
     historian = Historian(url, QUICK)
     historian.start(OPENED)
-    historian.stop()
+    historian.put(NEW)
+    historian.put(SlotRecord("FC101", NOON_MS, 600.0, 600, 598, 0, 2, 0, 0, 0))
+    assert historian.stop().dropped == 0
     after = contents(old)
     for name, rows in before.items():
         if name != "meta":
@@ -65,7 +72,10 @@ def test_the_first_release_s_store_is_upgraded_and_keeps_its_data(old: Path) -> 
     assert columns(old) == {
         name: {column.name for column in table.columns} for name, table in METADATA.tables.items()
     }
-    assert list(read_samples(url, "FC101")["pv"].dropna()) == [51.25, 52.25]
+    samples = read_samples(url, "FC101")
+    assert list(samples["pv"].dropna()) == [51.25, 52.25, 53.25]
+    assert list(samples["late_ms"].dropna()) == [3.0]
+    assert list(read_slots(url, "FC101")["missed"]) == [2]
     assert list(read_estimates(url, "FC101")["stick_band"]) == [7.0]
     assert list(read_writebacks(url, "FC101")["seq"]) == [41]
     assert list(read_events(url)["kind"]) == ["daemon.start", "daemon.start"]
