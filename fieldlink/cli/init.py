@@ -53,6 +53,10 @@ def init(
         Literal["zero", "one", "modicon"] | None,
         typer.Option(help="How addresses are written; found out unless given."),
     ] = None,
+    word_order: Annotated[
+        Literal["big", "little"],
+        typer.Option(help="Which register of a float is first, where the list does not say."),
+    ] = "big",
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook; the first.")] = None,
     column: Annotated[
         list[str] | None,
@@ -96,7 +100,11 @@ def init(
         raise typer.BadParameter("a trial needs a PLC: give --host", param_hint="--trial")
     refuse_existing(out, map_path_of(out))
     found = import_map(
-        file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
+        file,
+        addresses=addresses,
+        sheet=sheet,
+        headings=parse_headings(column or []),
+        word_order=word_order,
     )
     for note in found.notes:
         say(f"  {note}")

@@ -130,6 +130,13 @@ def test_a_plc_that_does_not_answer_is_said_after_the_files_are_written(folder: 
     assert load_site(folder / "site.toml").devices["plc"].port == 1
 
 
+def test_the_word_order_of_a_list_that_does_not_say_it(folder: Path) -> None:
+    assert run("clear.csv", "--auto-values", "1", "--word-order", "little", "--yes").exit_code == 0
+    tags = load_site(folder / "site.toml").maps["plc"]
+    # 25.0 as a float32, less significant register first
+    assert tags["FC101.PV"].decode([0, 0x41C8]).value == 25.0
+
+
 def test_a_host_has_no_port_in_it(folder: Path) -> None:
     result = run("clear.csv", "--host", "127.0.0.1:502", "--yes")
     assert result.exit_code == 2
