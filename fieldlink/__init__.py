@@ -1,4 +1,1 @@
-"""The adapter: everything that touches a wire, a clock, a disk or a person.
-
-The numeric cores are packages of their own; nothing here estimates or controls.
-"""
+"""The adapter: everything that touches a wire, a clock, a disk or a person."""

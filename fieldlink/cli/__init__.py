@@ -1,7 +1,4 @@
-"""The command line: parse, call, print.
-
-No rule and no computation lives here; a command that needs one calls it.
-"""
+"""The command line: parse, call, print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,1 @@
-"""The compensator at work beside a real PLC.
-
-Its control law is `compensator`'s; registers, clock and memory are handled here.
-"""
+"""The compensator at work beside a real PLC."""

@@ -1,7 +1,4 @@
-"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks.
-
-A room for each of these steps; nothing here is simulated, served over HTTP or shown.
-"""
+"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks."""
 
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings, Interval
 from fieldlink.daemon.estimation.pool import PoolReport, PoolSettings

@@ -1,7 +1,4 @@
-"""Links: one module per kind of source behind one small protocol.
-
-A link reads and writes what it is asked; when, and what it means, is decided above.
-"""
+"""Links: one module per kind of source behind one small protocol."""
 
 from fieldlink.links.base import (
     CountingLink,

@@ -1,7 +1,4 @@
-"""The historian: append-only tables, written by a thread, read as pandas frames.
-
-What rows mean for a loop or a fleet is decided by those who read them.
-"""
+"""The historian: append-only tables, written by a thread, read as pandas frames."""
 
 from fieldlink.store.backup import Backup, back_up
 from fieldlink.store.errors import StoreError

@@ -1,4 +1,1 @@
-"""What the daemon says: records, log lines, snapshots, messages to systemd.
-
-Nothing here decides anything.
-"""
+"""What the daemon says: records, log lines, snapshots, messages to systemd."""

@@ -1,4 +1,1 @@
-"""The last samples of a loop, equally spaced, and the requests for estimates made of them.
-
-No wire and no estimator: readings come in, windows go out.
-"""
+"""The last samples of a loop, equally spaced, and the requests for estimates made of them."""
