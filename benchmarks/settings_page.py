@@ -23,6 +23,8 @@ from compensator import HybridSettings, RetrySettings, SupervisorSettings, Watch
 from compensator.friction import FrictionPrior
 from compensator.load_steps import LoadStepSettings
 from compensator.record_check import RecordCheckSettings
+from compensator.setpoint_trend import SetpointTrendSettings
+from compensator.thrift import ThriftSettings
 from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import NOISE_KINDS
 from estimator.settings import SETTINGS
@@ -54,6 +56,8 @@ deviations.
 COMPENSATOR = (
     SupervisorSettings(),
     HybridSettings(),
+    SetpointTrendSettings(),
+    ThriftSettings(),
     TrackerSettings(NOISE_KINDS[0]),
     FrictionPrior(),
     LoadStepSettings(),

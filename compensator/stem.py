@@ -102,6 +102,7 @@ class StemTracker:
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._load_steps = LoadStepDetector(prediction.dead_time)
         self.load_stepped = False
+        self._unsettled = 0
         self._op = math.nan
         self._innovation = 1.0
         self._noise_now = self._scale_now = 0.0
@@ -279,7 +280,7 @@ class StemTracker:
                         best.state.copy(),
                         best.errors.copy(),
                         best.noise,
-                        best.score - 2.0,
+                        best.score - self.settings.recalled,
                     )
                 )
         self.beliefs = self._likely(self.beliefs)
@@ -297,6 +298,10 @@ class StemTracker:
         # learnt of lasting errors; Joseph's form allows any gain.
         colour = self.innovations.colour
         self._gain[n:] *= (1.0 - colour) / (1.0 + colour)
+        if self._unsettled > 0:
+            # What the load makes of PV must not be learnt as an error of fD or of the gain.
+            self._unsettled -= 1
+            self._gain[n + FRICTION] = self._gain[n + GAIN] = 0.0
         keep = 1.0 - 1.0 / self.settings.memory
         carried = variance * self.settings.noise.equation**2 / self._innovation
         surprises = {}
@@ -331,6 +336,7 @@ class StemTracker:
         self.load_stepped = since > 0
         if since:
             self._expect_load(since)
+            self._unsettled = self.prediction.dead_time + self._settle
         if seen.is_biased:
             seen.restart_trend(colour=0.5)
             self._recall()

@@ -301,7 +301,7 @@ class Supervisor:
                 stroke=candidate.model.valve.stick_band,
             )
         self._watch.restart(candidate.horizon // 2)
-        candidate.tolerate(math.sqrt(before.mean_square))
+        candidate.improve_on(math.sqrt(before.mean_square), before.travel)
         self._compensator, self._next = candidate, None
         self._limited = False
         self.state = SupervisorState.COMPENSATING
