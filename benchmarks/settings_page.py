@@ -20,7 +20,10 @@ from typing import Any
 
 from benchmarks.report import table
 from compensator import HybridSettings, RetrySettings, SupervisorSettings, WatchSettings
+from compensator.cycles import CycleSettings
+from compensator.figures import FiguresSettings
 from compensator.friction import FrictionPrior
+from compensator.innovations import InnovationSettings
 from compensator.load_steps import LoadStepSettings
 from compensator.record_check import RecordCheckSettings
 from compensator.setpoint_trend import SetpointTrendSettings
@@ -60,9 +63,12 @@ COMPENSATOR = (
     ThriftSettings(),
     TrackerSettings(NOISE_KINDS[0]),
     FrictionPrior(),
+    InnovationSettings(),
     LoadStepSettings(),
     RecordCheckSettings(),
+    FiguresSettings(),
     WatchSettings(),
+    CycleSettings(),
     RetrySettings(),
 )
 """What the compensator's page is made of."""

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation, held_correlations
-from compensator.innovations import FIRST, InnovationStatistics
+from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import Prediction, settling_samples
@@ -90,7 +90,7 @@ class StemTracker:
         self._settle = settle
         self._resolution = PvResolution()
         self._first: list[tuple[float, float]] = []
-        self._begin(InnovationStatistics())
+        self._begin(InnovationStatistics(settings=settings.innovations))
 
     def _begin(self, innovations: InnovationStatistics) -> None:
         """Believe nothing yet but what is known of the noise."""
@@ -175,9 +175,10 @@ class StemTracker:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
         self._resolution.push(pv)
         self._take_in(pv, op)
-        if len(self._first) < FIRST and math.isfinite(pv):
+        first = self.settings.innovations.first
+        if len(self._first) < first and math.isfinite(pv):
             self._first.append((pv, op))
-            if len(self._first) == FIRST:
+            if len(self._first) == first:
                 self._relive()
 
     def _relive(self) -> None:
@@ -189,7 +190,8 @@ class StemTracker:
         squares = sorted((b[0] - a[0]) ** 2 for a, b in itertools.pairwise(self._first))
         # Half the mean square of a normal change, by its median (0.455 of it): robust to a slip.
         variance = 0.5 * squares[len(squares) // 2] / 0.455
-        self._begin(InnovationStatistics(variance, known_for=FIRST))
+        settings = self.settings.innovations
+        self._begin(InnovationStatistics(variance, settings.first, settings))
         for pv, op in self._first:
             self._take_in(pv, op)
 

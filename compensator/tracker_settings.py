@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from compensator.action import require_not_negative, require_positive, require_whole
 from compensator.friction import FrictionPrior
+from compensator.innovations import InnovationSettings
 from compensator.prediction import NoiseModel
 
 __all__ = ["TrackerSettings"]
@@ -29,6 +30,7 @@ class TrackerSettings:
             explains such innovations more often than a slip that was missed.
         fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
             variance of some ten independent values is known to a factor of two.
+        innovations: what PV's innovations tell of the noise.
     """
 
     noise: NoiseModel
@@ -40,6 +42,7 @@ class TrackerSettings:
     memory: float = 60.0
     recalled: float = 3.5
     fluctuation_margin: float = 2.0
+    innovations: InnovationSettings = field(default_factory=InnovationSettings)
 
     def __post_init__(self) -> None:
         require_not_negative(

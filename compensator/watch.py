@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from compensator.action import CompensatorError, require_not_negative, require_positive
-from compensator.cycles import GrowingCycles
+from compensator.cycles import CycleSettings, GrowingCycles
 from compensator.figures import LoopFigures
 
 __all__ = ["LoopWatch", "RunAway", "WatchSettings", "WatchVerdict", "Watched"]
@@ -63,6 +63,7 @@ class WatchSettings:
         periods: of the oscillation before: length of the quick, the short and the long window.
         least: samples of the quick window at least.
         persist: share of the short window for which a verdict of the windows must hold.
+        cycles: what an oscillation that grows is.
     """
 
     worse_by: float = 1.05
@@ -79,6 +80,7 @@ class WatchSettings:
     periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
     least: int = 40
     persist: float = 0.125
+    cycles: CycleSettings = field(default_factory=CycleSettings)
 
     def __post_init__(self) -> None:
         require_positive(
@@ -205,7 +207,7 @@ class LoopWatch:
         self._squares: deque[float] = deque(maxlen=self._long)
         self._travels: deque[float] = deque(maxlen=self._long)
         self._run_away = RunAway(before.largest, dead_time, self.settings)
-        self._cycles = GrowingCycles(before.mean_square)
+        self._cycles = GrowingCycles(before.mean_square, self.settings.cycles)
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0

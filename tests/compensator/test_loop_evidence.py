@@ -7,13 +7,22 @@ import math
 import numpy as np
 import pytest
 
-from compensator import CompensatorError, HybridMpc, HybridSettings, PiController, PiSettings
+from compensator import (
+    CompensatorError,
+    HybridMpc,
+    HybridSettings,
+    PiController,
+    PiSettings,
+    Supervisor,
+    WithdrawReason,
+)
 from compensator.fluctuation import RestFluctuation
 from compensator.moves import LeastMoves, MovePlanner
 from compensator.prediction import Prediction
 from compensator.record_check import RecordCheckSettings, seen_agreement
 from compensator.resolution import PvResolution
-from compensator.setpoint_trend import SetpointTrend
+from compensator.setpoint_trend import SetpointTrend, SetpointTrendSettings
+from compensator.thrift import Thrift, ThriftSettings
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 LAG = ProcessModel((-0.9,), (0.1,), 3, 0.0, 1.0)
@@ -123,3 +132,76 @@ def test_no_plan_puts_off_what_does_not_last() -> None:
     error = np.full(planner.points.size, -1.4)
     plan = planner.plan(error, (-9.0, 9.0), LeastMoves.alike(4.4), 1.0, 0.1)
     assert all(time <= planner.horizon // 3 for time in plan.times)
+
+
+def test_a_plan_on_a_ramp_looks_ahead_to_its_next_move() -> None:
+    trend = SetpointTrend(longest=20)
+    assert trend.window(5, 40, 0.6) == math.inf
+    for k in range(8):
+        trend.push(0.1 * k)
+    assert trend.window(5, 40, 0.6) == pytest.approx(5 + 0.5 * 40 + 0.5 * 6)
+    with pytest.raises(CompensatorError, match="alike is a factor of at least 1"):
+        SetpointTrendSettings(alike=0.5)
+
+
+def test_a_ramp_is_followed_by_steps_in_its_direction_only() -> None:
+    controller = HybridMpc(MODEL, HybridSettings(unseen=1.0))
+    stem, pv, op = 50.0, 50.0, 50.0
+    late = [stem] * LAG.dead_time
+    noise = np.random.default_rng(4).normal(0.0, 0.02, 400)
+    moves, errors = [], []
+    for k in range(400):
+        sp = 50.0 + 0.06 * max(0, k - 50)
+        controller.observe(pv + float(noise[k]), op)
+        op = controller.decide(sp).op
+        before, stem = stem, MODEL.valve.step(stem, op)
+        moves.append(stem - before)
+        late.append(stem)
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+        errors.append(pv - sp)
+    assert min(moves[100:]) >= 0.0
+    # Steps of J and its margin, 2.8, leave 0.8 at best.
+    assert np.sqrt(np.mean(np.square(errors[100:]))) < 1.1
+
+
+def test_travel_is_saved_only_while_pv_is_good_enough() -> None:
+    thrift = Thrift(deviation=1.0, travel=0.1, horizon=50)
+    for _ in range(300):
+        thrift.push(0.2, 0.3)
+    assert thrift.price == pytest.approx(10.0)
+    for _ in range(300):
+        thrift.push(0.9, 0.3)
+    assert thrift.price == 1.0
+    for _ in range(300):
+        thrift.push(0.2, 0.0)
+    assert thrift.price == 1.0
+    with pytest.raises(CompensatorError, match="most is a factor of at least 1"):
+        ThriftSettings(most=0.5)
+
+
+def test_a_wrong_sign_the_record_was_silent_on_is_noticed_before_pv_leaves_its_range() -> None:
+    """The valve rests before the offer; a dead time of ten hides what the first moves do."""
+    late_lag = ProcessModel((-0.9,), (0.1,), 11, 0.0, 1.0)
+    wrong = LoopModel(MODEL.valve, ProcessModel((-0.9,), (-0.1,), 11, 100.0, 1.0))
+    supervisor = Supervisor(PiController(PiSettings(0.2, 30.0)))
+    noise = np.random.default_rng(6).normal(0.0, 0.05, 900)
+    stem, pv, op = 50.0, 50.0, 50.0
+    late = [stem] * late_lag.dead_time
+    largest = worst = 0.0
+    for k in range(900):
+        if k == 300:
+            assert supervisor.offer(wrong)
+        sp = 50.0 if k < 40 else 53.0
+        seen = pv + float(noise[k])
+        op = supervisor.step(seen, sp, op).op
+        if k < 300:
+            largest = max(largest, abs(seen - sp))
+        elif supervisor.compensating:
+            worst = max(worst, abs(seen - sp))
+        stem = MODEL.valve.step(stem, op)
+        late.append(stem)
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+        if supervisor.reason is WithdrawReason.LEFT_RANGE:
+            break
+    assert supervisor.reason in (WithdrawReason.LEFT_RANGE, WithdrawReason.REFUSED)
+    assert worst < 3.0 * largest
