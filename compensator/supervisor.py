@@ -326,6 +326,7 @@ class Supervisor:
                 horizon=candidate.horizon,
                 dead_time=candidate.prediction.dead_time,
                 stroke=candidate.model.valve.stick_band,
+                step=candidate.model.valve.slip_jump * candidate.prediction.scale,
             )
         self._watch.restart(candidate.horizon // 2)
         self._own_scans = 0

@@ -179,29 +179,30 @@ def test_travel_is_saved_only_while_pv_is_good_enough() -> None:
         ThriftSettings(most=0.5)
 
 
-def test_a_wrong_sign_the_record_was_silent_on_is_noticed_before_pv_leaves_its_range() -> None:
-    """The valve rests before the offer; a dead time of ten hides what the first moves do."""
-    late_lag = ProcessModel((-0.9,), (0.1,), 11, 0.0, 1.0)
-    wrong = LoopModel(MODEL.valve, ProcessModel((-0.9,), (-0.1,), 11, 100.0, 1.0))
+@pytest.mark.parametrize("gain", [0.1, -0.1])
+def test_a_loop_that_rested_before_keeps_a_right_sign_and_gives_back_a_wrong_one(
+    gain: float,
+) -> None:
+    """The record is silent on the sign, and nothing is known of the range but the noise; a step of
+    the set-point and one of the load, of half the stick band each, with a dead time of ten.
+    """
+    offered = LoopModel(MODEL.valve, ProcessModel((-0.9,), (gain,), 11, 50.0 * (0.1 - gain), 1.0))
     supervisor = Supervisor(PiController(PiSettings(0.2, 30.0)))
-    noise = np.random.default_rng(6).normal(0.0, 0.05, 900)
+    noise = np.random.default_rng(6).normal(0.0, 0.05, 800)
     stem, pv, op = 50.0, 50.0, 50.0
-    late = [stem] * late_lag.dead_time
-    largest = worst = 0.0
-    for k in range(900):
+    late = [50.0] * 11
+    for k in range(800):
         if k == 300:
-            assert supervisor.offer(wrong)
-        sp = 50.0 if k < 40 else 53.0
-        seen = pv + float(noise[k])
-        op = supervisor.step(seen, sp, op).op
-        if k < 300:
-            largest = max(largest, abs(seen - sp))
-        elif supervisor.compensating:
-            worst = max(worst, abs(seen - sp))
-        stem = MODEL.valve.step(stem, op)
-        late.append(stem)
-        pv = 0.9 * pv + 0.1 * late.pop(0)
-        if supervisor.reason is WithdrawReason.LEFT_RANGE:
+            assert supervisor.offer(offered)
+        op = supervisor.step(pv + float(noise[k]), 50.0 if k < 400 else 53.0, op).op
+        if supervisor.reason is not WithdrawReason.NONE:
             break
-    assert supervisor.reason in (WithdrawReason.LEFT_RANGE, WithdrawReason.REFUSED)
-    assert worst < 3.0 * largest
+        stem = MODEL.valve.step(stem, op)
+        late.append(stem + (3.0 if k >= 600 else 0.0))
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+    if gain > 0.0:
+        assert supervisor.compensating
+        assert abs(pv - 53.0) < 1.5
+    else:
+        assert supervisor.reason is WithdrawReason.LEFT_RANGE
+        assert k < 400 + 11 + 40
