@@ -9,7 +9,7 @@ times those. A set-point that no controller can reach is left out, with the 100 
 scan is harmed when over the last 60 scans PV is above 1.1 times **and** travel above 2 times those
 (and those of the loop's own controller over the same 60 scans of the same disturbance), or when
 the error is beyond three times its known range; the last column is the most of them in a row, and
-a row counts as harmed from more than 60 on. ``--quick`` takes few rows.
+a row counts as harmed from more than 60 on. ``--quick`` takes few rows, ``--first`` other seeds.
 """
 
 from __future__ import annotations
@@ -155,12 +155,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--out", type=Path, help="folder for the report")
     options = parser.parse_args(arguments)
     rows = [
         run(loop, parameters, disturbance, seed)
         for loop, parameters, disturbance in _plan(options.quick)
-        for seed in range(1, options.seeds + 1)
+        for seed in range(options.first, options.first + options.seeds)
     ]
     text = heading("compensation_apart", __doc__, arguments) + "\n\n" + list_rows(rows)
     print(text)

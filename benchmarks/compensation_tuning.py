@@ -20,16 +20,20 @@ __all__ = ["main", "rows_to_run"]
 
 def rows_to_run() -> Iterator[tuple[TunedLoop, str, str]]:
     """Return loop, parameters and disturbance of every row."""
+    kinds = [valve for valve in VALVES if valve != "steady"]
     for place, process in enumerate(PROCESSES):
-        for number, valve in enumerate(VALVES):
+        for number, valve in enumerate(kinds):
             own = ("pi", "mpc")[(number + place) % 2]
             loop = TunedLoop.of(process, valve, own, driven=number == 2)
-            wrong = tuple(WRONG) if number == place % len(VALVES) else ("exact",)
+            wrong = tuple(WRONG) if number == place % len(kinds) else ("exact",)
             for parameters in (*wrong, "identified"):
                 yield loop, parameters, "none"
-        loop = TunedLoop.of(process, "varying", ("pi", "mpc")[place % 2])
-        for disturbance in DISTURBANCES[1:]:
-            yield loop, "exact", disturbance
+        for loop in (
+            TunedLoop.of(process, "varying", ("pi", "mpc")[place % 2]),
+            TunedLoop.of(process, "steady", "calm"),
+        ):
+            for disturbance in DISTURBANCES[1:]:
+                yield loop, "exact", disturbance
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

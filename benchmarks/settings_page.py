@@ -20,9 +20,14 @@ from typing import Any
 
 from benchmarks.report import table
 from compensator import HybridSettings, RetrySettings, SupervisorSettings, WatchSettings
+from compensator.cycles import CycleSettings
+from compensator.figures import FiguresSettings
 from compensator.friction import FrictionPrior
+from compensator.innovations import InnovationSettings
 from compensator.load_steps import LoadStepSettings
 from compensator.record_check import RecordCheckSettings
+from compensator.setpoint_trend import SetpointTrendSettings
+from compensator.thrift import ThriftSettings
 from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import NOISE_KINDS
 from estimator.settings import SETTINGS
@@ -54,11 +59,16 @@ deviations.
 COMPENSATOR = (
     SupervisorSettings(),
     HybridSettings(),
+    SetpointTrendSettings(),
+    ThriftSettings(),
     TrackerSettings(NOISE_KINDS[0]),
     FrictionPrior(),
+    InnovationSettings(),
     LoadStepSettings(),
     RecordCheckSettings(),
+    FiguresSettings(),
     WatchSettings(),
+    CycleSettings(),
     RetrySettings(),
 )
 """What the compensator's page is made of."""

@@ -183,9 +183,9 @@ class EmbeddingMpc:
         soon = self.model.valve.simulate(self._last[:5], stem)
         return self.compensator.stem_moved or bool(np.any(soon != stem))
 
-    def tolerate(self, deviation: float) -> None:
-        """See `HybridMpc.tolerate`."""
-        self.compensator.tolerate(deviation)
+    def improve_on(self, deviation: float, travel: float) -> None:
+        """See `HybridMpc.improve_on`."""
+        self.compensator.improve_on(deviation, travel)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""

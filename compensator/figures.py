@@ -8,15 +8,35 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from compensator.action import require_not_negative, require_positive
+from compensator.action import require_not_negative, require_positive, require_whole
 from loop_model import ValveModel
 
-__all__ = ["LoopFigures", "LoopRecord", "Sample", "oscillation_period"]
+__all__ = ["FiguresSettings", "LoopFigures", "LoopRecord", "Sample", "oscillation_period"]
 
-_SHORTEST_PERIOD = 12
-"""Samples: what oscillates faster is noise."""
-_STEADY = 30
-"""Samples of a stretch at least, the way to a new set-point left out."""
+
+@dataclass(frozen=True, slots=True)
+class FiguresSettings:
+    """Settings of a loop's figures.
+
+    Attributes:
+        shortest_period: samples; what oscillates faster is noise.
+        steady: samples of a stretch at least, the way to a new set-point left out.
+        turned: root mean squares of the error beyond zero from which its sign has changed.
+    """
+
+    shortest_period: int = 12
+    steady: int = 30
+    turned: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_whole(
+            "FiguresSettings", 1, shortest_period=self.shortest_period, steady=self.steady
+        )
+        require_not_negative("FiguresSettings", turned=self.turned)
+
+
+SETTINGS = FiguresSettings()
+"""The settings in use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +65,9 @@ class LoopFigures:
 def oscillation_period(errors: Sequence[float], otherwise: float) -> float:
     """Return the mean period of an error, in samples; ``otherwise`` where it has no three turns.
 
-    Its sign has changed once it is half its root mean square beyond zero.
+    Its sign has changed once it is `FiguresSettings.turned` root mean squares beyond zero.
     """
-    level = 0.5 * math.sqrt(sum(e * e for e in errors) / max(1, len(errors)))
+    level = SETTINGS.turned * math.sqrt(sum(e * e for e in errors) / max(1, len(errors)))
     side, turns = 0.0, []
     for k, error in enumerate(errors):
         if abs(error) > level and math.copysign(1.0, error) != side:
@@ -56,7 +76,7 @@ def oscillation_period(errors: Sequence[float], otherwise: float) -> float:
             side = math.copysign(1.0, error)
     if len(turns) < 3:
         return otherwise
-    return max(float(_SHORTEST_PERIOD), 2.0 * (turns[-1] - turns[0]) / (len(turns) - 1))
+    return max(float(SETTINGS.shortest_period), 2.0 * (turns[-1] - turns[0]) / (len(turns) - 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +129,7 @@ class LoopRecord:
         """
         steady = self._stretches(any_setpoint=False)
         settled = [s if k == 0 else s[window // 2 :] for k, s in enumerate(steady)]
-        settled = [s for s in settled if len(s) >= max(least, _STEADY)]
+        settled = [s for s in settled if len(s) >= max(least, SETTINGS.steady)]
         if not settled:
             settled = [s for s in self._stretches(any_setpoint=True) if len(s) >= least]
         if not settled:

@@ -69,9 +69,9 @@ class Followed:
         """Variance of PV that noise alone makes, the stem held."""
         return self._estimator.held_variance
 
-    def tolerate(self, deviation: float) -> None:
-        """See `HybridMpc.tolerate`."""
-        self._estimator.tolerate(deviation)
+    def improve_on(self, deviation: float, travel: float) -> None:
+        """See `HybridMpc.improve_on`."""
+        self._estimator.improve_on(deviation, travel)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; the controller begins anew with them."""

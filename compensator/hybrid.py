@@ -30,6 +30,7 @@ from compensator.prediction import NoiseModel, Prediction
 from compensator.setpoint_trend import SetpointTrend
 from compensator.stem import StemTracker
 from compensator.strokes import Strokes
+from compensator.thrift import Thrift
 from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
@@ -70,6 +71,7 @@ class HybridMpc:
                 f"{self._prediction.dead_time}; use 0, which chooses one"
             )
         self.planner = MovePlanner(self.prediction, self.settings.horizon)
+        self._ramp_planner = MovePlanner(self.prediction, self.settings.horizon, lasting=0.0)
         noise = self.settings.noise
         noises = noise_kinds(self.prediction) if noise is None else (noise,)
         s = self.settings
@@ -86,7 +88,9 @@ class HybridMpc:
         self._tolerated = 0.0
         self._moving = self.stem_moved = False
         self._dwells = 0
-        self._trend = SetpointTrend(self.horizon // 2)
+        self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
+        self._thrift: Thrift | None = None
+        self._way = 0.0
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -154,11 +158,14 @@ class HybridMpc:
         """Whether the valve was moved by the last OP, or the plan is about to move it further."""
         return self._moving
 
-    def tolerate(self, deviation: float) -> None:
-        """Take in PV's deviation before compensation: a small share of it is worth no move."""
+    def improve_on(self, deviation: float, travel: float) -> None:
+        """Take in PV's deviation and the stem's travel per scan before compensation: a small share
+        of the deviation is worth no move, and travel is saved where PV is good enough.
+        """
         s = self.settings
         share = s.tolerated_level if self.prediction.process.is_integrating else s.tolerated
         self._tolerated = share * deviation
+        self._thrift = Thrift(deviation, travel, self.horizon, s.thrift)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""
@@ -173,6 +180,7 @@ class HybridMpc:
         before = self.stem
         self._bank.observe(pv, op)
         self.stem_moved = self._moving = self.stem != before
+        self._way = abs(self.stem - before) if self.ready and math.isfinite(before) else 0.0
         self._dwells = max(0, self._dwells - 1)
         if self.ready and self.stem_moved and self.tracker.best.way:
             self._dwells = self.settings.dwell - 1
@@ -188,6 +196,8 @@ class HybridMpc:
             return Action(self._op, ActionStatus.PV_BAD)
         tracker = self.tracker
         belief = tracker.best
+        if self._thrift is not None:
+            self._thrift.push(float(belief.state[0]) - sp, self._way)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         target = self._stem_for(belief, wanted - tracker.drive(belief), belief.direction)
@@ -259,7 +269,14 @@ class HybridMpc:
             max(self._change_for(belief, self._reach[0], -1.0), lowest),
             min(self._change_for(belief, self._reach[1], 1.0), highest),
         )
-        return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
+        if not self._trend.is_ramp or self.prediction.process.is_integrating:
+            return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
+        # The set-point passes by each position of the stem: a way there and back gains nothing.
+        ramp = replace(ramp, opposite=self.horizon)
+        step = self._smallest_move(belief) * self.prediction.scale
+        dead_time, settling = self.prediction.dead_time, self.planner.settling
+        within = self._trend.window(dead_time, settling, step)
+        return self._ramp_planner.plan(error, reach, least, move_cost, travel_cost, ramp, within)
 
     def _least_moves(self, belief: Belief) -> LeastMoves:
         """Return what commands that are sure to slip make of the drive, least of all.
@@ -306,6 +323,8 @@ class HybridMpc:
         weight = 1.0 if self.prediction.process.is_integrating else s.unknown
         variance = tracker.held_variance + weight * tracker.offset_variance + s.noise_band**2
         variance = max(variance, self._tolerated**2)
+        if self._thrift is not None:
+            variance *= self._thrift.price
         if tracker.best.direction == 0.0:
             variance *= s.unseen
         # A floor for loops without noise: a thousandth of what one slip makes of PV.

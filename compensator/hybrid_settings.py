@@ -13,6 +13,8 @@ from compensator.action import (
 )
 from compensator.friction import FrictionPrior, Uncertainty
 from compensator.prediction import NoiseModel
+from compensator.setpoint_trend import SetpointTrendSettings
+from compensator.thrift import ThriftSettings
 
 __all__ = ["HybridSettings"]
 
@@ -46,6 +48,8 @@ class HybridSettings:
         gain_spread: relative uncertainty of the process gain.
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
+        trend: what makes a ramp of the set-point, and how far ahead it is planned.
+        thrift: how travel is saved where PV is good enough.
         noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
             the loop's own noise decide (`TrackerBank`).
     """
@@ -67,6 +71,8 @@ class HybridSettings:
     dynamic_spread: float = 0.25
     gain_spread: float = 0.1
     offset_memory: float = 2.0
+    trend: SetpointTrendSettings = field(default_factory=SetpointTrendSettings)
+    thrift: ThriftSettings = field(default_factory=ThriftSettings)
     noise: NoiseModel | None = None
 
     def __post_init__(self) -> None:

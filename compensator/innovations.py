@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-__all__ = ["FIRST", "InnovationStatistics"]
+from compensator.action import require_positive, require_whole
 
-_RATE = 0.05
-FIRST = 20
-"""Innovations that tell the size of the noise for the first time."""
-_BETTER = 60
-"""Innovations after which it is known to 20 %."""
-_WILD = 4.0
-"""Squared deviations above which an innovation counts as wild."""
+__all__ = ["InnovationSettings", "InnovationStatistics"]
+
+
+@dataclass(frozen=True, slots=True)
+class InnovationSettings:
+    """Settings of `InnovationStatistics`.
+
+    Attributes:
+        rate: share of the newest innovation in the running mean that shows a bias.
+        first: innovations that tell the size of the noise for the first time; better: after which
+            it is known to 20 %; most: over which it is averaged at last.
+        wild: squared deviations above which an innovation counts as wild.
+    """
+
+    rate: float = 0.05
+    first: int = 20
+    better: int = 60
+    most: int = 80
+    wild: float = 4.0
+
+    def __post_init__(self) -> None:
+        require_positive("InnovationSettings", rate=self.rate, wild=self.wild)
+        require_whole("InnovationSettings", 1, first=self.first, better=self.better, most=self.most)
 
 
 class InnovationStatistics:
@@ -25,9 +42,16 @@ class InnovationStatistics:
 
     Args:
         variance: known from elsewhere; known_for: innovations that it is worth.
+        settings: rates and numbers.
     """
 
-    def __init__(self, variance: float = 0.0, known_for: int = 0) -> None:
+    def __init__(
+        self,
+        variance: float = 0.0,
+        known_for: int = 0,
+        settings: InnovationSettings | None = None,
+    ) -> None:
+        self.settings = settings or InnovationSettings()
         self.variance = variance
         self.correlation = 0.0
         self.evidence = 0.0
@@ -44,12 +68,17 @@ class InnovationStatistics:
     @property
     def is_learning(self) -> bool:
         """Whether the noise is known for the first time, or a little better, only now."""
-        return self._count in (FIRST, _BETTER)
+        return self._count in (self.settings.first, self.settings.better)
 
     @property
     def is_biased(self) -> bool:
         """Whether innovations have kept one sign for too long."""
-        spread = _RATE / (2.0 - _RATE) * (1.0 + self.colour) / (1.0 - self.colour)
+        spread = (
+            self.settings.rate
+            / (2.0 - self.settings.rate)
+            * (1.0 + self.colour)
+            / (1.0 - self.colour)
+        )
         return abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0)
 
     def restart_trend(self, colour: float = 1.0) -> None:
@@ -62,17 +91,17 @@ class InnovationStatistics:
         self._count += 1
         variance = max(self.variance, least)
         square = surprise**2 / (innovation / variance)
-        wild = square > _WILD * variance
-        self._wild += _RATE * (wild - self._wild)
+        wild = square > self.settings.wild * variance
+        self._wild += self.settings.rate * (wild - self._wild)
         # One wild PV is no noise; when every second one is, the noise is not what it was.
-        if self._count > FIRST and self._wild < 0.5:
-            square = min(square, _WILD * variance)
-        self.variance += (square - self.variance) / min(self._count, 80)
+        if self._count > self.settings.first and self._wild < 0.5:
+            square = min(square, self.settings.wild * variance)
+        self.variance += (square - self.variance) / min(self._count, self.settings.most)
         normal = surprise / math.sqrt(innovation)
         self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(innovation))
-        if self._count > FIRST and abs(normal) < 3.0:
+        if self._count > self.settings.first and abs(normal) < 3.0:
             product = (normal - self._trend) * (self._last - self._trend)
-            self.correlation += (product - self.correlation) / min(self._count, 80)
+            self.correlation += (product - self.correlation) / min(self._count, self.settings.most)
             self.correlation = min(max(self.correlation, -0.9), 0.9)
         self._last = normal = min(max(normal, -3.0), 3.0)
-        self._trend += _RATE * (normal - self._trend)
+        self._trend += self.settings.rate * (normal - self._trend)

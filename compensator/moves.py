@@ -109,11 +109,13 @@ class MovePlanner:
     Args:
         prediction: the process.
         horizon: samples; 0 chooses twice the settling time beyond the dead time.
+        lasting: horizons that the error at the horizon's end counts for beyond it; 0 where the
+            set-point goes on, so that nothing lasts.
     """
 
-    def __init__(self, prediction: Prediction, horizon: int = 0) -> None:
+    def __init__(self, prediction: Prediction, horizon: int = 0, lasting: float = _LASTING) -> None:
         self.prediction = prediction
-        settle = settling_samples(prediction)
+        self.settling = settle = settling_samples(prediction)
         self.horizon = horizon or min(1500, prediction.dead_time + max(30, 2 * settle))
         points = _spread(1, 24, self.horizon, 0.06)
         latest = max(1, self.horizon - prediction.dead_time) * 2 // 3
@@ -123,13 +125,13 @@ class MovePlanner:
         response = np.concatenate([[0.0], prediction.step_response(self.horizon)])
         shifted = points[None, :] - self.times[:, None]
         self._effects = np.where(shifted > 0, response[np.maximum(shifted, 0)], 0.0)
-        if not horizon and not prediction.process.is_integrating:
+        if lasting and not horizon and not prediction.process.is_integrating:
             # The last point stands for what lasts. A move shortly before it must not make it look
             # good by a way there and back that has not settled: such a plan is put off for ever.
             self._effects[:, -1] = prediction.process.gain
         self.duration = float(self.weights.sum())
         # What is left at the end stays: it counts for longer than noise that passes.
-        self.weights[-1] += _LASTING * self.duration * (not prediction.process.is_integrating)
+        self.weights[-1] += lasting * self.duration * (not prediction.process.is_integrating)
         self._weighted = np.ascontiguousarray(self._effects * self.weights)
         self.gram = gram_of(self._weighted, np.ascontiguousarray(self._effects))
         self._held = np.ascontiguousarray(response[points])
@@ -159,6 +161,7 @@ class MovePlanner:
         move_cost: float,
         travel_cost: float,
         ramp: Ramp | None = None,
+        within: float = math.inf,
     ) -> MovePlan:
         """Return the best plan.
 
@@ -169,11 +172,17 @@ class MovePlanner:
             move_cost, travel_cost: price of one move, and of its size, in units of PV squared
                 times samples.
             ramp: what OP's rate limit asks; None: nothing.
+            within: samples whose error counts; what comes later is left to later plans.
         """
         r = ramp or Ramp()
-        hold, correlation = correlate(self._weighted, self.weights, error)
+        weighted, weights, gram = self._weighted, self.weights, self.gram
+        if within < self.horizon:
+            weights = np.where(self.points <= within, weights, 0.0)
+            weighted = np.ascontiguousarray(self._effects * weights)
+            gram = gram_of(weighted, np.ascontiguousarray(self._effects))
+        hold, correlation = correlate(weighted, weights, error)
         count, i, p, j, q, gain = best_moves(
-            self.gram,
+            gram,
             correlation,
             self.times,
             reach,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from compensator.action import CompensatorError, require_whole
+from compensator.action import CompensatorError, require_positive, require_whole
 from compensator.prediction import Prediction, settling_samples
 from loop_model import LoopModel, ValveModel
 
@@ -40,12 +40,18 @@ class RecordCheckSettings:
             the stick band that describes them.
         slips: of the stem that the record must hold at least.
         shortest: samples of the record at least.
+        own_shortest: the same of a record under the compensator, whose moves are larger and on
+            purpose; farther: factor of the largest error known from which it is looked at; every:
+            how many scans.
     """
 
     clear: float = 0.6
     shares: tuple[float, ...] = (1.0, 0.5)
     slips: int = 3
     shortest: int = 160
+    own_shortest: int = 40
+    farther: float = 1.2
+    every: int = 4
 
     def __post_init__(self) -> None:
         if not 0.0 < self.clear < 1.0:
@@ -56,7 +62,15 @@ class RecordCheckSettings:
             raise CompensatorError(
                 f"RecordCheckSettings: shares lie between 0 and 1; got {self.shares!r}"
             )
-        require_whole("RecordCheckSettings", 1, slips=self.slips, shortest=self.shortest)
+        require_whole(
+            "RecordCheckSettings",
+            1,
+            slips=self.slips,
+            shortest=self.shortest,
+            own_shortest=self.own_shortest,
+            every=self.every,
+        )
+        require_positive("RecordCheckSettings", farther=self.farther)
 
 
 def seen_agreement(

@@ -1,22 +1,49 @@
-"""A set-point that ramps goes on: what is expected of it.
+"""A set-point that ramps goes on: what is expected of it, and how far ahead it is worth a plan.
 
 A plan that takes the set-point of this scan for the last one corrects an error of a slip jump by a
-move there and most of it back, again and again. With the ramp known, one move ahead suffices.
+move there and most of it back, again and again. With the ramp known, one move ahead suffices. And
+no error lasts on a ramp: the set-point passes by each position that the stem can take, so that a
+plan looks ahead no farther than to the next move, and needs no way back.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SetpointTrend"]
+from compensator.action import CompensatorError, require_positive, require_whole
 
-_RAMP = 4
-"""Scans of one change each, of one sign and of like size, that make a ramp."""
-_ALIKE = 2.0
-"""Factor between the changes of one ramp: a historian's or a register's rounding varies them."""
+__all__ = ["SetpointTrend", "SetpointTrendSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class SetpointTrendSettings:
+    """Settings of `SetpointTrend`.
+
+    Attributes:
+        scans: changes of the set-point in a row, of one sign and of like size, that make a ramp.
+        alike: factor between the changes of one ramp: a historian's or a register's rounding
+            varies them.
+        response: settling times of the process that a plan on a ramp looks ahead, beside the dead
+            time: half of the answer to a move is over by then.
+        steps: least moves of the stem, in scans of the ramp, that it looks ahead beside that.
+    """
+
+    scans: int = 4
+    alike: float = 2.0
+    response: float = 0.5
+    steps: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_whole("SetpointTrendSettings", 1, scans=self.scans)
+        require_positive("SetpointTrendSettings", response=self.response, steps=self.steps)
+        if not self.alike >= 1.0:
+            raise CompensatorError(
+                f"SetpointTrendSettings: alike is a factor of at least 1; got {self.alike!r}"
+            )
 
 
 class SetpointTrend:
@@ -24,9 +51,11 @@ class SetpointTrend:
 
     Args:
         longest: scans that a ramp is expected to go on at most.
+        settings: what makes a ramp.
     """
 
-    def __init__(self, longest: int) -> None:
+    def __init__(self, longest: int, settings: SetpointTrendSettings | None = None) -> None:
+        self.settings = settings or SetpointTrendSettings()
         self._longest = longest
         self._last = math.nan
         self._slope = 0.0
@@ -37,7 +66,7 @@ class SetpointTrend:
         change, self._last = sp - self._last, sp
         if math.isfinite(change) and change != 0.0 and self._goes_on(change):
             self._run += 1
-            self._slope += (change - self._slope) / min(self._run, 2 * _RAMP)
+            self._slope += (change - self._slope) / min(self._run, 2 * self.settings.scans)
         else:
             self._slope = change if math.isfinite(change) else 0.0
             self._run = int(self._slope != 0.0)
@@ -45,7 +74,7 @@ class SetpointTrend:
     @property
     def is_ramp(self) -> bool:
         """Whether the set-point ramps."""
-        return self._run >= _RAMP
+        return self._run >= self.settings.scans
 
     def ahead(self, points: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return how far the set-point is expected to go by ``points`` scans from now.
@@ -56,5 +85,20 @@ class SetpointTrend:
             return np.zeros(points.size)
         return self._slope * np.minimum(points, min(self._run, self._longest))
 
+    def window(self, dead_time: int, settling: int, step: float) -> float:
+        """Return the scans that a plan on this ramp looks ahead; infinite without a ramp.
+
+        Args:
+            dead_time, settling: of the process, in scans.
+            step: what the stem's least move makes of PV.
+        """
+        if not self.is_ramp:
+            return math.inf
+        s = self.settings
+        return dead_time + s.response * settling + s.steps * step / abs(self._slope)
+
     def _goes_on(self, change: float) -> bool:
-        return 1.0 / _ALIKE <= change / self._slope <= _ALIKE if self._slope != 0.0 else False
+        if self._slope == 0.0:
+            return False
+        alike = self.settings.alike
+        return 1.0 / alike <= change / self._slope <= alike

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation, held_correlations
-from compensator.innovations import FIRST, InnovationStatistics
+from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import Prediction, settling_samples
@@ -90,7 +90,7 @@ class StemTracker:
         self._settle = settle
         self._resolution = PvResolution()
         self._first: list[tuple[float, float]] = []
-        self._begin(InnovationStatistics())
+        self._begin(InnovationStatistics(settings=settings.innovations))
 
     def _begin(self, innovations: InnovationStatistics) -> None:
         """Believe nothing yet but what is known of the noise."""
@@ -102,6 +102,7 @@ class StemTracker:
         self._rests: deque[tuple[float, float]] = deque(maxlen=4)
         self._load_steps = LoadStepDetector(prediction.dead_time)
         self.load_stepped = False
+        self._unsettled = 0
         self._op = math.nan
         self._innovation = 1.0
         self._noise_now = self._scale_now = 0.0
@@ -174,9 +175,10 @@ class StemTracker:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
         self._resolution.push(pv)
         self._take_in(pv, op)
-        if len(self._first) < FIRST and math.isfinite(pv):
+        first = self.settings.innovations.first
+        if len(self._first) < first and math.isfinite(pv):
             self._first.append((pv, op))
-            if len(self._first) == FIRST:
+            if len(self._first) == first:
                 self._relive()
 
     def _relive(self) -> None:
@@ -188,7 +190,8 @@ class StemTracker:
         squares = sorted((b[0] - a[0]) ** 2 for a, b in itertools.pairwise(self._first))
         # Half the mean square of a normal change, by its median (0.455 of it): robust to a slip.
         variance = 0.5 * squares[len(squares) // 2] / 0.455
-        self._begin(InnovationStatistics(variance, known_for=FIRST))
+        settings = self.settings.innovations
+        self._begin(InnovationStatistics(variance, settings.first, settings))
         for pv, op in self._first:
             self._take_in(pv, op)
 
@@ -279,7 +282,7 @@ class StemTracker:
                         best.state.copy(),
                         best.errors.copy(),
                         best.noise,
-                        best.score - 2.0,
+                        best.score - self.settings.recalled,
                     )
                 )
         self.beliefs = self._likely(self.beliefs)
@@ -297,6 +300,10 @@ class StemTracker:
         # learnt of lasting errors; Joseph's form allows any gain.
         colour = self.innovations.colour
         self._gain[n:] *= (1.0 - colour) / (1.0 + colour)
+        if self._unsettled > 0:
+            # What the load makes of PV must not be learnt as an error of fD or of the gain.
+            self._unsettled -= 1
+            self._gain[n + FRICTION] = self._gain[n + GAIN] = 0.0
         keep = 1.0 - 1.0 / self.settings.memory
         carried = variance * self.settings.noise.equation**2 / self._innovation
         surprises = {}
@@ -331,6 +338,7 @@ class StemTracker:
         self.load_stepped = since > 0
         if since:
             self._expect_load(since)
+            self._unsettled = self.prediction.dead_time + self._settle
         if seen.is_biased:
             seen.restart_trend(colour=0.5)
             self._recall()

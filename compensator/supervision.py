@@ -164,8 +164,10 @@ class Compensator(Controller, Protocol):
     def load_stepped(self) -> bool:
         """Whether the last PV showed a step of the load."""
 
-    def tolerate(self, deviation: float) -> None:
-        """Take in PV's deviation before compensation: a small share of it is worth no move."""
+    def improve_on(self, deviation: float, travel: float) -> None:
+        """Take in PV's deviation and the stem's travel per scan before compensation: a small share
+        of the deviation is worth no move, and travel is saved where PV is good enough.
+        """
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from compensator.action import (
     Action,
@@ -31,6 +32,7 @@ from compensator.admission import Admission
 from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
 from compensator.hybrid import HybridMpc
+from compensator.record_check import seen_agreement
 from compensator.screen import PvScreen
 from compensator.supervision import (
     Compensator,
@@ -107,7 +109,7 @@ class Supervisor:
         self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._stem = math.nan
         self._sp = math.nan
-        self._bad_scans = 0
+        self._bad_scans = self._own_scans = 0
         self._limited = False
         self._unsolved = self._pauses = self._pause = 0
 
@@ -276,7 +278,32 @@ class Supervisor:
             limited=self._limited,
             at_limit=op <= limits.low + reach or op >= limits.high - reach,
         )
-        return self._watch.push(seen)
+        verdict = self._watch.push(seen)
+        self._own_scans += 1
+        if verdict is WatchVerdict.FINE and self._answers_wrongly(seen):
+            return WatchVerdict.LEFT_RANGE
+        return verdict
+
+    def _answers_wrongly(self, seen: Watched) -> bool:
+        """Whether PV is farther off than ever and has moved against what the model makes of OP.
+
+        The record from before a take-over may be silent on the sign, as that of a valve at rest is;
+        a long dead time then lets PV go slowly, and its range would be left late.
+        """
+        assert self._watch is not None
+        assert self._compensator is not None
+        check = self.settings.check
+        far = abs(seen.error) > check.farther * self._watch.before.largest
+        if not far or seen.limited or self._own_scans % check.every:
+            return False
+        since = self._record.latest(min(self._own_scans, self.settings.history))
+        agrees = seen_agreement(
+            self._compensator.model,
+            [s.op for s in since],
+            [s.pv for s in since],
+            replace(check, shortest=check.own_shortest),
+        )
+        return agrees < 0
 
     def _take_over(self) -> bool:
         """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
@@ -299,9 +326,11 @@ class Supervisor:
                 horizon=candidate.horizon,
                 dead_time=candidate.prediction.dead_time,
                 stroke=candidate.model.valve.stick_band,
+                step=candidate.model.valve.slip_jump * candidate.prediction.scale,
             )
         self._watch.restart(candidate.horizon // 2)
-        candidate.tolerate(math.sqrt(before.mean_square))
+        self._own_scans = 0
+        candidate.improve_on(math.sqrt(before.mean_square), before.travel)
         self._compensator, self._next = candidate, None
         self._limited = False
         self.state = SupervisorState.COMPENSATING

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from compensator.action import require_not_negative, require_positive, require_whole
 from compensator.friction import FrictionPrior
+from compensator.innovations import InnovationSettings
 from compensator.prediction import NoiseModel
 
 __all__ = ["TrackerSettings"]
@@ -24,8 +25,12 @@ class TrackerSettings:
             model of too low an order leaves of the response, which would else pass for load.
         hypotheses: how many are kept.
         memory: samples over which evidence counts.
+        recalled: log-odds against an earlier position that is believed possible again when
+            innovations stay biased: 3 %, below what a move is made larger for, because a load
+            explains such innovations more often than a slip that was missed.
         fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
             variance of some ten independent values is known to a factor of two.
+        innovations: what PV's innovations tell of the noise.
     """
 
     noise: NoiseModel
@@ -35,7 +40,9 @@ class TrackerSettings:
     delay_spread: float = 1.0
     hypotheses: int = 14
     memory: float = 60.0
+    recalled: float = 3.5
     fluctuation_margin: float = 2.0
+    innovations: InnovationSettings = field(default_factory=InnovationSettings)
 
     def __post_init__(self) -> None:
         require_not_negative(
@@ -46,5 +53,6 @@ class TrackerSettings:
             offset_memory=self.offset_memory,
             memory=self.memory,
             fluctuation_margin=self.fluctuation_margin,
+            recalled=self.recalled,
         )
         require_whole("TrackerSettings", 1, hypotheses=self.hypotheses)

@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from compensator.action import CompensatorError, require_not_negative, require_positive
-from compensator.cycles import GrowingCycles
+from compensator.cycles import CycleSettings, GrowingCycles
 from compensator.figures import LoopFigures
 
 __all__ = ["LoopWatch", "RunAway", "WatchSettings", "WatchVerdict", "Watched"]
@@ -63,6 +63,7 @@ class WatchSettings:
         periods: of the oscillation before: length of the quick, the short and the long window.
         least: samples of the quick window at least.
         persist: share of the short window for which a verdict of the windows must hold.
+        cycles: what an oscillation that grows is.
     """
 
     worse_by: float = 1.05
@@ -79,6 +80,7 @@ class WatchSettings:
     periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
     least: int = 40
     persist: float = 0.125
+    cycles: CycleSettings = field(default_factory=CycleSettings)
 
     def __post_init__(self) -> None:
         require_positive(
@@ -184,6 +186,7 @@ class LoopWatch:
         dead_time: samples from OP to PV.
         stroke: way that a correction takes (a stick band); what two of them travel in the long
             window is over no budget.
+        step: what a slip jump makes of PV; no controller sets PV finer without going to and fro.
     """
 
     def __init__(
@@ -194,6 +197,7 @@ class LoopWatch:
         horizon: int = 0,
         dead_time: int = 1,
         stroke: float = 0.0,
+        step: float = 0.0,
     ) -> None:
         self.before, self.settings = before, settings or WatchSettings()
         quick, short, long = self.settings.periods
@@ -204,8 +208,12 @@ class LoopWatch:
         self._stroke = stroke
         self._squares: deque[float] = deque(maxlen=self._long)
         self._travels: deque[float] = deque(maxlen=self._long)
-        self._run_away = RunAway(before.largest, dead_time, self.settings)
-        self._cycles = GrowingCycles(before.mean_square)
+        # A loop at rest knows of no range: an error that the stem's least step makes is in it.
+        self._run_away = RunAway(max(before.largest, step), dead_time, self.settings)
+        self._finest = step**2 / 12.0  # mean square of a staircase of such steps
+        # The peaks of a cycle count once they are larger than before, and than such a step.
+        peaks = max(before.mean_square, 0.5 * step**2)
+        self._cycles = GrowingCycles(peaks, self.settings.cycles)
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
@@ -275,7 +283,7 @@ class LoopWatch:
 
     def _judge(self) -> WatchVerdict:
         s = self.settings
-        known = max(self.before.mean_square, s.quiet * self._quietest)
+        known = max(self.before.mean_square, s.quiet * self._quietest, self._finest)
         # Beside the travel of before, a loop that was at rest may make two corrections a window.
         usual = self.before.travel
         allowance = 4.0 * self._stroke / self._long

@@ -111,6 +111,7 @@ class TunedValve:
 
     speed = math.inf
     lag = 0.0
+    variation = 0.05
 
     def __init__(self, band: float, jump: float, at: float, rng: np.random.Generator) -> None:
         self.band, self.jump, self.stem = band, jump, at
@@ -125,7 +126,7 @@ class TunedValve:
         force = self._pressure - self.stem
         if not self._moves and abs(force) > self._share * model.static_friction:
             self._moves = self.band > 0.0 or force != 0.0
-            self._share = 1.0 + 0.05 * float(self._rng.normal())
+            self._share = 1.0 + self.variation * float(self._rng.normal())
         if self._moves:
             way = abs(force) - model.dynamic_friction
             if way <= 0.0:
@@ -136,6 +137,12 @@ class TunedValve:
             # A stem in motion follows as long as the pressure rises.
             self._moves = step < way or (self.lag > 0.0 and pushed > 0.02 * self.band)
         return self.stem
+
+
+class Steady(TunedValve):
+    """He's valve whose friction does not vary."""
+
+    variation = 0.0
 
 
 class Slow(TunedValve):
@@ -178,6 +185,7 @@ class TwoStops(TunedValve):
 
 VALVES: dict[str, type[TunedValve]] = {
     "varying": TunedValve,
+    "steady": Steady,
     "two stops": TwoStops,
     "slow": Slow,
     "lagging": Lagging,

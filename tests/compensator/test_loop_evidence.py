@@ -7,13 +7,22 @@ import math
 import numpy as np
 import pytest
 
-from compensator import CompensatorError, HybridMpc, HybridSettings, PiController, PiSettings
+from compensator import (
+    CompensatorError,
+    HybridMpc,
+    HybridSettings,
+    PiController,
+    PiSettings,
+    Supervisor,
+    WithdrawReason,
+)
 from compensator.fluctuation import RestFluctuation
 from compensator.moves import LeastMoves, MovePlanner
 from compensator.prediction import Prediction
 from compensator.record_check import RecordCheckSettings, seen_agreement
 from compensator.resolution import PvResolution
-from compensator.setpoint_trend import SetpointTrend
+from compensator.setpoint_trend import SetpointTrend, SetpointTrendSettings
+from compensator.thrift import Thrift, ThriftSettings
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 LAG = ProcessModel((-0.9,), (0.1,), 3, 0.0, 1.0)
@@ -123,3 +132,77 @@ def test_no_plan_puts_off_what_does_not_last() -> None:
     error = np.full(planner.points.size, -1.4)
     plan = planner.plan(error, (-9.0, 9.0), LeastMoves.alike(4.4), 1.0, 0.1)
     assert all(time <= planner.horizon // 3 for time in plan.times)
+
+
+def test_a_plan_on_a_ramp_looks_ahead_to_its_next_move() -> None:
+    trend = SetpointTrend(longest=20)
+    assert trend.window(5, 40, 0.6) == math.inf
+    for k in range(8):
+        trend.push(0.1 * k)
+    assert trend.window(5, 40, 0.6) == pytest.approx(5 + 0.5 * 40 + 0.5 * 6)
+    with pytest.raises(CompensatorError, match="alike is a factor of at least 1"):
+        SetpointTrendSettings(alike=0.5)
+
+
+def test_a_ramp_is_followed_by_steps_in_its_direction_only() -> None:
+    controller = HybridMpc(MODEL, HybridSettings(unseen=1.0))
+    stem, pv, op = 50.0, 50.0, 50.0
+    late = [stem] * LAG.dead_time
+    noise = np.random.default_rng(4).normal(0.0, 0.02, 400)
+    moves, errors = [], []
+    for k in range(400):
+        sp = 50.0 + 0.06 * max(0, k - 50)
+        controller.observe(pv + float(noise[k]), op)
+        op = controller.decide(sp).op
+        before, stem = stem, MODEL.valve.step(stem, op)
+        moves.append(stem - before)
+        late.append(stem)
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+        errors.append(pv - sp)
+    assert min(moves[100:]) >= 0.0
+    # Steps of J and its margin, 2.8, leave 0.8 at best.
+    assert np.sqrt(np.mean(np.square(errors[100:]))) < 1.1
+
+
+def test_travel_is_saved_only_while_pv_is_good_enough() -> None:
+    thrift = Thrift(deviation=1.0, travel=0.1, horizon=50)
+    for _ in range(300):
+        thrift.push(0.2, 0.3)
+    assert thrift.price == pytest.approx(10.0)
+    for _ in range(300):
+        thrift.push(0.9, 0.3)
+    assert thrift.price == 1.0
+    for _ in range(300):
+        thrift.push(0.2, 0.0)
+    assert thrift.price == 1.0
+    with pytest.raises(CompensatorError, match="most is a factor of at least 1"):
+        ThriftSettings(most=0.5)
+
+
+@pytest.mark.parametrize("gain", [0.1, -0.1])
+def test_a_loop_that_rested_before_keeps_a_right_sign_and_gives_back_a_wrong_one(
+    gain: float,
+) -> None:
+    """The record is silent on the sign, and nothing is known of the range but the noise; a step of
+    the set-point and one of the load, of half the stick band each, with a dead time of ten.
+    """
+    offered = LoopModel(MODEL.valve, ProcessModel((-0.9,), (gain,), 11, 50.0 * (0.1 - gain), 1.0))
+    supervisor = Supervisor(PiController(PiSettings(0.2, 30.0)))
+    noise = np.random.default_rng(6).normal(0.0, 0.05, 800)
+    stem, pv, op = 50.0, 50.0, 50.0
+    late = [50.0] * 11
+    for k in range(800):
+        if k == 300:
+            assert supervisor.offer(offered)
+        op = supervisor.step(pv + float(noise[k]), 50.0 if k < 400 else 53.0, op).op
+        if supervisor.reason is not WithdrawReason.NONE:
+            break
+        stem = MODEL.valve.step(stem, op)
+        late.append(stem + (3.0 if k >= 600 else 0.0))
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+    if gain > 0.0:
+        assert supervisor.compensating
+        assert abs(pv - 53.0) < 1.5
+    else:
+        assert supervisor.reason is WithdrawReason.LEFT_RANGE
+        assert k < 400 + 11 + 40
