@@ -117,7 +117,8 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
     criterion = CRITERIA[request.criterion]
     modelling = criterion.modelling(settings.modelling)
     sign = math.copysign(1.0, request.action) if abs(request.action) > modelling.action_t else 0.0
-    case = Case(rows_of(window, sign, modelling), replace(settings, modelling=modelling))
+    rows = rows_of(window, sign, modelling, request.informed)
+    case = Case(rows, replace(settings, modelling=modelling))
     weighing = weigh(case)
     if weighing.sticky is None:
         reason = Reason(

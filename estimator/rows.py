@@ -27,6 +27,7 @@ class Rows:
         sign: sign that the process gain must have by the controller's action, 0 where unclear.
         shared: columns that every hypothesis has, ``(m, n)``: offset, start-up.
         slope: the straight line of an unknown equilibrium, ``(1, n)``, for integrating processes.
+        informed: share of the samples that were measured and not drawn by a historian.
     """
 
     u: Array
@@ -38,6 +39,7 @@ class Rows:
     sign: float
     shared: Array
     slope: Array
+    informed: float = 1.0
 
     @property
     def size(self) -> int:
@@ -49,7 +51,7 @@ class Rows:
         return np.vstack([self.shared, self.slope]) if integrating else self.shared
 
 
-def rows_of(window: Window, sign: float, settings: Modelling) -> Rows:
+def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 1.0) -> Rows:
     """The rows of a window; ``sign`` is that of the process gain, 0 where it is not known."""
     n = window.size
     k = np.arange(n, dtype=np.float64)
@@ -72,6 +74,7 @@ def rows_of(window: Window, sign: float, settings: Modelling) -> Rows:
         sign=sign,
         shared=np.stack([np.ones(n), decay**k]),
         slope=(k / n)[None],
+        informed=informed,
     )
 
 

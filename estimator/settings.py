@@ -21,8 +21,9 @@ class Screening:
         min_auto: share of samples in automatic; a loop in manual is another experiment.
         max_at_rail: share of samples at one limit; beyond it the window shows the limit.
         max_still: share of samples that equal the one before; beyond it the signal stands still.
-        min_informed: share of samples that are no straight line between two others. Below one half
-            the historian's interpolation outweighs what was measured.
+        min_informed: share of samples that are no straight line between two others. Below a fifth
+            the lines that a historian drew are taken for the process (tuning family: no false alarm
+            from there on).
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
         min_strokes: strokes of the stem; a single one is a step, which anything explains.
@@ -35,7 +36,7 @@ class Screening:
     min_auto: float = 0.7
     max_at_rail: float = 0.5
     max_still: float = 0.9
-    min_informed: float = 0.5
+    min_informed: float = 0.2
     min_band: float = 0.02
     min_strokes: int = 2
     enough: tuple[int, int] = (1000, 25)

@@ -168,6 +168,8 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
     shortest = max(0, of.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     centre = np.array([valve.band, valve.jump, valve.start])
+    # a sample that a historian drew says nothing of its own
+    temper = spreading.temper * case.rows.informed
     middle, root = np.zeros(3), np.diag(np.array(spreading.reach))
     tables, likelihoods, proposals = [], [], []
     for turn in range(spreading.rounds):
@@ -178,7 +180,7 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
         stems = LAWS[valve.law](case.rows.u, moved_valves(centre, table))
         costs = design.paired(stems, process, shortest, count).min(axis=0)
         tables.append(table)
-        likelihood = -spreading.temper * case.worth(costs)
+        likelihood = -temper * case.worth(costs)
         # never minus infinity for all: the valve itself is among them
         likelihoods.append(np.where(case.tells(stems), likelihood, likelihood - _IMPOSSIBLE))
         proposals.append((middle, root))

@@ -46,13 +46,22 @@ def test_the_informed_share_of_straight_lines_is_that_of_their_knots(every: int)
 def test_an_interpolated_record_is_not_judged_but_polled(window, which: str) -> None:
     op, pv = window
     if which != "pv":
-        op = _interpolated(op, 4)
-    pv = _interpolated(pv, 4)
+        op = _interpolated(op, 8)
+    pv = _interpolated(pv, 8)
     result = identify(op, pv)
     assert result.verdict is Verdict.NOT_ASSESSABLE
     (reason,) = result.reasons
     assert reason.code is ReasonCode.RECORD_INTERPOLATED
     assert reason.advice.startswith("Poll the loop")
+
+
+def test_a_record_with_one_measured_sample_of_three_is_judged_with_wider_intervals(window) -> None:
+    op, pv = window
+    drawn = identify(op, _interpolated(pv, 3))
+    assert drawn.verdict is Verdict.STICTION
+    assert drawn.stick_band.low <= 5.0 <= drawn.stick_band.high
+    whole = identify(op, pv).stick_band
+    assert drawn.stick_band.high - drawn.stick_band.low > whole.high - whole.low
 
 
 def test_a_record_stored_by_exception_is_not_called_frozen(window) -> None:
