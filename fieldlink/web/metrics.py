@@ -20,7 +20,7 @@ from prometheus_client.core import (
 from fieldlink.daemon import LATENESS_BOUNDS, DaemonStatus, EstimateOutcome
 from fieldlink.links import LinkState
 
-__all__ = ["render_metrics"]
+__all__ = ["collect_metrics", "render_metrics"]
 
 VERDICTS = ("stiction", "no_stiction", "not_assessable")
 
@@ -41,11 +41,16 @@ class _Snapshot(CollectorRegistry):
         self._status = status
 
     def collect(self) -> Iterator[Metric]:
-        yield from _of_loops(self._status)
-        yield from _of_devices(self._status)
-        yield from _of_the_store(self._status)
-        yield from _of_the_daemon(self._status)
-        yield from _of_the_broker(self._status)
+        yield from collect_metrics(self._status)
+
+
+def collect_metrics(status: DaemonStatus) -> Iterator[Metric]:
+    """Give every metric of the daemon with its samples, without those of its process."""
+    yield from _of_loops(status)
+    yield from _of_devices(status)
+    yield from _of_the_store(status)
+    yield from _of_the_daemon(status)
+    yield from _of_the_broker(status)
 
 
 def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
