@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from tools.block_page import block_page
 from tools.command_page import command_page
 from tools.key_pages import scenario_keys_page, site_keys_page
 from tools.metric_page import metric_page
@@ -23,6 +24,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "cli.md": command_page,
     "site-file-keys.md": site_keys_page,
     "scenario-file-keys.md": scenario_keys_page,
+    "block-registers.md": block_page,
     "metrics.md": metric_page,
 }
 """By file name, what writes the page."""

@@ -115,6 +115,11 @@ def run_line(words: list[str], folder: Path) -> tuple[int, str]:
     return result.exit_code, f"{result.output}{result.stderr}"
 
 
+def without_figures(text: str) -> list[str]:
+    """Return the words of a print; what is computed may differ in its last digits."""
+    return re.sub(r"[\d.]+", "#", text).replace("─", "").split()
+
+
 def rewritten(block: Block, port: int) -> str:
     return block.text.replace("5020", str(port))
 
@@ -126,8 +131,11 @@ def test_the_commands_of_a_page_run(page: Path, prepared: Path, tmp_path: Path) 
     port = free_port()
     for site in (*folder.glob("site_configs/*.toml"),):
         site.write_text(site.read_text().replace("port = 5020", f"port = {port}"))
+    output = ""
     with contextlib.ExitStack() as background:
         for block in blocks_of(page):
+            if block.note == "printed":
+                assert without_figures(block.text) == without_figures(output), block.place
             if block.note.startswith("file: "):
                 (folder / block.note.removeprefix("file: ")).write_text(block.text)
             if block.language != "sh" or block.note.startswith(("parsed", "tested")):
