@@ -67,7 +67,8 @@ def test_every_mark_is_one_of_ours_and_every_test_named_is_there() -> None:
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make what pages speak of: recordings, a site with a store, the shipped sites."""
     folder = tmp_path_factory.mktemp("docs")
-    shutil.copytree(ROOT / "site_configs", folder / "site_configs")
+    for name in ("site_configs", "examples"):
+        shutil.copytree(ROOT / name, folder / name)
     recording = folder / "site_configs" / "FC202.csv"
     for name in ("FC101.csv", "hours/FC101.csv", "recordings/FC101.csv", "history/FC101.csv"):
         (folder / name).parent.mkdir(exist_ok=True)
