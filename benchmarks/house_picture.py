@@ -2,8 +2,8 @@
 
     python -m benchmarks.house_picture [--images docs/images]
 
-Boxes stand in the layers that `pyproject.toml` declares and import-linter checks. An arrow leads from
-a package to one that it imports, unless other arrows lead there too; the wider, the more imports.
+Boxes stand in the layers that `pyproject.toml` declares and import-linter checks. An arrow leads
+from a package to one that it imports, unless other arrows lead there too; the wider, the more imports.
 Below are the steps of the walks of docs/architecture.md. Modules and names come from the code: one
 that is not there is an error.
 """
@@ -178,7 +178,9 @@ def _draw_walk(axes: Any, title: str, steps: Sequence[tuple[str, str]], colour: 
         if number:
             before = number - 1
             x0, y0 = 3.15 * (before % each_row), -0.95 * (before // each_row)
-            start, end = ((x0 + 1.35, y0), (x - 1.35, y)) if y == y0 else ((x0, y0 - 0.3), (x, y + 0.3))
+            start, end = (
+                ((x0 + 1.35, y0), (x - 1.35, y)) if y == y0 else ((x0, y0 - 0.3), (x, y + 0.3))
+            )
             arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.4}
             axes.annotate("", end, start, arrowprops=arrow, zorder=1)
         short = module.removeprefix("fieldlink.").rpartition(".")

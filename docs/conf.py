@@ -1,4 +1,4 @@
-"""How `make docs` builds the site. It must work from a folder, so nothing is loaded from a network."""
+"""How `make docs` builds the site, which works from a folder and loads nothing from a network."""
 
 import re
 from importlib.metadata import version as version_of

@@ -17,7 +17,7 @@ from fmu_models import catalogue, open_plant
 
 
 def main(name: str = "flow", samples: int = 900) -> Identification:
-    """Run the plant under a PI controller with two set-point steps; print and return the verdict."""
+    """Run the plant under PI with two set-point steps; print and return the verdict."""
     process = catalogue[name].process if name in catalogue else None
     settings = PiSettings(gain=0.35, integral_time=3.0)
     controller = PiController(PiSettings.simc(process) if process else settings)

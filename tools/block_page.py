@@ -16,11 +16,13 @@ __all__ = ["block_page"]
 
 _HEAD = """# Registers and codes of a parameter block
 
-What the registers mean together, and the reader's rules, are in [the parameter block](../parameter-block.md).
+What the registers mean together, and the reader's rules, are in
+[the parameter block](../parameter-block.md).
 
 ## Registers
 
-Offsets are in registers from the block's first. WORD is one register, UDINT and REAL are two, ULINT and LREAL four.
+Offsets are in registers from the block's first. WORD is one register, UDINT and REAL are two,
+ULINT and LREAL four.
 """
 
 _RESULTS = """
@@ -32,7 +34,8 @@ _RESULTS = """
 _REFUSALS = """
 ## Refusals
 
-`ack_refusal` says why the controller refuses or gave up the model of an accepted block; 0: it does not.
+`ack_refusal` says why the controller refuses or gave up the model of an accepted block; 0: it does
+not.
 """
 
 _PLC_TYPES = {
@@ -53,14 +56,17 @@ def block_page() -> str:
     codes = [NOTHING_SEEN, ACCEPTED, *(fault.code for fault in BlockFault)]
     results = [(str(code), describe_ack(code).removeprefix("rejected: ")) for code in codes]
     refusals = [(str(one.code), f"{one.text}; {one.advice}") for one in Refusal]
-    return "\n".join(
-        (
-            _HEAD,
-            markdown_table(("offset", "name", "type", "unit", "meaning"), registers)
-            + _RESULTS.rstrip(),
-            "",
-            markdown_table(("code", "meaning"), results) + _REFUSALS.rstrip(),
-            "",
-            markdown_table(("refusal", "meaning"), refusals),
-        )
-    ).rstrip("\n") + "\n"
+    return (
+        "\n".join(
+            (
+                _HEAD,
+                markdown_table(("offset", "name", "type", "unit", "meaning"), registers)
+                + _RESULTS.rstrip(),
+                "",
+                markdown_table(("code", "meaning"), results) + _REFUSALS.rstrip(),
+                "",
+                markdown_table(("refusal", "meaning"), refusals),
+            )
+        ).rstrip("\n")
+        + "\n"
+    )

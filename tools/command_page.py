@@ -16,8 +16,8 @@ __all__ = ["command_page", "commands_by_name"]
 
 _HEAD = """# Command line
 
-Every command prints this with `--help`. Exit statuses: 0 for success, 1 where a command found something
-wrong or unfinished (its help names it), 2 for an error with one message on stderr.
+Every command prints this with `--help`. Exit statuses: 0 for success, 1 where a command found
+something wrong or unfinished (its help names it), 2 for an error with one message on stderr.
 """
 
 

@@ -12,8 +12,8 @@ __all__ = ["metric_page"]
 
 _HEAD = """# Metrics
 
-`/metrics` of the daemon serves these in the format that Prometheus reads, and the figures of its process
-(`process_...`). Counts start again when the daemon does. What to look at first is in
+`/metrics` of the daemon serves these in the format that Prometheus reads, and the figures of its
+process (`process_...`). Counts start again when the daemon does. What to look at first is in
 [operation](../operations.md#health-and-metrics).
 """
 

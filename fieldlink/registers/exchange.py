@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | enable | PLC | bit 0: the operator allows blocks to be written and used |
 | ack_seq | PLC | sequence number of the block last accepted, 0 when none |
-| ack_result | PLC | what became of the block last committed (`fieldlink.registers.codes`) |
+| ack_result | PLC | outcome of the block last committed (`fieldlink.registers.codes`) |
 | active_bank | PLC | bank of the block last accepted |
 | ack_commit | PLC | the commit word that ack_result is about |
 | ack_refusal | PLC | why the consumer refuses or gave up the model of ack_seq (`Refusal`) |

@@ -1,7 +1,7 @@
 """A tag: one named value of a device, where its registers are and what they mean.
 
 ``engineering value = scale * raw + offset``. A reading outside the engineering range ``low..high``,
-or one that is no number, keeps its value and says so in its quality: what to do about it is for
+or one that is not a number, keeps its value and says so in its quality: what to do about it is for
 those who use it to decide. A tag with ``clamp`` is cut off at its range instead, and is good.
 """
 

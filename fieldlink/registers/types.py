@@ -278,7 +278,7 @@ def pattern(words: Sequence[int], *, word_order: Order = "big", byte_order: Orde
 
 def _number_codec(data_type: DataType) -> _Codec:
     if data_type is DataType.STRING:
-        raise RegisterValueError("a string is no number; use decode_text and encode_text")
+        raise RegisterValueError("a string is not a number; use decode_text and encode_text")
     return _CODECS[data_type]
 
 

@@ -53,7 +53,7 @@ class Tls(Model):
 
 
 class Quirks(Model):
-    """``[devices.NAME.quirks]``: what the device does not bear."""
+    """``[devices.NAME.quirks]``: requests that the device does not support."""
 
     pause_after_connect: Pause = 0.0
     """Seconds between opening the connection and the first request."""
@@ -128,7 +128,7 @@ class Device(Model):
     opcua: OpcuaSettings = OpcuaSettings()
     """How an OPC UA server is asked."""
     quirks: Quirks = Quirks()
-    """What the device does not bear."""
+    """Requests that the device does not support."""
 
     @property
     def is_modbus(self) -> bool:

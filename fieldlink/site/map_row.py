@@ -159,7 +159,7 @@ class RowReader:
         if data_type is DataType.STRING:
             for column in ("scale", "offset", *_POINTS, "low", "high", "outside", "invalid"):
                 if self._cell(column):
-                    self.report(column, "a string is no number", "leave it empty")
+                    self.report(column, "a string is not a number", "leave it empty")
 
     def _scaling(self) -> tuple[float, float]:
         """Return scale and offset, given as such or by two points."""
@@ -246,7 +246,7 @@ class RowReader:
             except ValueError:
                 self.report(
                     "invalid",
-                    f"{quoted(word)} is no number",
+                    f"{quoted(word)} is not a number",
                     "give raw values, such as 0x8000 -9999 nan",
                 )
         bits = 16 * (data_type.registers if data_type is not None else 4)
@@ -281,7 +281,9 @@ class RowReader:
         try:
             return self._parse(cell)
         except ValueError:
-            self.report(column, f"{quoted(cell)} is no number", "give a number or leave it empty")
+            self.report(
+                column, f"{quoted(cell)} is not a number", "give a number or leave it empty"
+            )
             return default
 
     def _whole(self, column: str, low: int, high: int, remedy: str) -> int | None:

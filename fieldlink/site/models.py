@@ -75,7 +75,7 @@ class ExchangeAddresses(Model):
     ack_seq: Address
     """PLC: sequence number of the block last accepted."""
     ack_result: Address
-    """PLC: what became of the block last committed."""
+    """PLC: outcome of the block last committed."""
     active_bank: Address
     """PLC: bank of the block last accepted."""
     ack_commit: Address

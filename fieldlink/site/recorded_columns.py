@@ -129,7 +129,7 @@ class RecordedColumns:
                 if wrong <= _MAX_PROBLEMS:
                     self.report(
                         self._file.header[column],
-                        f"{cell!r} is no number",
+                        f"{cell!r} is not a number",
                         "correct it, or leave the cell empty where the sample is bad",
                         row.line,
                     )

@@ -139,7 +139,7 @@ def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float])
     try:
         return number(cells[index])
     except ValueError as error:
-        raise NoClockError(f"{cells[index]!r} is no number of seconds", index) from error
+        raise NoClockError(f"{cells[index]!r} is not a number of seconds", index) from error
 
 
 def _time_of_day(cells: Sequence[str], index: int) -> float:

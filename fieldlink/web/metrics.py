@@ -1,7 +1,7 @@
 """A snapshot of the daemon in the format that Prometheus reads.
 
 Every figure is a count or a state that the daemon keeps anyway; nothing is measured for a scrape.
-Counts begin anew when the daemon does, as Prometheus expects.
+Counts start again when the daemon does, as Prometheus expects.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
     names = ["loop", "device"]
     slots = CounterMetricFamily(
         "fieldlink_loop_slots",
-        "Samples that a loop should have given, by what became of them: expected = read + bad + "
+        "Samples that a loop should have given, by outcome: expected = read + bad + "
         "missed; late ones are counted among read and bad too.",
         labels=[*names, "outcome"],
     )

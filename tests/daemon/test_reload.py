@@ -81,7 +81,7 @@ async def test_settings_that_are_not_about_samples_leave_the_window(
         await live.until(
             lambda: daemon.status().loops["PLC"].counts.read >= counts.read + 20, "more samples"
         )
-        # The device was begun anew, its loop went on: slots are counted on.
+        # The device was started again, its loop went on: slots are counted on.
         counts = daemon.status().loops["PLC"].counts
         assert counts.expected == counts.read + counts.missed + counts.bad
         assert counts.read >= 70

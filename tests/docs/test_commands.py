@@ -23,7 +23,11 @@ from tools.command_page import commands_by_name
 COMMANDS = commands_by_name()
 PROGRAM = Path(sys.executable).with_name("fieldlink")
 MARKS = ("background", "status ", "tested: ", "parsed: ")
-RUN = [page for page in PAGES if any(b.note[:6] not in ("parsed", "tested") for b in command_blocks(page))]
+RUN = [
+    page
+    for page in PAGES
+    if any(b.note[:6] not in ("parsed", "tested") for b in command_blocks(page))
+]
 
 
 def name_of(page: Path) -> str:

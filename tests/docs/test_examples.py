@@ -49,7 +49,7 @@ def test_the_paper_is_drawn_and_its_loop_found(
     for name in ("figure2.png", "figure3.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
     lines = capsys.readouterr().out.splitlines()
-    unaware, aware = (float(l.split("by ")[1].split(",")[0]) for l in lines if "deviates" in l)
+    unaware, aware = (float(s.split("by ")[1].split(",")[0]) for s in lines if "deviates" in s)
     assert aware < 0.8 * unaware
     (chem,) = (i for i, line in enumerate(lines) if line.startswith("CHEM 10"))
     assert lines[chem] == "CHEM 10: stiction" or "is not there" in lines[chem]

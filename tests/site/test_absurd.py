@@ -42,7 +42,7 @@ MAP = "tag,address,type,scale,unit,comment\nOP,0,float32,1,%,\nPV,2,float32,1,%,
 
 @pytest.fixture
 def refused(tmp_path: Path) -> Callable[..., str]:
-    """Write a site and its map, and return what is said about them."""
+    """Write a site and its map, and return the message about them."""
 
     def make(site: str | bytes = SITE, register_map: str | bytes = MAP) -> str:
         for name, content in (("site.toml", site), ("map.csv", register_map)):

@@ -182,7 +182,7 @@ def test_recordings_are_judged_and_listed(tmp_path: Path) -> None:
     # OP stands still: the diagnosis takes the loop for one in manual
     assert (second["tag"], second["wrong"]) == ("FC8", "manual")
     assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "undetermined", None)
-    assert "'zwei' is no number" in third["would_determine"][0]
+    assert "'zwei' is not a number" in third["would_determine"][0]
 
 
 @pytest.mark.parametrize(

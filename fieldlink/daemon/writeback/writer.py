@@ -223,7 +223,7 @@ class BlockWriter:
     def resume(self, record: WritebackRecord) -> None:
         """Go on after the last block of a process before this one.
 
-        What became of a block whose row leaves that open is found out at the next look. A
+        The outcome of a block whose row leaves it open is found at the next look. A
         withdrawal holds until an operator decides otherwise.
         """
         attempt = self._handover.recall(record)
