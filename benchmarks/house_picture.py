@@ -3,7 +3,8 @@
     python -m benchmarks.house_picture [--images docs/images]
 
 Boxes stand in the layers that `pyproject.toml` declares and import-linter checks. An arrow leads
-from a package to one that it imports, unless other arrows lead there too; the wider, the more imports.
+from a package to one that it imports, unless other arrows lead there too; its width grows with the
+number of imports.
 Below are the steps of the walks of docs/architecture.md. Modules and names come from the code: one
 that is not there is an error.
 """

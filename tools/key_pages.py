@@ -19,9 +19,9 @@ __all__ = ["scenario_keys_page", "site_keys_page"]
 
 _SITE_HEAD = """# Keys of the site file
 
-[The site file](../site-file.md) explains what it is, with examples. A key that is not listed here is
-an error. Times are plant seconds, paths are relative to the site file. `fieldlink schema` prints the
-same as a JSON Schema.
+[The site file](../site-file.md) explains what it is, with examples. A key that is not listed here
+is an error. Times are plant seconds, paths are relative to the site file. `fieldlink schema` prints
+the same as a JSON Schema.
 """
 
 _SCENARIO_HEAD = """# Keys of a scenario file
