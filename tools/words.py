@@ -32,7 +32,7 @@ INSTEAD: Mapping[str, str] = {
 }
 """By pattern (case ignored, whole words), what to write."""
 
-SUFFIXES = (".py", ".md", ".html", ".st", ".toml", ".yml")
+SUFFIXES = (".py", ".md", ".html", ".st", ".toml", ".txt", ".yml")
 _PATTERNS = {re.compile(rf"\b(?:{p})\b", re.IGNORECASE): text for p, text in INSTEAD.items()}
 
 
