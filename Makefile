@@ -43,7 +43,7 @@ lint: dev
 # A site that works from its folder, without a network: build/docs/index.html.
 docs: dev
 	$(BIN)/python -m tools.reference_pages
-	$(BIN)/sphinx-build -q -W --keep-going -b html docs build/docs
+	$(BIN)/sphinx-build -q -E -W --keep-going -b html docs build/docs
 
 format: dev
 	$(BIN)/ruff check --fix .

@@ -32,9 +32,10 @@ FROM_THE_TOP = {
     "index": "README.md",
     "contributing": "CONTRIBUTING.md",
     "changelog": "CHANGELOG.md",
+    "examples": "examples/README.md",
     "reporting-security": "SECURITY.md",
 }
-"""By page, the file beside `docs` whose text it holds."""
+"""By page, the file outside `docs` whose text it holds."""
 
 
 def _link_from_docs(found: re.Match[str]) -> str:
@@ -50,11 +51,30 @@ def _link_from_docs(found: re.Match[str]) -> str:
 def _read_from_the_top(app: Sphinx, page: str, source: list[str]) -> None:
     name = FROM_THE_TOP.get(page)
     if name is not None:
-        text = (Path(app.srcdir).parent / name).read_text(encoding="utf-8")
+        path = Path(app.srcdir).parent / name
+        app.env.note_dependency(str(path))
+        text = path.read_text(encoding="utf-8")
         text = re.sub(r"\]\((?!https?:|#)([^)]+)\)", _link_from_docs, text)
         source[0] = f"{text}\n\n{source[0]}"
+
+
+def _mark_code(*event: object) -> None:
+    """Make code of a docstring's indented lines, and one field of names that share a sentence."""
+    lines = event[-1]
+    assert isinstance(lines, list)
+    marked: list[str] = []
+    last = ""
+    for line in lines:
+        begins = line.startswith("    ") and not (marked and marked[-1].strip())
+        if begins and last and not last.startswith(" ") and not last.endswith(("::", ":")):
+            marked += ["::", ""]
+        marked.append(re.sub(r"^( {4}\w+(?:, \w+)+): ", lambda m: m[0].replace(", ", ","), line))
+        last = line if line.strip() else last
+    lines[:] = marked
 
 
 def setup(app: Sphinx) -> None:
     """Let pages hold the files at the top of the repository."""
     app.connect("source-read", _read_from_the_top)
+    # Before napoleon reads the sections.
+    app.connect("autodoc-process-docstring", _mark_code, priority=400)
