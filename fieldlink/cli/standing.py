@@ -42,8 +42,8 @@ def status(site: SiteFile, as_json: Json = False) -> None:
 def events(
     site: SiteFile,
     as_json: Json = False,
-    follow: Annotated[bool, typer.Option("--follow", help="Go on with what is new.")] = False,
-    last: Annotated[int, typer.Option(min=0, help="Show at most so many of the newest.")] = 100,
+    follow: Annotated[bool, typer.Option("--follow", help="Keep printing new events.")] = False,
+    last: Annotated[int, typer.Option(min=0, help="Show at most this many of the newest.")] = 100,
 ) -> None:
     """Show what happened to the daemon, its devices, loops and store, oldest first."""
     from fieldlink.daemon.reporting.documents import event_document

@@ -81,7 +81,7 @@ class ExchangeWords:
 class ExchangeLayout:
     """0-based addresses of one loop's exchange registers, all of them holding registers.
 
-    ``ack_refusal`` and ``writer`` are optional: without them a refusal cannot be told, and a second
+    ``ack_refusal`` and ``writer`` are optional: without them no refusal is reported, and a second
     writer with an identity of its own not be seen.
     """
 

@@ -186,7 +186,7 @@ class Tag:
     def with_bit(self, word: int, state: bool) -> int:
         """Return the register ``word`` with the tag's bit set to ``state``, the others kept."""
         if self.bit is None:
-            raise RegisterValueError(f"{self.name} is no single bit of a register")
+            raise RegisterValueError(f"{self.name} is not a single bit of a register")
         mask = _swapped(1 << self.bit, self.byte_order)
         return word | mask if state else word & ~mask
 

@@ -1,4 +1,4 @@
-"""``[devices.NAME]``: how a device is reached, what it bears, and what it holds."""
+"""``[devices.NAME]``: how a device is reached, what it supports, and what it holds."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Quirks(Model):
     one_request_per_tag: bool = False
     """Whether every tag is asked for alone; OP and PV are then of different moments."""
     probe_after_timeout: bool = False
-    """Whether the first reply after a time-out must prove that it is no late one; RTU always."""
+    """Whether the first reply after a time-out must prove that it is not a late one; RTU always."""
 
 
 def _default_port(keys: dict[str, Any]) -> int:

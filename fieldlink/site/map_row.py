@@ -106,7 +106,7 @@ class RowReader:
             self.report("outside", "there is no range to clamp to", "give low, high or both")
         if not 0.0 <= every <= LONGEST_INTERVAL:
             remedy = f"give seconds from 0 to {LONGEST_INTERVAL:g}, or leave it empty"
-            self.report("every", f"{every:g} is no interval", remedy)
+            self.report("every", f"{every:g} is not an interval", remedy)
         if table is not None and data_type is not None:
             self._type_fits(table, data_type)
         bit = self._bit(table, data_type)
@@ -290,7 +290,9 @@ class RowReader:
         cell = self._cell(column)
         digits = cell.isascii() and cell.isdigit() and len(cell) <= len(str(high))
         if not (digits and low <= int(cell) <= high):
-            self.report(column, f"{quoted(cell)} is no whole number from {low} to {high}", remedy)
+            self.report(
+                column, f"{quoted(cell)} is not a whole number from {low} to {high}", remedy
+            )
             return None
         return int(cell)
 
@@ -299,7 +301,7 @@ class RowReader:
         try:
             address = int(cell)
         except ValueError:
-            message = f"{quoted(cell)} is no whole number" if cell else "is empty"
+            message = f"{quoted(cell)} is not a whole number" if cell else "is empty"
             self.report("address", message, "give the 0-based address, for 40001 that is 0")
             return None
         if not 0 <= address <= _LAST_ADDRESS:

@@ -46,7 +46,7 @@ __all__ = [
 Span = tuple[float, float]
 
 LARGEST_LIMIT = 1e6
-"""Units of OP: a single float of a parameter block still tells a tenth of a unit there."""
+"""Units of OP: a single float of a parameter block still resolves a tenth of a unit there."""
 
 
 class SiteSettings(Model):
@@ -89,7 +89,7 @@ class ExchangeAddresses(Model):
     bank_b: Address
     """Fieldlink: first register of bank B."""
     ack_refusal: Address | None = None
-    """PLC: why the consumer refuses or gave up the model; left out, refusals are not told."""
+    """PLC: why the consumer refuses or gave up the model; left out, refusals are not reported."""
     writer: Address | None = None
     """Fieldlink: identity of the installation that writes; may be left out."""
 

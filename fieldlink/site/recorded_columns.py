@@ -179,7 +179,7 @@ class RecordedColumns:
         return values
 
     def sampling(self, column: int | None, *, is_guessed: bool = False) -> Sampling | None:
-        """Return what the time column says; nothing where a guessed one tells no time."""
+        """Return what the time column says; nothing where a guessed one holds no time."""
         if column is None:
             return None
         name = self._file.header[column]

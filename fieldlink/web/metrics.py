@@ -245,7 +245,7 @@ def _of_the_daemon(status: DaemonStatus) -> Iterator[Metric]:
         ),
         CounterMetricFamily(
             "fieldlink_defects",
-            "Errors met that the program does not foresee; the log tells where.",
+            "Unexpected errors; the log names the place.",
             status.defects,
         ),
         reloads,

@@ -116,7 +116,7 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
     ("arguments", "words"),
     [
         (["missing.csv"], "there is no file or folder missing.csv"),
-        ([".", "--every", "soon"], "is no length of time"),
+        ([".", "--every", "soon"], "is not a length of time"),
         ([".", "--engine", "cloud"], "write local or dask"),
         ([".", "--out", "taken"], "holds loops.csv of something else"),
     ],

@@ -177,7 +177,7 @@ def test_watched_variables_and_booleans(mini_fmus: Minis) -> None:
         ),
         (
             '[controller]\nop = "A"\npv = "B"\ngain = 1\nintegral_time = 1\nsetpoint = [[0, 1]]\n',
-            r"controller\.op 'A' is no tag of \[inputs\]",
+            r"controller\.op 'A' is not a tag of \[inputs\]",
         ),
         ("period = 0", "period: Input should be greater than 0; got 0"),
     ],

@@ -73,7 +73,7 @@ good,40020,int16,
     found = import_map(write(tmp_path, "\n".join([*lines, more])))
     said = {problem.line: f"{problem.key}: {problem.message}" for problem in found.problems}
     assert said == {
-        3: "address: '' is no address",
+        3: "address: '' is not an address",
         4: "address: '17' is not written like the others (40001)",
         5: "type: 'decimal' is unknown",
         6: "length: int16 has its own length",
@@ -151,7 +151,7 @@ def test_the_commands(tmp_path: Path) -> None:
     out = tmp_path / "map.csv"
     refused = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out)])
     assert refused.exit_code == 2
-    assert "vendor.csv:3: address: 'x' is no address" in refused.stderr
+    assert "vendor.csv:3: address: 'x' is not an address" in refused.stderr
     assert not out.exists()
     taken = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out), "--skip-bad"])
     assert taken.exit_code == 0

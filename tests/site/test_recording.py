@@ -152,7 +152,7 @@ def test_a_wrong_time_stamp_is_named_with_its_row(write: Write) -> None:
         "time,op,pv",
         lambda k: f"{'yesterday' if k == 4 else f'2025-01-01 00:00:{k:02d}'},{plain(k)}",
     )
-    assert messages(path).startswith("6: time: 'yesterday' is no date and time")
+    assert messages(path).startswith("6: time: 'yesterday' is not a date and time")
 
 
 def test_empty_cells_are_bad_samples_and_counted(write: Write) -> None:
