@@ -31,7 +31,7 @@ def kinds(site: Site, kind: str) -> list[str]:
     return events[events["kind"] == kind]["message"].tolist()
 
 
-async def test_a_changed_loop_begins_anew_and_the_others_keep_their_windows(
+async def test_a_changed_loop_starts_again_and_the_others_keep_their_windows(
     new_device: Callable[..., Any], tmp_path: Path, live: Any
 ) -> None:
     first, second = new_device(), new_device()
@@ -133,7 +133,7 @@ async def test_loops_come_and_go(new_device: Callable[..., Any], tmp_path: Path,
         assert len(second.requests) == asked
 
 
-async def test_what_needs_a_start_is_said(device: Any, tmp_path: Path, live: Any) -> None:
+async def test_what_needs_a_start_is_reported(device: Any, tmp_path: Path, live: Any) -> None:
     site = live.site_for(tmp_path, {"plc": device.port})
     other = tmp_path / "other.toml"
     other.write_text(site.path.read_text() + "\n[historian]\nretention_days = 3.0\n")

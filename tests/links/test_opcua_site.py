@@ -21,7 +21,7 @@ from fieldlink.site import Site, SiteError
         ('cert = "none.pem"\nkey = "none.key"', "", "there is no file"),
     ],
 )
-def test_a_wrong_device_is_told_in_a_sentence(
+def test_a_wrong_device_is_reported_in_a_sentence(
     make_opcua_site: Callable[..., Site], opcua: str, rows: str, said: str
 ) -> None:
     with pytest.raises(SiteError, match=said):

@@ -110,7 +110,7 @@ def test_addresses_as_manuals_write_them(cell: str, style: str, expected: FoundA
     ("cell", "style"),
     [("", "zero"), ("ten", "zero"), ("65536", "zero"), ("0", "one"), ("40000", "modicon")],
 )
-def test_what_is_no_address_is_refused(cell: str, style: str) -> None:
+def test_what_is_not_an_address_is_refused(cell: str, style: str) -> None:
     with pytest.raises(ValueError, match=";"):
         parse_address(cell, style)  # type: ignore[arg-type]
 
@@ -203,7 +203,7 @@ def test_a_heading_is_named_where_the_list_has_words_of_its_own(tmp_path: Path) 
         ("tag", "is not COLUMN=HEADING"),
     ],
 )
-def test_a_heading_that_is_not_there_is_said(tmp_path: Path, pair: str, said: str) -> None:
+def test_a_heading_that_is_not_there_is_reported(tmp_path: Path, pair: str, said: str) -> None:
     file = write(tmp_path, "Typ;Modbus Address;Data Type\nFC1.OP;40001;REAL\n")
     result = CliRunner().invoke(app, ["map", "import", str(file), "--column", pair])
     assert said in f"{' '.join(result.output.replace('│', ' ').split())} {result.exception}"
