@@ -156,9 +156,9 @@ def test_a_tag_is_written_and_read_back(site: str, image: RegisterImage) -> None
         ("PV", "1", "not writable in the register map"),
         ("RUN", "1", "not writable in the register map"),
         ("OP", "100.5", "above the high limit"),
-        ("OP", "nan", "no measured value"),
-        ("OP", "much", "no value for OP"),
-        ("PUMP", "2", "no bool"),
+        ("OP", "nan", "not a measured value"),
+        ("OP", "much", "not a value for OP"),
+        ("PUMP", "2", "not a bool"),
         ("NAME", "too long a name", "15 characters"),
     ],
 )

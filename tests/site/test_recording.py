@@ -187,7 +187,7 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
     assert cut.op[0] == 10.0
     assert cut.nan_runs == (NanRun("pv", 2, 1),)
     assert cut.period == 2.0
-    with pytest.raises(ValueError, match="no run of rows"):
+    with pytest.raises(ValueError, match="not a run of rows"):
         cut.cut(slice(0, 10, 2))
 
 
