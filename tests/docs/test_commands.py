@@ -6,6 +6,7 @@ import contextlib
 import csv
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -103,6 +104,11 @@ def served(words: list[str], folder: Path) -> Iterator[None]:
 
 
 def run_line(words: list[str], folder: Path) -> tuple[int, str]:
+    if words[0] == "python" and words[1].endswith(".py"):
+        with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", words[1:])
+            runpy.run_path(words[1], run_name="__main__")
+        return 0, ""
     if words[0] == "python":
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         done = subprocess.run(
