@@ -183,7 +183,8 @@ class Device(Model):
             )
         if self.is_rtu and not 1 <= self.unit <= 247:
             raise ValueError(
-                f"unit {self.unit} is none of a serial line; give the device's own, from 1 to 247"
+                f"unit {self.unit} is not valid on a serial line; give the device's own, from 1 to "
+                "247"
             )
         if (self.link == "modbus-tls") != (self.tls is not None):
             raise ValueError(

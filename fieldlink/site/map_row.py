@@ -181,7 +181,7 @@ class RowReader:
                 self.report(empty[0], "is empty", remedy)
             return 1.0, 0.0
         if raw_low == raw_high or eng_low == eng_high:
-            self.report("raw_low", "the two points are one", "give two that differ in both")
+            self.report("raw_low", "both points are the same", "give two that differ in both")
             return 1.0, 0.0
         slope = (eng_high - eng_low) / (raw_high - raw_low)
         offset = eng_low - slope * raw_low

@@ -211,9 +211,9 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,PV,Pv\n" + "1,2,3\n" * 60, {}, "several columns match: PV, Pv"),
         ("op,pv\n" + "1,2\n" * 60, {"period": 0.0}, "a period of 0.0 s is impossible"),
         ("", {}, "is empty"),
-        (b"\x00\x01\x02", {}, "is no CSV file: it is a binary file"),
-        (b"PK\x03\x04 a workbook", {}, "is no CSV file"),
-        ('op,pv\n"1,2\n' + "1,2\n" * 60, {}, "is no CSV file"),
+        (b"\x00\x01\x02", {}, "is not a CSV file: it is a binary file"),
+        (b"PK\x03\x04 a workbook", {}, "is not a CSV file"),
+        ('op,pv\n"1,2\n' + "1,2\n" * 60, {}, "is not a CSV file"),
     ],
 )
 def test_bad_files_are_refused_with_place_and_remedy(
