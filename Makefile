@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: install dev demo test lint format bench fmus clean
+.PHONY: install dev demo test lint docs format bench fmus clean
 
 install: $(VENV)/.installed
 dev: $(VENV)/.installed-dev
@@ -38,6 +38,12 @@ lint: dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tools.words
+
+# A site that works from its folder, without a network: build/docs/index.html.
+docs: dev
+	$(BIN)/python -m tools.reference_pages
+	$(BIN)/sphinx-build -q -E -W --keep-going -b html docs build/docs
 
 format: dev
 	$(BIN)/ruff check --fix .
@@ -46,6 +52,7 @@ format: dev
 # About an hour on two cores, and nothing else running; each line alone prints its own table.
 bench: dev
 	$(BIN)/python -m benchmarks.settings_page --out docs
+	$(BIN)/python -m benchmarks.house_picture --images docs/images
 	$(BIN)/python -m benchmarks.estimator_evidence --out docs/benchmarks --images docs/images
 	$(BIN)/python -m benchmarks.diagnosis --out docs/benchmarks
 	$(BIN)/python -m benchmarks.compensation --out docs/benchmarks --images docs/images

@@ -7,7 +7,7 @@ bands and falling sampling rates. *Door* is swinging-door compression read back 
 *held* the last value until an exception, both with a dead band as a share of each signal's
 deviation; *sampled* keeps so many samples a stroke of the stem. A cell is the share of sticky loops
 called sticky / of healthy loops called sticky, in per cent; "declined" is ours on the sticky ones.
-An uncertain answer finds nothing and accuses nobody. "kept" is the median number of own values of
+An uncertain answer finds and accuses nothing. "kept" is the median number of own values of
 PV in a stroke.
 """
 

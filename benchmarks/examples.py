@@ -60,7 +60,7 @@ class Example:
 
 @dataclass(frozen=True, slots=True)
 class ExampleWindow:
-    """A window of an example: OP, PV and the stem that nobody measures, shape ``(n,)``."""
+    """A window of an example: OP, PV and the stem, which no plant measures, shape ``(n,)``."""
 
     op: Array
     pv: Array

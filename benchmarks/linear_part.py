@@ -4,7 +4,7 @@
 
 The paper's examples, with the noise where the paper puts it (in the equation) and as white noise on
 PV of the size that the equation noise makes there. What remains is the error of the linear part
-alone: nobody knows the stem that well.
+alone: the stem is never known that well.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     python -m benchmarks.methods --loops 8 --seed-base 1000 --jobs 2 [--out docs/benchmarks]
 
-The loops are the report family's, each method is told the same samples. The published methods are
+The loops are the report family's, each method gets the same samples. The published methods are
 written from their papers (`benchmarks.published`); their thresholds are the papers'. The paper's
 grid and optimisation get ARX(2,2) and the dead time that fits best; they size a valve and give no
 verdict. Most published methods presuppose an oscillation: a second table has the loops whose OP

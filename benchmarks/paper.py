@@ -8,9 +8,9 @@ begun in mid-cycle, with set-point changes as in the paper's data, and the same 
 set-point, where J and the gain are harder to tell. All costs are in one currency
 (`paper_methods`): equation (12) of ARX(3,3) with intercept, the first position of the stem by one
 rule for all. The grid and the optimisation minimise that cost themselves, with the paper's own
-first positions; they are told the orders and the dead time, which the search has to find.
+first positions; they are given the orders and the dead time, which the search has to find.
 
-A search that leaves a higher cost than the true valve has missed its optimum. The oracle is told
+A search that leaves a higher cost than the true valve has missed its optimum. The oracle is given
 the samples at which the true valve moves, and fits the rest by least squares: what remains of its
 errors is what the data leave open. With one move of the stem a stroke the gain
 and J trade against each other through the size of the moves, and with a free intercept nothing

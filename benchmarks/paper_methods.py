@@ -31,7 +31,7 @@ __all__ = ["METHODS", "Band", "Estimate", "estimates", "free_start_cost"]
 Band = tuple[float, float]
 
 METHODS = ("search", "truth", "oracle", "nlp", "polish", "grid")
-"""``search`` is `identify`; ``truth`` is told the true valve, ``oracle`` when it moves."""
+"""``search`` is `identify`; ``truth`` gets the true valve, ``oracle`` the moments of its moves."""
 
 _ORDERS: dict[str, Any] = {"na": 3, "nb": 3, "dead_time": 1}
 _POSITIONS = 41

@@ -95,7 +95,7 @@ LIMITS = (
 
 
 ORACLE = "oracle: the true moves"
-"""Method that is told when the stem moves."""
+"""Method that is given the moments at which the stem moves."""
 
 CONSTANT = "constant set-point"
 """End of the name of an example without set-point changes."""

@@ -5,7 +5,7 @@
 * The SACAC collection comes as CSV files: semicolons, a header in any case and order, columns that
   nobody needs, now and then bare carriage returns, and a time column that is no clock.
 
-Neither collection is part of this project: whoever has the files reads them with this module.
+Neither collection is part of this project: this module reads them where the files are.
 """
 
 from __future__ import annotations
@@ -80,6 +80,6 @@ def _number(
         return float(cell.replace(",", ".") if delimiter != "," else cell)
     except ValueError as error:
         raise ReaderError(
-            f"{path}: row {row_number}, column {column.upper()!r}: {cell!r} is no number; "
+            f"{path}: row {row_number}, column {column.upper()!r}: {cell!r} is not a number; "
             f"leave the cell empty when there is no sample"
         ) from error

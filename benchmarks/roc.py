@@ -1,4 +1,4 @@
-"""How well a score tells sticky loops from healthy ones, whatever threshold is put on it."""
+"""How well a score separates sticky loops from healthy ones, whatever threshold is put on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Controllers on a loop model: parameters and measurements in, OP out."""
+"""Controllers on a loop model: parameters and measurements in, OP out.
+
+No file, socket or clock, and no identification: a model comes in from outside.
+"""
 
 from compensator.action import (
     Action,

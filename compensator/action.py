@@ -1,8 +1,8 @@
 """What every controller here speaks: the action it decides on, its status, its limits.
 
 A controller is told everything by `Controller.observe` (once a scan, in control or not) and asked
-for the next OP by `Controller.decide`. Because it has seen the whole history of OP and PV, whoever
-applied that OP, it can take over at any scan without a bump.
+for the next OP by `Controller.decide`. Because it has seen the whole history of OP and PV, under
+every controller, it can take over at any scan without a bump.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class CompensatorError(ValueError):
 
 
 class ActionStatus(Enum):
-    """How an action came about; the value is the advice for whoever reads it."""
+    """How an action came about; the value is the advice for the reader."""
 
     OPTIMAL = "the computed optimum is applied"
     HOLDING = "the valve is held where it is, no move pays for itself"

@@ -74,7 +74,7 @@ class Followed:
         self._estimator.improve_on(deviation, travel)
 
     def change_valve(self, valve: ValveModel) -> None:
-        """Go on with other valve parameters; the controller begins anew with them."""
+        """Go on with other valve parameters; the controller starts again with them."""
         self._estimator.change_valve(valve)
         self._controller = self._build(self.model)
 

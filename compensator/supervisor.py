@@ -182,7 +182,7 @@ class Supervisor:
         Args:
             pv: measured now, NaN when bad.
             sp: set-point.
-            op_applied: OP that was at the valve since the last scan, whoever set it.
+            op_applied: OP that was at the valve since the last scan, from any source.
             automatic: False while an operator has the loop; OP then follows ``op_applied``.
         """
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)

@@ -182,7 +182,8 @@ def _one_stored(loop: str, url: str, since: datetime) -> _Answer:
     from fieldlink.store import read_samples
 
     frame = read_samples(url, loop, since=since)
-    times = frame["time"].to_numpy().astype("datetime64[ms]").astype(np.int64) / 1000.0
+    stamps = frame["time"].dt.tz_convert(None).to_numpy()
+    times = stamps.astype("datetime64[ms]").astype(np.int64) / 1000.0
     if times.size < 50:
         return (
             f"{loop}: {times.size} samples in the store since {since:%Y-%m-%d %H:%M} UTC; 50 are "

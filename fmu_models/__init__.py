@@ -1,4 +1,7 @@
-"""Plants as FMUs: sources, build, catalogue, stepping."""
+"""Plants as FMUs: sources, build, catalogue, stepping.
+
+No controller study and no PLC: those are in `fieldlink.lab`.
+"""
 
 from .catalogue import CatalogueModel, LoopVariables, catalogue, fmu_path
 from .errors import (

@@ -42,7 +42,7 @@ class PlantInputError(PlantError, ValueError):
 
 
 class PlantStepError(PlantError):
-    """The FMU refused to start or to step, or put out something that is no number."""
+    """The FMU refused to start or to step, or put out something that is not a number."""
 
 
 class PlantEndedError(PlantStepError):

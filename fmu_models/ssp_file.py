@@ -292,7 +292,7 @@ class _Flattener:
             try:
                 found[parameter.name] = float(words.get(parameter.value, parameter.value))
             except (TypeError, ValueError):
-                raise self._fail(path, f"parameter {parameter.name} is no number") from None
+                raise self._fail(path, f"parameter {parameter.name} is not a number") from None
         if entries is None:
             return found
         mapped = {}

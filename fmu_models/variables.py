@@ -116,7 +116,7 @@ class VariableAccess:
         structural: values of structural parameters, which decide the sizes of arrays.
 
     Raises:
-        PlantNameError: a watched variable does not exist, or is no number.
+        PlantNameError: a watched variable does not exist, or is not a number.
         PlantInputError: a size that no array can have.
     """
 
@@ -289,7 +289,7 @@ class VariableAccess:
         return dict(zip(self._names, row, strict=True))
 
     def read_row(self, fmu: Any, row: NDArray[np.float64]) -> None:
-        """Read all outputs into ``row``; whoever calls looks for NaN, many rows at once."""
+        """Read all outputs into ``row``; the caller looks for NaN, many rows at once."""
         for group in self._outputs:
             self._call(fmu, group)
             row[group.columns] = group.view[group.places]
@@ -323,7 +323,7 @@ class VariableAccess:
         return write
 
     def not_finite(self, name: str, value: float, time: float) -> str:
-        """Return the message about an output that is no number."""
+        """Return the message about an output that is not a number."""
         return (
             f"plant {self._model}: output {name} is {value} at {time:g} s; the model is unstable "
             "or was given inputs outside of its range"

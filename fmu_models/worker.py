@@ -28,7 +28,7 @@ def serve(connection: Connection, folder: Path, memory: int) -> None:
 
     Args:
         connection: to the client.
-        folder: where the FMU may be extracted; whoever made it removes it.
+        folder: where the FMU may be extracted; its maker removes it.
         memory: descriptor of the file for the rows of a run.
     """
     _limit_core_dumps()

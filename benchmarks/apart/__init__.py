@@ -1,1 +1,4 @@
-"""Plants, valves and loop controllers for reporting alone: nothing was tuned on them."""
+"""Plants, valves and loop controllers for reporting alone: nothing was tuned on them.
+
+No loop, valve or plant of `benchmarks.tuned` may be imported here.
+"""

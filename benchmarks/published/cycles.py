@@ -33,5 +33,5 @@ def average_blocks(signal: Array, size: int) -> Array:
 
 
 def process_sign(op: Array, pv: Array) -> float:
-    """Sign of the process, which the controller's action tells: OP rises where PV is low."""
+    """Sign of the process, from the controller's action: OP rises where PV is low."""
     return -1.0 if float(np.dot(np.diff(op), pv[1:] - pv.mean())) > 0.0 else 1.0

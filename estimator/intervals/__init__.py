@@ -1,1 +1,4 @@
-"""How sure: the posterior of the valve and what it says about each quantity."""
+"""How sure: the posterior of the valve and what it says about each quantity.
+
+The best hypothesis is given; nothing here changes it.
+"""

@@ -3,7 +3,7 @@
 Each window is compared with the mean of the windows before it, in units of what the two together
 may differ by. Small steady differences add up where single windows say nothing. While they add up,
 new windows wait before they enter the mean, and a wild one never enters: a change must not become
-the norm that it is measured by. After an alarm everything begins anew with the first window of the
+the norm that it is measured by. After an alarm everything starts again with the first window of the
 change.
 
 Source: Hawkins (1987), "Self-starting CUSUM charts for location and scale", The Statistician 36,

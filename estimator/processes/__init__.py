@@ -1,1 +1,4 @@
-"""Processes between stem and PV: poles, dead time, their response and their ARX form."""
+"""Processes between stem and PV: poles, dead time, their response and their ARX form.
+
+Nothing here knows a valve or a verdict.
+"""

@@ -3,7 +3,7 @@
     window = ArxWindow.of(op, pv, ArxStructure(na=3, nb=3, dead_time=1))
     fit = window.fit(HeValve(11.0, 3.0), stem0=op[0])
 
-Both of the paper's methods (`grid`, `nlp`) and whoever compares with them evaluate a valve here, so
+Both of the paper's methods (`grid`, `nlp`) and comparisons with them evaluate a valve here, so
 that costs are comparable: equation (12) over the samples for which every regressor of (13) exists.
 """
 

@@ -16,7 +16,7 @@ def place_of(text: str) -> Place:
     Raises:
         AssessError: there is no such file, or a TOML file is neither a site nor a description.
         SiteError: a TOML file is wrong.
-        StoreError: it is no database address.
+        StoreError: it is not a database address.
     """
     if "://" in text:
         from fieldlink.store.database import shown

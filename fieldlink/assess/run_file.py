@@ -124,7 +124,7 @@ class RunFile:
             self._db.execute("REPLACE INTO meta VALUES (?, ?)", [key, json.dumps(value)])
 
     def plan(self, pieces: Iterable[Piece]) -> None:
-        """Store what is to be read; a plan that was not completed begins anew."""
+        """Store what is to be read; a plan that was not completed starts again."""
         with self._transaction():
             self._db.execute("DELETE FROM pieces")
         batch: list[tuple[str]] = []

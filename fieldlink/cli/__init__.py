@@ -1,4 +1,7 @@
-"""The command line: parse, call, print."""
+"""The command line: parse, call, print.
+
+No rule about writing, no protocol and no numerics: a command calls the package that has them.
+"""
 
 from __future__ import annotations
 

@@ -52,8 +52,8 @@ def status(
 def events(
     site: SiteFile,
     as_json: Json = False,
-    follow: Annotated[bool, typer.Option("--follow", help="Go on with what is new.")] = False,
-    last: Annotated[int, typer.Option(min=0, help="Show at most so many of the newest.")] = 100,
+    follow: Annotated[bool, typer.Option("--follow", help="Keep printing new events.")] = False,
+    last: Annotated[int, typer.Option(min=0, help="Show at most this many of the newest.")] = 100,
 ) -> None:
     """Show what happened to the daemon, its devices, loops and store, oldest first."""
     from fieldlink.daemon.reporting.status_documents import event_document

@@ -41,7 +41,9 @@ def assess(
     until: Annotated[str | None, typer.Option(help="The moment after the last one.")] = None,
     every: Annotated[
         str | None,
-        typer.Option(help="Begin a window every 1d, 8h, 30min; unless given, one by one."),
+        typer.Option(
+            help="Begin a window every 1d, 8h or 30min; without it, windows follow each other."
+        ),
     ] = None,
     samples: Annotated[
         int, typer.Option(min=50, max=20_000, help="Samples of a window, at most.")

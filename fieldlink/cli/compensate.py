@@ -27,11 +27,11 @@ def compensate(
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Seconds to run; else until SIGTERM or SIGINT.")
     ] = None,
-    every: Annotated[int, typer.Option(min=1, help="Print one scan of so many.")] = 10,
+    every: Annotated[int, typer.Option(min=1, help="Print every Nth scan only.")] = 10,
 ) -> None:
     """Compute OP for one loop from its parameter block; print it, and write it with --write.
 
-    Every change of what becomes of OP is printed. Fieldlink's daemon has to run beside it: the
+    Every change of the outcome for OP is printed. Fieldlink's daemon has to run beside it: the
     block counts only while its heartbeat does.
     """
     from fieldlink.compensate.service import CompensateService

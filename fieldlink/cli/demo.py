@@ -31,7 +31,7 @@ def demo(
     output: Annotated[
         Path, typer.Option(help="Folder for the site, its data and the report.")
     ] = Path("fieldlink-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Of the plant's noise.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the plant's noise.")] = 1,
     hold: Annotated[
         float,
         typer.Option(min=0.0, help="Seconds for which PLC, daemon and page stay."),
@@ -40,7 +40,7 @@ def demo(
 ) -> None:
     """Find a sticky valve in a simulated PLC over Modbus TCP and take its oscillation away.
 
-    The page of the run is open from its begin; --hold keeps it open afterwards.
+    The page of the run is open from the start; --hold keeps it open afterwards.
     """
     import logging
 

@@ -32,7 +32,7 @@ class Connect:
     ] = None
     transport: Annotated[
         Literal["tcp", "tls", "rtu-tcp", "udp"],
-        typer.Option("--transport", help="How a host is spoken to."),
+        typer.Option("--transport", help="Protocol to a host."),
     ] = "tcp"
     baud: Annotated[int, typer.Option(min=50, help="Bits per second of a serial port.")] = 19200
     parity: Annotated[
@@ -197,7 +197,7 @@ def _make_device(
         keys |= {"link": f"modbus-{transport}", "host": host}
         if port:
             if not port.isdecimal():
-                raise typer.BadParameter(f"{target!r}: {port!r} is no port", param_hint="TARGET")
+                raise typer.BadParameter(f"{target!r}: {port!r} is not a port", param_hint="TARGET")
             keys["port"] = int(port)
     try:
         return Device(register_map=Path("none"), **keys)

@@ -33,7 +33,7 @@ def heed_early_signals(arguments: Sequence[str]) -> None:
 
 
 def _stop(_number: int, _frame: FrameType | None) -> None:
-    sys.stderr.write("fieldlink: stopped before it had begun\n")
+    sys.stderr.write("fieldlink: stopped before it had started\n")
     raise SystemExit(0)
 
 

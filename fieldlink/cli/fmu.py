@@ -35,10 +35,12 @@ def _file(given: Path) -> Path:
 @app.command("info")
 def info(
     fmu: FmuFile,
-    every: Annotated[bool, typer.Option("--all", help="Every variable, locals too.")] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="List every variable, local ones included.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
-    """Say what an FMU is, before anything of it runs."""
+    """Describe an FMU before anything of it runs."""
     from fmu_models import summarise
 
     summary = summarise(_file(fmu))
@@ -154,7 +156,11 @@ def run(
         float | None, typer.Option(help="Second of the saved state; else the end.")
     ] = None,
     in_process: Annotated[
-        bool, typer.Option("--in-process", help="Faster, and a crash of the FMU is ours.")
+        bool,
+        typer.Option(
+            "--in-process",
+            help="Run the FMU in this process: faster, but its crash ends fieldlink.",
+        ),
     ] = False,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
@@ -296,21 +302,26 @@ def sweep(
     ] = None,
     random: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
+        typer.Option(
+            metavar="NAME=LOW:HIGH", help="Draw the value evenly from a range, for each run."
+        ),
     ] = None,
     latin: Annotated[
-        bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")
+        bool, typer.Option("--latin", help="Draw --random values as a Latin hypercube.")
     ] = False,
-    runs: Annotated[int, typer.Option(min=1, help="For each combination.")] = 1,
+    runs: Annotated[int, typer.Option(min=1, help="Runs for each combination of values.")] = 1,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Samples of a run; else 2000, or the experiment's.")
     ] = None,
     step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
     kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
-    seed: Annotated[int, typer.Option(help="Of the whole sweep.")] = 1,
-    loop: Annotated[int, typer.Option(min=1, help="Of a plant with several loops.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the whole sweep.")] = 1,
+    loop: Annotated[int, typer.Option(min=1, help="Loop of a plant that has several.")] = 1,
     workers: Annotated[
-        int | None, typer.Option(min=0, help="Runs side by side; 0 for none, else the cores.")
+        int | None,
+        typer.Option(
+            min=0, help="Runs side by side; 0 runs them one by one, one a core unless given."
+        ),
     ] = None,
     signals: Annotated[
         bool, typer.Option("--signals", help="Keep the signals too (Parquet).")
@@ -364,7 +375,7 @@ def _list_of(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(separator))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} are no numbers", param_hint=option) from None
+        raise typer.BadParameter(f"{text!r} are not numbers", param_hint=option) from None
 
 
 def _range_of(text: str) -> tuple[float, float]:
@@ -376,7 +387,7 @@ def _range_of(text: str) -> tuple[float, float]:
 
 @app.command("new")
 def new(
-    name: Annotated[str, typer.Argument(help="Of the model, in small letters: my_tank.")],
+    name: Annotated[str, typer.Argument(help="Name of the model, in small letters: my_tank.")],
     output: Annotated[Path, typer.Option(help="Folder of the C file.")] = Path(),
 ) -> None:
     """Begin a plant of your own: a C file that builds and runs, with what to fill in."""
@@ -403,7 +414,7 @@ def loop(
         typer.Option(help="Seconds of a scan; else the FMU's step, or a tenth of its lag."),
     ] = None,
     op_start: Annotated[
-        float | None, typer.Option(help="Percent at the start; else the input's start value.")
+        float | None, typer.Option(help="Input at the start, percent; else its start value.")
     ] = None,
     stick_band: Annotated[float, typer.Option(min=0.0, help="S of the valve, % of OP.")] = 5.0,
     slip_jump: Annotated[float, typer.Option(min=0.0, help="J of the valve, % of OP.")] = 1.5,

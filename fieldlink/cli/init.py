@@ -208,7 +208,7 @@ def _given_loops(texts: list[str], tags: Mapping[str, Tag]) -> dict[str, Roles]:
 def _divide(
     proposal: Proposal, given: Mapping[str, Roles], leave_out: list[str]
 ) -> tuple[dict[str, Roles], list[LoopProposal]]:
-    """Return the loops that are clear, and those with a question, without what is said already."""
+    """Return the loops that are clear, and those with a question, less what is settled."""
     from fieldlink.site.errors import nearest
 
     names = [loop.name for loop in proposal.loops]

@@ -35,7 +35,7 @@ def read(
 ) -> None:
     """Read single values by tag (of a site) or by address.
 
-    What can be read is printed, whatever cannot; the exit status is 2 if anything could not.
+    Values that can be read are printed even if others cannot; the exit status is then 2.
     """
     from fieldlink.cli.errors import explain
     from fieldlink.links import LinkError
@@ -136,7 +136,7 @@ def _point(target: str, text: str, connect: Connect) -> Point:
             return Point(found.name, found.device, found.site.maps[found.name][text], found.site)
         if ":" not in text and not text.isdecimal():
             known = [tag for tags in site.maps.values() for tag in tags]
-            raise ByHandError(f"{text!r} is no tag of {target}; {nearest(text, known)}")
+            raise ByHandError(f"{text!r} is not a tag of {target}; {nearest(text, known)}")
     found = find_target(target, connect)
     return Point(found.name, found.device, parse_point(text, found.device), found.site)
 

@@ -26,7 +26,8 @@ Duration = Annotated[
 def plant(
     site: SiteFile,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Instead of the site's; 0 picks one.")
+        int | None,
+        typer.Option(min=0, max=65535, help="TCP port instead of the site's; 0 picks a free one."),
     ] = None,
     speed: Annotated[
         float | None, typer.Option(help="Plant seconds per second, instead of the site's.")

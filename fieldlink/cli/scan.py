@@ -45,7 +45,7 @@ def scan(
     pause: Annotated[
         float, typer.Option(min=0.0, max=10.0, help="Seconds between two requests.")
     ] = 0.02,
-    max_requests: Annotated[int, typer.Option(min=1, help="Most requests in all.")] = 2000,
+    max_requests: Annotated[int, typer.Option(min=1, help="Highest number of requests.")] = 2000,
     out: Annotated[
         Path | None,
         typer.Option(help="New register map (.csv, .xlsx) of the registers that can be read."),
@@ -140,7 +140,9 @@ def _unit_ids(text: str) -> tuple[int, ...]:
     for part in filter(None, text.split(",")):
         low, _, high = part.strip().partition("-")
         if not low.isdecimal() or not (high or low).isdecimal():
-            raise typer.BadParameter(f"{part!r} is no unit id and no range", param_hint="--units")
+            raise typer.BadParameter(
+                f"{part!r} is neither a unit id nor a range", param_hint="--units"
+            )
         ids.extend(range(int(low), int(high or low) + 1))
     if ids and max(ids) > 255:
         raise typer.BadParameter(f"{max(ids)} is above 255", param_hint="--units")
@@ -154,7 +156,7 @@ def _tables(text: str) -> tuple[Table, ...]:
     names = [name.strip() for name in text.split(",") if name.strip()]
     if unknown := [name for name in names if name not in list(Table)]:
         raise typer.BadParameter(
-            f"{unknown[0]!r} is no table; use {', '.join(Table)}", param_hint="--tables"
+            f"{unknown[0]!r} is not a table; use {', '.join(Table)}", param_hint="--tables"
         )
     return tuple(Table(name) for name in names) or tuple(Table)
 

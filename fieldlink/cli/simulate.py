@@ -54,23 +54,26 @@ def simulate(
             "--controller", "-c", help="pi, unaware, hybrid, embedding, knocker or two-move; again."
         ),
     ] = None,
-    take_over: Annotated[int, typer.Option(help="Sample at which they get the loop.")] = 600,
+    take_over: Annotated[
+        int, typer.Option(help="Sample at which the controllers under study take over.")
+    ] = 600,
     samples: Annotated[int, typer.Option(help="Length of a run.")] = 1200,
     setpoint: Annotated[str | None, typer.Option(help="SAMPLE:VALUE,... of the set-point.")] = None,
     load: Annotated[str | None, typer.Option(help="SAMPLE:VALUE,... of the load.")] = None,
     parameter: Annotated[
-        list[str] | None, typer.Option("--parameter", "-p", help="NAME=VALUE of the plant; again.")
+        list[str] | None,
+        typer.Option("--parameter", "-p", help="NAME=VALUE of a parameter of the plant."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the plant's noise.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the plant's noise.")] = 1,
     rate: Annotated[float, typer.Option(min=0.0, help="Most that OP changes per scan.")] = 1e9,
     valve_error: Annotated[
-        float, typer.Option(min=0.01, help="Factor on the frictions that they believe.")
+        float, typer.Option(min=0.01, help="Factor on the frictions in the compensators' model.")
     ] = 1.0,
     gain_error: Annotated[
-        float, typer.Option(min=0.01, help="Factor on the process gain that they believe.")
+        float, typer.Option(min=0.01, help="Factor on the process gain in the compensators' model.")
     ] = 1.0,
     identified: Annotated[
-        bool, typer.Option("--identified", help="They believe what identification finds.")
+        bool, typer.Option("--identified", help="Give the compensators the identified model.")
     ] = False,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,

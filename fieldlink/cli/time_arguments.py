@@ -17,7 +17,7 @@ def parse_moment(text: str | None, option: str) -> datetime | None:
     """Return a moment, UTC without zone; None for None.
 
     Raises:
-        typer.BadParameter: it is no moment.
+        typer.BadParameter: it is not a moment.
     """
     if text is None:
         return None
@@ -25,7 +25,7 @@ def parse_moment(text: str | None, option: str) -> datetime | None:
         moment = datetime.fromisoformat(text)
     except ValueError as error:
         raise typer.BadParameter(
-            f"{text!r} is no moment; write 2026-11-21 or 2026-11-21T06:00:00+00:00",
+            f"{text!r} is not a moment; write 2026-11-21 or 2026-11-21T06:00:00+00:00",
             param_hint=option,
         ) from error
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
@@ -35,7 +35,7 @@ def parse_length(text: str | None, option: str) -> float | None:
     """Return seconds from text such as ``1d``, ``8h`` or ``900``; None for None.
 
     Raises:
-        typer.BadParameter: it is no length of time above 0.
+        typer.BadParameter: it is not a length of time above 0.
     """
     if text is None:
         return None
@@ -43,6 +43,6 @@ def parse_length(text: str | None, option: str) -> float | None:
     unit = None if found is None else _UNITS.get(found[2].lower())
     if found is None or unit is None or not float(found[1]) > 0.0:
         raise typer.BadParameter(
-            f"{text!r} is no length of time; write 1d, 8h, 30min or 900s", param_hint=option
+            f"{text!r} is not a length of time; write 1d, 8h, 30min or 900s", param_hint=option
         )
     return float(found[1]) * unit

@@ -17,24 +17,28 @@ __all__ = ["work"]
 
 def work(
     site: SiteFile,
-    loop: Annotated[str | None, typer.Argument(metavar="[LOOP]", help="The loop; all.")] = None,
+    loop: Annotated[
+        str | None, typer.Argument(metavar="[LOOP]", help="Name of the loop; all unless given.")
+    ] = None,
     state: Annotated[
         Literal["open", "planned", "done", "verified"] | None,
         typer.Option(
-            help="How far the work is; done marks the repair from which trends start anew."
+            help="How far the work is; done marks the repair from which trends start again."
         ),
     ] = None,
     owner: Annotated[str | None, typer.Option(help="Who does it; empty for nobody.")] = None,
-    note: Annotated[str | None, typer.Option(help="What to remember.")] = None,
+    note: Annotated[str | None, typer.Option(help="Note to keep.")] = None,
     at: Annotated[
         str | None,
-        typer.Option(help="When it was, such as 2026-03-12 or 2026-03-12T06:00+01:00; now."),
+        typer.Option(
+            help="When it was, such as 2026-03-12 or 2026-03-12T06:00+01:00; now unless given."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Set or show the work on a loop: state, owner, note. Reports show the newest.
 
-    With neither state, owner nor note it shows what has been said so far.
+    Without state, owner and note the history is printed.
     """
     from fieldlink.cli.time_arguments import parse_moment
     from fieldlink.site import load_site
@@ -84,7 +88,7 @@ def _show(said: Sequence[Mapping[str, Any]], *, as_json: bool) -> None:
         words = (row["time"], row["loop"], row["state"], row["owner"] or "nobody", row["note"])
         typer.echo(as_printable("  ".join(map(str, words))))
     if not rows:
-        typer.echo("nothing has been said yet; set it with --state planned --owner NAME")
+        typer.echo("nothing is recorded yet; set it with --state planned --owner NAME")
 
 
 def _author() -> str:

@@ -1,1 +1,4 @@
-"""The compensator at work beside a real PLC."""
+"""The compensator at work beside a real PLC.
+
+Nothing here identifies a valve: the model comes from the parameter block alone.
+"""

@@ -59,7 +59,7 @@ _KEEP_EVERY = 60
 
 
 class Verdict(Enum):
-    """What became of the OP of one scan; the value is the advice."""
+    """The outcome of the OP of one scan; the value is the advice."""
 
     WRITTEN = "OP was written"
     DRY_RUN = "OP would be written; ask for --write to do it"
@@ -77,7 +77,7 @@ class Step:
     """One scan: what was read, computed, and done.
 
     Attributes:
-        verdict: what became of ``op``.
+        verdict: the outcome of ``op``.
         pv, sp, op_before: as read, NaN where that failed.
         op: computed; NaN when nothing was.
         detail: the compensator's or the link's words.
@@ -161,7 +161,7 @@ class CompensateService:
 
     @property
     def writes(self) -> bool:
-        """Whether this run may write: the site file and whoever started it both say so."""
+        """Whether this run may write: the site file and the command line both say so."""
         return self._write and self.settings.enabled
 
     async def open(self) -> None:

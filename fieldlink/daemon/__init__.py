@@ -1,4 +1,7 @@
-"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks."""
+"""The daemon: scans into windows, windows into findings, findings into the PLC's blocks.
+
+All timing lives here; numerics run in processes of their own, and HTTP and pages in `web`.
+"""
 
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Findings, Interval
 from fieldlink.daemon.estimation.pool import PoolReport, PoolSettings

@@ -1,6 +1,6 @@
 """A changed site file: what it changes, and noticing that it has changed.
 
-Only what a change touches is begun anew. A loop whose samples come from where they came before
+Only what a change touches is started again. A loop whose samples come from where they came before
 keeps its window, whatever else changes on its device.
 """
 
@@ -23,7 +23,7 @@ class SiteChange:
     """The difference between two sites; names of devices that have loops.
 
     Attributes:
-        added, removed, changed: devices to begin, to end, and to begin anew.
+        added, removed, changed: devices to start, to end, and to start again.
         kept_loops: loops on changed devices whose windows go on.
         restart: keys that take effect when the daemon is started again.
     """
@@ -57,7 +57,7 @@ class SiteChange:
 
     @property
     def touches_devices(self) -> bool:
-        """Whether any device has to be begun, ended or begun anew."""
+        """Whether any device has to be started, ended or started again."""
         return bool(self.added or self.removed or self.changed)
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
 """What is measured in minutes: jobs on APScheduler, in UTC, one at a time each, never piled up.
 
 APScheduler compares wall-clock times: after a step back of the clock by an hour its jobs would wait
-an hour too long. So whoever notices a step says so, and every job is moved along with the clock.
+an hour too long. So the part that notices a step reports it, and every job moves with the clock.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ class SiteRunner:
         return None
 
     def counts(self) -> dict[str, LoopCounts]:
-        """Return what became of every loop's samples."""
+        """Return the counts of every loop's samples."""
         return {
             name: loop.pipeline.counts
             for runner in self.runners.values()

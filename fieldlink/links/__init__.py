@@ -1,4 +1,7 @@
-"""Links: one module per kind of source behind one small protocol."""
+"""Links: one module per kind of source behind one small protocol.
+
+A link knows tags and registers; what a tag means for a loop is not known here.
+"""
 
 from fieldlink.links.base import (
     CountingLink,

@@ -1,8 +1,8 @@
 """What every kind of link offers: scans of a device's tags, and registers to write back through.
 
 A scan never fails as a whole: what could not be read is a `Reading` whose quality says why, and
-the errors behind it are listed once. So one bad register costs no other tag its value, and whoever
-consumes a scan has a single path.
+the errors behind it are listed once. So one bad register costs no other tag its value, and a caller
+of a scan has a single path.
 
     link = open_link(site, "plc", clock)
     await link.open()

@@ -86,7 +86,9 @@ def parse_point(text: str, device: Device) -> Tag:
         ByHandError: it describes none.
     """
     if device.is_opcua:
-        raise ByHandError(f"{text!r} is no tag of an OPC UA device; add its node to the node map")
+        raise ByHandError(
+            f"{text!r} is not a tag of an OPC UA device; add its node to the node map"
+        )
     parts = text.split(":")
     table = Table.HOLDING
     if parts[0] in list(Table):
@@ -98,9 +100,9 @@ def parse_point(text: str, device: Device) -> Tag:
     if manual is not None and int(number) > 0xFFFF:
         raise ByHandError(f"{text!r} is how manuals write {manual}; give {manual}")
     if not number.isdecimal() or int(number) > 0xFFFF or rest:
-        raise ByHandError(f"{text!r} is no tag and no address; {usage}")
+        raise ByHandError(f"{text!r} is neither a tag nor an address; {usage}")
     if kind and kind not in list(DataType):
-        raise ByHandError(f"{text!r}: {kind!r} is no type; use one of: {', '.join(DataType)}")
+        raise ByHandError(f"{text!r}: {kind!r} is not a type; use one of: {', '.join(DataType)}")
     data_type = DataType(kind) if kind else default
     if length and not (data_type is DataType.STRING and length.isdecimal()):
         raise ByHandError(f"{text!r}: only a string has a length; {usage}")
@@ -143,7 +145,7 @@ def words_for(point: Point, text: str) -> list[int]:
 
     Raises:
         AccessRefusedError: the register map does not let it be written.
-        ByHandError: ``text`` is no value of its type.
+        ByHandError: ``text`` is not a value of its type.
         RegisterValueError: the value is outside the range or does not fit the type.
     """
     tag = point.tag
@@ -165,9 +167,9 @@ def words_for(point: Point, text: str) -> list[int]:
     try:
         value = states[text.lower()] if text.lower() in states else float(text)
     except ValueError as error:
-        raise ByHandError(f"{text!r} is no value for {tag.name} ({tag.data_type})") from error
+        raise ByHandError(f"{text!r} is not a value for {tag.name} ({tag.data_type})") from error
     if not math.isfinite(value):
-        raise RegisterValueError(f"{tag.name}: {text} is no measured value; give a number")
+        raise RegisterValueError(f"{tag.name}: {text} is not a measured value; give a number")
     return tag.encode(value)
 
 

@@ -1,4 +1,4 @@
-"""Looking at a device nobody has described: which units answer, which addresses can be read.
+"""Looking at a device without a description: which units answer, which addresses can be read.
 
 Only reads are sent, one at a time, with a pause between them and never more than allowed. A block
 that is refused is cut in halves; single addresses that are refused are not readable. Behind a long

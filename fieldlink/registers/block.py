@@ -1,7 +1,7 @@
 """The parameter block: an identified loop as a PLC reads it.
 
-`ParameterBlock` is checked when it is built, so whatever exists can be sent and whatever was
-decoded can be used. `fieldlink.registers.codec` turns it into registers and back.
+`ParameterBlock` is checked when it is built, so every block can be sent, and every decoded
+block can be used. `fieldlink.registers.codec` turns it into registers and back.
 """
 
 from __future__ import annotations

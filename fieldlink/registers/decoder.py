@@ -56,7 +56,7 @@ class BlockDecoder:
     """Decodes replies to one read request.
 
     Args:
-        request: what is asked for.
+        request: the read request.
     """
 
     def __init__(self, request: ReadRequest) -> None:

@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | enable | PLC | bit 0: the operator allows blocks to be written and used |
 | ack_seq | PLC | sequence number of the block last accepted, 0 when none |
-| ack_result | PLC | what became of the block last committed (`fieldlink.registers.codes`) |
+| ack_result | PLC | outcome of the block last committed (`fieldlink.registers.codes`) |
 | active_bank | PLC | bank of the block last accepted |
 | ack_commit | PLC | the commit word that ack_result is about |
 | ack_refusal | PLC | why the consumer refuses or gave up the model of ack_seq (`Refusal`) |
@@ -81,7 +81,7 @@ class ExchangeWords:
 class ExchangeLayout:
     """0-based addresses of one loop's exchange registers, all of them holding registers.
 
-    ``ack_refusal`` and ``writer`` are optional: without them a refusal cannot be told, and a second
+    ``ack_refusal`` and ``writer`` are optional: without them no refusal is reported, and a second
     writer with an identity of its own not be seen.
     """
 

@@ -8,4 +8,4 @@ HEARTBEAT_EVERY = 2.0
 """Seconds from one heartbeat to the next, whatever the polling period: a reader may miss four."""
 
 HEARTBEAT_TIMEOUT = 10.0
-"""Seconds without a change after which a reader calls the heartbeat dead, unless told otherwise."""
+"""Seconds without a change after which a reader calls the heartbeat dead, unless set otherwise."""

@@ -1,7 +1,7 @@
 """A tag: one named value of a device, where its registers are and what they mean.
 
 ``engineering value = scale * raw + offset``. A reading outside the engineering range ``low..high``,
-or one that is no number, keeps its value and says so in its quality: what to do about it is for
+or one that is not a number, keeps its value and says so in its quality: what to do about it is for
 those who use it to decide. A tag with ``clamp`` is cut off at its range instead, and is good.
 """
 
@@ -186,7 +186,7 @@ class Tag:
     def with_bit(self, word: int, state: bool) -> int:
         """Return the register ``word`` with the tag's bit set to ``state``, the others kept."""
         if self.bit is None:
-            raise RegisterValueError(f"{self.name} is no single bit of a register")
+            raise RegisterValueError(f"{self.name} is not a single bit of a register")
         mask = _swapped(1 << self.bit, self.byte_order)
         return word | mask if state else word & ~mask
 

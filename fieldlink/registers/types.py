@@ -216,7 +216,7 @@ def encode(
     codec = _number_codec(data_type)
     if data_type is DataType.BOOL:
         if value not in (0, 1):
-            raise RegisterValueError(f"{value!r} is no bool; write 0 or 1")
+            raise RegisterValueError(f"{value!r} is not a bool; write 0 or 1")
         return [int(value)]
     if data_type.is_float:
         if math.isfinite(value) and not codec.low <= value <= codec.high:
@@ -278,7 +278,7 @@ def pattern(words: Sequence[int], *, word_order: Order = "big", byte_order: Orde
 
 def _number_codec(data_type: DataType) -> _Codec:
     if data_type is DataType.STRING:
-        raise RegisterValueError("a string is no number; use decode_text and encode_text")
+        raise RegisterValueError("a string is not a number; use decode_text and encode_text")
     return _CODECS[data_type]
 
 
@@ -292,7 +292,7 @@ def _as_words(words: Sequence[int], word_order: Order, byte_order: Order) -> lis
     """Reorder between device order and big-endian order; the mapping is its own inverse."""
     for word in words:
         if not 0 <= word <= 0xFFFF:
-            raise RegisterValueError(f"{word!r} is no register value (0 to 65535)")
+            raise RegisterValueError(f"{word!r} is not a register value (0 to 65535)")
     ordered = list(words) if word_order == "big" else list(reversed(words))
     if byte_order == "little":
         ordered = [(word >> 8) | ((word & 0xFF) << 8) for word in ordered]

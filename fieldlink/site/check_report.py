@@ -276,7 +276,7 @@ def _loop_warnings(name: str, loop: Loop) -> list[str]:
     warnings = []
     span = loop.window * loop.period
     if loop.mode is None and loop.plant is None:
-        warnings.append(f"loop {name}: without a mode tag, samples in manual cannot be told apart")
+        warnings.append(f"loop {name}: without a mode tag, samples in manual cannot be recognised")
     if loop.estimate_period > span:
         warnings.append(
             f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window "

@@ -65,7 +65,7 @@ class _Candidate:
 
 
 def guess_columns(header: Sequence[str], named: Mapping[str, int]) -> ColumnGuess:
-    """Return the columns of op, pv, sp, auto and time that the headings tell.
+    """Return the columns of op, pv, sp, auto and time found in the headings.
 
     Args:
         header: the headings.

@@ -55,7 +55,7 @@ def _op_out_fits(
         )
     elif tag.table is not Table.HOLDING or tag.data_type in (DataType.BOOL, DataType.STRING):
         yield source.problem(
-            key, f"{wanted} is no number in a holding register", "name the tag that takes OP"
+            key, f"{wanted} is not a number in a holding register", "name the tag that takes OP"
         )
     elif not tag.writable:
         yield source.problem(

@@ -134,7 +134,7 @@ def _read_text(
 
 
 def _not_csv(path: Path, why: str) -> Problem:
-    return Problem(str(path), "", f"is no CSV file: {why}", "export it as CSV with a header row")
+    return Problem(str(path), "", f"is not a CSV file: {why}", "export it as CSV with a header row")
 
 
 def _separator(text: str) -> str:

@@ -13,7 +13,7 @@ from fieldlink.site.device import Model, Seconds
 __all__ = ["EstimationSettings", "HistorianTable", "ReportSettings", "WebSettings"]
 
 LONGEST_DAYS = 36_500
-"""A century: whoever means for ever leaves the key out."""
+"""A century: for ever is the key left out."""
 
 
 class HistorianTable(Model):

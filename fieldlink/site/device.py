@@ -1,4 +1,4 @@
-"""``[devices.NAME]``: how a device is reached, what it bears, and what it holds."""
+"""``[devices.NAME]``: how a device is reached, what it supports, and what it holds."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Tls(Model):
 
 
 class Quirks(Model):
-    """``[devices.NAME.quirks]``: what the device does not bear."""
+    """``[devices.NAME.quirks]``: requests that the device does not support."""
 
     pause_after_connect: Pause = 0.0
     """Seconds between opening the connection and the first request."""
@@ -64,7 +64,7 @@ class Quirks(Model):
     one_request_per_tag: bool = False
     """Whether every tag is asked for alone; OP and PV are then of different moments."""
     probe_after_timeout: bool = False
-    """Whether the first reply after a time-out must prove that it is no late one; RTU always."""
+    """Whether the first reply after a time-out must prove that it is not a late one; RTU always."""
 
 
 def _default_port(keys: dict[str, Any]) -> int:
@@ -128,7 +128,7 @@ class Device(Model):
     opcua: OpcuaSettings = OpcuaSettings()
     """How an OPC UA server is asked."""
     quirks: Quirks = Quirks()
-    """What the device does not bear."""
+    """Requests that the device does not support."""
 
     @property
     def is_modbus(self) -> bool:
@@ -183,7 +183,8 @@ class Device(Model):
             )
         if self.is_rtu and not 1 <= self.unit <= 247:
             raise ValueError(
-                f"unit {self.unit} is none of a serial line; give the device's own, from 1 to 247"
+                f"unit {self.unit} is not valid on a serial line; give the device's own, from 1 to "
+                "247"
             )
         if (self.link == "modbus-tls") != (self.tls is not None):
             raise ValueError(

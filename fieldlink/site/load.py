@@ -1,4 +1,4 @@
-"""Reading a site file: everything is checked at the door, and everything wrong is said at once."""
+"""Reading a site file: everything is checked at the door, and every error is reported at once."""
 
 from __future__ import annotations
 

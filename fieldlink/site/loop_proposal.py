@@ -1,4 +1,4 @@
-"""Which tags of a register map belong to which loop, and in which role, as far as names tell.
+"""Which tags of a register map belong to which loop, and in which role, as far as names show.
 
     found = propose_loops(tags)
     found.loops[0].roles      # {"op": "FC101.OP", "pv": "FC101.PV"}
@@ -41,7 +41,7 @@ _INTEGERS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LoopProposal:
-    """One loop as the names tell it.
+    """One loop as its names show it.
 
     Attributes:
         name: the loop's name.
@@ -62,7 +62,7 @@ class LoopProposal:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What a register map tells.
+    """What the names of a register map show.
 
     Attributes:
         loops: loops that have, or may have, an OP and a PV, by name.
@@ -74,7 +74,7 @@ class Proposal:
 
 
 def propose_loops(tags: Iterable[Tag]) -> Proposal:
-    """Return the loops that the names of tags tell."""
+    """Return the loops that the names of tags show."""
     groups: dict[str, dict[str, list[tuple[int, str]]]] = {}
     names: dict[str, str] = {}
     for tag in tags:
@@ -145,7 +145,7 @@ def _number_of(name: str) -> str:
 
 
 def _meanings(tag: Tag) -> Iterator[tuple[str, int, str]]:
-    """Yield the roles that a tag's name tells: role, plainness (0 is plainest), loop."""
+    """Yield the roles that a tag's name shows: role, plainness (0 is plainest), loop."""
     apart = re.sub(r"[\[(].*?[\])]", " ", tag.name)
     # FC101OP has no separator: the signal begins after the number.
     for text in (apart, re.sub(r"(?<=\d)(?=[A-Za-z]{2})", " ", apart)):

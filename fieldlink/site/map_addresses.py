@@ -51,7 +51,7 @@ def parse_address(cell: str, style: AddressStyle) -> FoundAddress:
     text = re.sub(r"\.0+$", "", cell.strip()) if style == "zero" else cell.strip()
     found = _NUMBER.fullmatch(re.sub(r"^([0134])x(\d{4,5})", r"\1\2", text, flags=re.IGNORECASE))
     if found is None:
-        raise ValueError(f"{cell!r} is no address; give a number such as 100, 0x64 or 40101")
+        raise ValueError(f"{cell!r} is not an address; give a number such as 100, 0x64 or 40101")
     digits, bit_text = found[1], found[2]
     bit = None if bit_text is None else int(bit_text)
     if bit is not None and bit > 15:

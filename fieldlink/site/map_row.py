@@ -106,7 +106,7 @@ class RowReader:
             self.report("outside", "there is no range to clamp to", "give low, high or both")
         if not 0.0 <= every <= LONGEST_INTERVAL:
             remedy = f"give seconds from 0 to {LONGEST_INTERVAL:g}, or leave it empty"
-            self.report("every", f"{every:g} is no interval", remedy)
+            self.report("every", f"{every:g} is not an interval", remedy)
         if table is not None and data_type is not None:
             self._type_fits(table, data_type)
         bit = self._bit(table, data_type)
@@ -159,7 +159,7 @@ class RowReader:
         if data_type is DataType.STRING:
             for column in ("scale", "offset", *_POINTS, "low", "high", "outside", "invalid"):
                 if self._cell(column):
-                    self.report(column, "a string is no number", "leave it empty")
+                    self.report(column, "a string is not a number", "leave it empty")
 
     def _scaling(self) -> tuple[float, float]:
         """Return scale and offset, given as such or by two points."""
@@ -181,7 +181,7 @@ class RowReader:
                 self.report(empty[0], "is empty", remedy)
             return 1.0, 0.0
         if raw_low == raw_high or eng_low == eng_high:
-            self.report("raw_low", "the two points are one", "give two that differ in both")
+            self.report("raw_low", "both points are the same", "give two that differ in both")
             return 1.0, 0.0
         slope = (eng_high - eng_low) / (raw_high - raw_low)
         offset = eng_low - slope * raw_low
@@ -246,7 +246,7 @@ class RowReader:
             except ValueError:
                 self.report(
                     "invalid",
-                    f"{quoted(word)} is no number",
+                    f"{quoted(word)} is not a number",
                     "give raw values, such as 0x8000 -9999 nan",
                 )
         bits = 16 * (data_type.registers if data_type is not None else 4)
@@ -281,14 +281,18 @@ class RowReader:
         try:
             return self._parse(cell)
         except ValueError:
-            self.report(column, f"{quoted(cell)} is no number", "give a number or leave it empty")
+            self.report(
+                column, f"{quoted(cell)} is not a number", "give a number or leave it empty"
+            )
             return default
 
     def _whole(self, column: str, low: int, high: int, remedy: str) -> int | None:
         cell = self._cell(column)
         digits = cell.isascii() and cell.isdigit() and len(cell) <= len(str(high))
         if not (digits and low <= int(cell) <= high):
-            self.report(column, f"{quoted(cell)} is no whole number from {low} to {high}", remedy)
+            self.report(
+                column, f"{quoted(cell)} is not a whole number from {low} to {high}", remedy
+            )
             return None
         return int(cell)
 
@@ -297,7 +301,7 @@ class RowReader:
         try:
             address = int(cell)
         except ValueError:
-            message = f"{quoted(cell)} is no whole number" if cell else "is empty"
+            message = f"{quoted(cell)} is not a whole number" if cell else "is empty"
             self.report("address", message, "give the 0-based address, for 40001 that is 0")
             return None
         if not 0 <= address <= _LAST_ADDRESS:

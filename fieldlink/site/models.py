@@ -46,7 +46,7 @@ __all__ = [
 Span = tuple[float, float]
 
 LARGEST_LIMIT = 1e6
-"""Units of OP: a single float of a parameter block still tells a tenth of a unit there."""
+"""Units of OP: a single float of a parameter block still resolves a tenth of a unit there."""
 
 
 class SiteSettings(Model):
@@ -75,7 +75,7 @@ class ExchangeAddresses(Model):
     ack_seq: Address
     """PLC: sequence number of the block last accepted."""
     ack_result: Address
-    """PLC: what became of the block last committed."""
+    """PLC: outcome of the block last committed."""
     active_bank: Address
     """PLC: bank of the block last accepted."""
     ack_commit: Address
@@ -89,7 +89,7 @@ class ExchangeAddresses(Model):
     bank_b: Address
     """Fieldlink: first register of bank B."""
     ack_refusal: Address | None = None
-    """PLC: why the consumer refuses or gave up the model; left out, refusals are not told."""
+    """PLC: why the consumer refuses or gave up the model; left out, refusals are not reported."""
     writer: Address | None = None
     """Fieldlink: identity of the installation that writes; may be left out."""
 

@@ -54,7 +54,9 @@ def read_node_map(path: Path) -> Mapping[str, Tag]:
         reader = RowReader(str(file.path), row.line, cell, file.number)
         if NODE_ID.fullmatch(cell("node")) is None:
             reader.report(
-                "node", f"{cell('node')!r} is no node id", "write it like ns=2;s=FC101.PV or i=2258"
+                "node",
+                f"{cell('node')!r} is not a node id",
+                "write it like ns=2;s=FC101.PV or i=2258",
             )
         rows.append((row.line, reader))
         nodes[cell("tag")] = cell("node")

@@ -56,7 +56,7 @@ class OpcuaSettings(Model):
     def _is_node_id(cls, text: str | None) -> str | None:
         if text is not None and NODE_ID.fullmatch(text) is None:
             raise ValueError(
-                f'exchange_node = "{text}" is no node id; write it like ns=2;s=FC101.Exchange'
+                f'exchange_node = "{text}" is not a node id; write it like ns=2;s=FC101.Exchange'
             )
         return text
 

@@ -129,7 +129,7 @@ class RecordedColumns:
                 if wrong <= _MAX_PROBLEMS:
                     self.report(
                         self._file.header[column],
-                        f"{cell!r} is no number",
+                        f"{cell!r} is not a number",
                         "correct it, or leave the cell empty where the sample is bad",
                         row.line,
                     )
@@ -179,7 +179,7 @@ class RecordedColumns:
         return values
 
     def sampling(self, column: int | None, *, is_guessed: bool = False) -> Sampling | None:
-        """Return what the time column says; nothing where a guessed one tells no time."""
+        """Return what the time column says; nothing where a guessed one holds no time."""
         if column is None:
             return None
         name = self._file.header[column]

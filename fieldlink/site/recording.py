@@ -76,7 +76,7 @@ class Recording:
         """Return the rows of a slice; period and notes stay those of the whole file."""
         start, stop, step = rows.indices(len(self))
         if step != 1 or stop <= start:
-            raise ValueError(f"{rows} is no run of rows of a recording of {len(self)}")
+            raise ValueError(f"{rows} is not a run of rows of a recording of {len(self)}")
         op, pv = self.op[rows], self.pv[rows]
         sp = None if self.sp is None else self.sp[rows]
         return replace(

@@ -31,7 +31,7 @@ from fieldlink.site.toml_source import TomlSource
 __all__ = ["find_problems"]
 
 LONGEST_NAME = 200
-"""Characters: a name that no screen shows in one line tells nobody what it means."""
+"""Characters: a longer name does not fit on one line of a screen."""
 
 
 def find_problems(site: Site, source: TomlSource) -> list[Problem]:

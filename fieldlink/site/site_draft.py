@@ -60,7 +60,7 @@ class SiteDraft:
     def text(self) -> str:
         """The site file."""
         lines = [
-            f"# Made by fieldlink init from {_comment(self.source)}. Every key: docs/site-file.md",
+            f"# Made by fieldlink init from {_comment(self.source)}. Every key: fieldlink schema",
             "",
             "[site]",
             f"name = {_quote(self.path.stem)}",

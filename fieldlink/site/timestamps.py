@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 class NoClockError(ValueError):
-    """A column that does not tell time; ``index`` is the row at fault, if one is."""
+    """A column without a readable time; ``index`` is the row at fault, if one is."""
 
     def __init__(self, message: str, index: int | None = None) -> None:
         self.index = index
@@ -139,13 +139,13 @@ def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float])
     try:
         return number(cells[index])
     except ValueError as error:
-        raise NoClockError(f"{cells[index]!r} is no number of seconds", index) from error
+        raise NoClockError(f"{cells[index]!r} is not a number of seconds", index) from error
 
 
 def _time_of_day(cells: Sequence[str], index: int) -> float:
     cell = cells[index]
     if not _TIME_OF_DAY.match(cell):
-        raise NoClockError(f"{cell!r} is no time of day", index)
+        raise NoClockError(f"{cell!r} is not a time of day", index)
     parts = [float(part) for part in cell.replace(",", ".").split(":")]
     return math.fsum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
 
@@ -179,7 +179,7 @@ def _dates(cells: Sequence[str], filled: list[int]) -> tuple[Floats, float]:
         return min(complete, key=lambda reading: float(np.ptp(reading[0])))
     best = max((iso, *readings), key=lambda stamps: int(stamps.notna().sum()))
     wrong = filled[int(np.flatnonzero(best.isna().to_numpy())[0])]
-    raise NoClockError(f"{cells[wrong]!r} is no date and time", wrong)
+    raise NoClockError(f"{cells[wrong]!r} is not a date and time", wrong)
 
 
 def _seconds(stamps: pd.Series[pd.Timestamp]) -> tuple[Floats, float]:

@@ -1,6 +1,6 @@
 """A TOML file with the line of every key, so that an error can say where it is.
 
-`tomllib` does not tell lines, so a light scan of the text finds table headers and the keys at the
+`tomllib` reports no lines, so a light scan of the text finds table headers and the keys at the
 beginning of lines. Keys inside an inline table have the line of the key that holds the table.
 """
 

@@ -1,4 +1,7 @@
-"""The historian: append-only tables, written by a thread, read as pandas frames."""
+"""The historian: append-only tables, written by a thread, read as pandas frames.
+
+Nothing here asks a device or decides what is recorded; records come in, queries go out.
+"""
 
 from fieldlink.store.backup import Backup, back_up
 from fieldlink.store.errors import StoreError

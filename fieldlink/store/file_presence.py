@@ -37,7 +37,7 @@ class Presence:
         self._let_go = False
 
     def lost(self) -> str:
-        """Say what became of the file; empty while it is the one that was opened."""
+        """Say what happened to the file; empty while it is the one that was opened."""
         now = _identity(self._file)
         if now == self._known:
             return ""

@@ -80,7 +80,7 @@ class SampleRecord(Record):
 
 @dataclass(frozen=True, slots=True)
 class SlotRecord(Record):
-    """What became of a loop's slots in the ``seconds`` before ``utc_ms``.
+    """The counts of a loop's slots in the ``seconds`` before ``utc_ms``.
 
     ``expected = read + bad + missed``; ``late`` are those of ``read`` and ``bad`` whose reply came
     more than a tenth of a period after it was due.

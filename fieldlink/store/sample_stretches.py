@@ -1,4 +1,4 @@
-"""Samples of a historian read a stretch at a time, over one connection: for whoever reads them all.
+"""Samples of a historian read a stretch at a time, over one connection: for readers of all samples.
 
 Loops and their first and last sample are found by the table's index, so that a historian of a year
 is not read to find out what is in it.

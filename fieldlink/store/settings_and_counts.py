@@ -33,7 +33,7 @@ class HistorianSettings:
 
 @dataclass(frozen=True, slots=True)
 class StoreReport:
-    """What became of the records so far.
+    """The counts of records so far.
 
     Attributes:
         written: rows in the database.

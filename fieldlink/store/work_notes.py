@@ -49,12 +49,12 @@ def record_work(
         StoreError: unknown state, there is no historian, or it cannot be written.
     """
     if state not in WORK_STATES:
-        raise StoreError(f"there is no state {state!r}; use one of: {', '.join(WORK_STATES)}")
+        raise StoreError(f"the state {state!r} is not known; use one of: {', '.join(WORK_STATES)}")
     moment = round(1000.0 * time.time()) if utc_ms is None else utc_ms
     record = WorkRecord(loop, moment, state, owner, note, author)
     words = f"{state}, owner {owner or 'nobody'}" + (f": {note}" if note else "")
     event = EventRecord(moment, f"work.{state}", loop, words, {"author": author})
-    # Work is said about loops that the historian knows; a mistyped address makes no new one.
+    # Work is entered for loops that the historian knows; a mistyped address makes no new one.
     open_for_reading(url).dispose()
     engine = open_for_writing(url, record)
     try:

@@ -150,7 +150,7 @@ class BrokerSession:
         return taken
 
     def abort(self) -> None:
-        """Give the connection up: whoever waits for it gets a `BrokerError`."""
+        """Give the connection up: callers that wait for it get a `BrokerError`."""
         self._on_lost("fieldlink stops")
 
     async def close(self, farewell: Sequence[Outgoing] = ()) -> None:

@@ -22,7 +22,7 @@ LONGEST_REASON = 200
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What became of a command: whether it was accepted, and a sentence."""
+    """The outcome of a command: whether it was accepted, and a sentence."""
 
     accepted: bool
     message: str

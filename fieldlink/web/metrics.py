@@ -1,7 +1,7 @@
 """A snapshot of the daemon in the format that Prometheus reads.
 
 Every figure is a count or a state that the daemon keeps anyway; nothing is measured for a scrape.
-Counts begin anew when the daemon does, as Prometheus expects.
+Counts start again when the daemon does, as Prometheus expects.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from prometheus_client.core import (
 from fieldlink.daemon import LATENESS_BOUNDS, DaemonStatus, EstimateOutcome
 from fieldlink.links import LinkState
 
-__all__ = ["render_metrics"]
+__all__ = ["collect_metrics", "render_metrics"]
 
 VERDICTS = ("stiction", "no_stiction", "not_assessable")
 
@@ -41,18 +41,23 @@ class _Snapshot(CollectorRegistry):
         self._status = status
 
     def collect(self) -> Iterator[Metric]:
-        yield from _of_loops(self._status)
-        yield from _of_devices(self._status)
-        yield from _of_the_store(self._status)
-        yield from _of_the_daemon(self._status)
-        yield from _of_the_broker(self._status)
+        yield from collect_metrics(self._status)
+
+
+def collect_metrics(status: DaemonStatus) -> Iterator[Metric]:
+    """Give every metric of the daemon with its samples, without those of its process."""
+    yield from _of_loops(status)
+    yield from _of_devices(status)
+    yield from _of_the_store(status)
+    yield from _of_the_daemon(status)
+    yield from _of_the_broker(status)
 
 
 def _of_loops(status: DaemonStatus) -> Iterator[Metric]:
     names = ["loop", "device"]
     slots = CounterMetricFamily(
         "fieldlink_loop_slots",
-        "Samples that a loop should have given, by what became of them: expected = read + bad + "
+        "Samples that a loop should have given, by outcome: expected = read + bad + "
         "missed; late ones are counted among read and bad too.",
         labels=[*names, "outcome"],
     )
@@ -240,7 +245,7 @@ def _of_the_daemon(status: DaemonStatus) -> Iterator[Metric]:
         ),
         CounterMetricFamily(
             "fieldlink_defects",
-            "Errors met that the program does not foresee; the log tells where.",
+            "Unexpected errors; the log names the place.",
             status.defects,
         ),
         reloads,

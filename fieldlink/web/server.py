@@ -1,4 +1,4 @@
-"""The HTTP server, in the daemon's event loop or alone: bound to loopback unless told otherwise."""
+"""The HTTP server, in the daemon's event loop or alone: bound to loopback unless set otherwise."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ compared with what was before it."""
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """When a valve was repaired, UTC, and who says so."""
+    """When a valve was repaired, UTC, and the source."""
 
     time: datetime
     source: str

@@ -114,7 +114,7 @@ class WorkRow:
     Attributes:
         tag, device: the loop and its device; the device is empty for a recording.
         finding: what is wrong and what to do.
-        item: state, owner and note; None where nobody has said anything.
+        item: state, owner and note; None where nothing was entered.
         stick_band, slip_jump: intervals in % of OP's span.
         interval_confidence: of these intervals.
         limit: stick band, in % of span, that maintenance should not let pass.

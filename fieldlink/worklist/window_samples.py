@@ -49,7 +49,7 @@ class WindowSamples:
     ) -> WindowSamples | None:
         """Build from `fieldlink.store.FleetReader.samples`; None where there is too little.
 
-        Missed slots are rows of NaN. A history whose numbering of slots has begun anew is cut to
+        Missed slots are rows of NaN. A history whose numbering of slots has started again is cut to
         what came since.
         """
         slots = frame["slot"].to_numpy(dtype=np.int64)

@@ -51,7 +51,7 @@ FORMATS: Mapping[str, Callable[[WorkDocument], bytes]] = {
 
 
 def format_of(path: Path | None, wanted: str | None) -> str:
-    """Return the format that is wanted, or that of the file's ending; HTML where neither tells.
+    """Return the format that is wanted, or that of the file's ending; HTML where neither names one.
 
     Raises:
         ReportError: an unknown ending.
@@ -63,7 +63,7 @@ def format_of(path: Path | None, wanted: str | None) -> str:
         return ending
     if ending:
         raise ReportError(
-            f"{path}: .{ending} is no kind of report; end it in .html, .pdf, .csv or .xlsx, or "
+            f"{path}: .{ending} is not a kind of report; end it in .html, .pdf, .csv or .xlsx, or "
             "name the format with --format"
         )
     return "html"

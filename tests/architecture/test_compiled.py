@@ -63,7 +63,7 @@ def _kernels(folder: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*.nb?")}
 
 
-def test_a_changed_callee_is_compiled_anew_and_an_unchanged_one_is_not(
+def test_a_changed_callee_is_compiled_again_and_an_unchanged_one_is_not(
     package: Path, tmp_path: Path
 ) -> None:
     named = tmp_path / "named"

@@ -59,8 +59,8 @@ def test_a_folder_becomes_a_ranked_table_and_a_poisoned_file_costs_one_row(
     assert (first["cause"], first["start"], first["samples"]) == ("sticky_valve", "0", "400")
     assert Path(last["file"]) == folder / "PC104.csv"
     assert last["error"] == (
-        "line 62: pv: 'off' is no number; correct it, or leave the cell empty where the sample is "
-        "bad"
+        "line 62: pv: 'off' is not a number; correct it, or leave the cell empty where the sample "
+        "is bad"
     )
     assert last["verdict"] == ""
     parquet = pq.read_table(out / "loops.parquet")
@@ -70,7 +70,7 @@ def test_a_folder_becomes_a_ranked_table_and_a_poisoned_file_costs_one_row(
     ]
     page = (out / "report.html").read_text()
     assert "FC101" in page
-    assert "is no number" in page
+    assert "is not a number" in page
     assert not (out / "run.sqlite").exists()
 
 
@@ -116,7 +116,7 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
     ("arguments", "words"),
     [
         (["missing.csv"], "there is no file or folder missing.csv"),
-        ([".", "--every", "soon"], "is no length of time"),
+        ([".", "--every", "soon"], "is not a length of time"),
         ([".", "--engine", "cloud"], "write local or dask"),
         ([".", "--out", "taken"], "holds loops.csv of something else"),
     ],

@@ -1,4 +1,4 @@
-"""Criteria are read from the benchmarks' figures; a missing figure is said to be missing."""
+"""Criteria are read from the benchmarks' figures; a missing figure is reported as missing."""
 
 from __future__ import annotations
 

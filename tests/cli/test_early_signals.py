@@ -45,7 +45,7 @@ def run(signals: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_a_service_that_is_stopped_while_it_loads(name: str, module: str, tmp_path: Path) -> None:
     result = run(f"{name}:{module}", "run", str(tmp_path / "site.toml"))
     assert result.returncode == 0, result.stderr
-    assert result.stderr == "fieldlink: stopped before it had begun\n"
+    assert result.stderr == "fieldlink: stopped before it had started\n"
 
 
 def test_a_reload_that_comes_too_early_harms_nothing(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_on_a_terminal_it_asks(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert written["devices"]["plc"]["host"] == "127.0.0.1"
 
 
-def test_a_plc_that_does_not_answer_is_said_after_the_files_are_written(folder: Path) -> None:
+def test_a_plc_that_does_not_answer_is_reported_after_the_files_are_written(folder: Path) -> None:
     options = ("--host", "127.0.0.1", "--port", "1", "--auto-values", "1", "--yes")
     result = run("clear.csv", *options)
     assert result.exit_code == 0, result.output

@@ -209,7 +209,7 @@ def test_a_healthy_valve_model_is_simply_good_control() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", ["equation_noise", "measurement_noise"])
-def test_the_kind_of_noise_is_told_by_the_data(kind: str, seed: int) -> None:
+def test_the_kind_of_noise_is_found_by_the_data(kind: str, seed: int) -> None:
     rest = EXAMPLE_1.process.gain * 50.0
     size = {"equation_noise": 0.01, "measurement_noise": 0.15}[kind]
     study = Study([(0, rest), (100, rest + 6.0)], 400, seed=seed, **{kind: size})

@@ -303,7 +303,7 @@ def test_a_valve_model_far_too_small_is_given_up() -> None:
     }
 
 
-def test_a_frozen_pv_is_told_from_a_quiet_one(compensated: Loop) -> None:
+def test_a_frozen_pv_differs_from_a_quiet_one(compensated: Loop) -> None:
     frozen = compensated.plant.pv
     held = None
     for _ in range(60):

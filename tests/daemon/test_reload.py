@@ -31,7 +31,7 @@ def kinds(site: Site, kind: str) -> list[str]:
     return events[events["kind"] == kind]["message"].tolist()
 
 
-async def test_a_changed_loop_begins_anew_and_the_others_keep_their_windows(
+async def test_a_changed_loop_starts_again_and_the_others_keep_their_windows(
     new_device: Callable[..., Any], tmp_path: Path, live: Any
 ) -> None:
     first, second = new_device(), new_device()
@@ -81,7 +81,7 @@ async def test_settings_that_are_not_about_samples_leave_the_window(
         await live.until(
             lambda: daemon.status().loops["PLC"].counts.read >= counts.read + 20, "more samples"
         )
-        # The device was begun anew, its loop went on: slots are counted on.
+        # The device was started again, its loop went on: slots are counted on.
         counts = daemon.status().loops["PLC"].counts
         assert counts.expected == counts.read + counts.missed + counts.bad
         assert counts.read >= 70
@@ -133,7 +133,7 @@ async def test_loops_come_and_go(new_device: Callable[..., Any], tmp_path: Path,
         assert len(second.requests) == asked
 
 
-async def test_what_needs_a_start_is_said(device: Any, tmp_path: Path, live: Any) -> None:
+async def test_what_needs_a_start_is_reported(device: Any, tmp_path: Path, live: Any) -> None:
     site = live.site_for(tmp_path, {"plc": device.port})
     other = tmp_path / "other.toml"
     other.write_text(site.path.read_text() + "\n[historian]\nretention_days = 3.0\n")

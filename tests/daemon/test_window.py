@@ -119,7 +119,7 @@ def test_a_counter_wraps() -> None:
 
 
 @pytest.mark.parametrize("modulus", [65536.0, math.inf])
-def test_a_counter_that_began_anew_leaves_a_gap_as_long_as_the_time(modulus: float) -> None:
+def test_a_counter_that_started_again_leaves_a_gap_as_long_as_the_time(modulus: float) -> None:
     placer = CounterPlacer(1.0, modulus)
     placer.place(0.0, 30_000.0)
     placed = placer.place(20.0, 3.0)

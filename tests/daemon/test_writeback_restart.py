@@ -152,7 +152,7 @@ async def test_a_block_that_was_never_committed_is_said_to_be_interrupted(
     assert after.plc.state.ack_seq == 2
 
 
-async def test_what_was_begun_is_looked_for_until_the_device_answers(
+async def test_what_was_started_is_looked_for_until_the_device_answers(
     bench: Callable[..., Bench], findings: Make, device: Any
 ) -> None:
     before = bench()

@@ -246,7 +246,7 @@ class WritebackMachine(RuleBasedStateMachine):
         )
 
     def _begin_again(self) -> None:
-        """A process that was killed begins anew with what the store holds."""
+        """A process that was killed starts again with what the store holds."""
         self.numbers = SequenceNumbers()
         self.writer = self._writer()
         if self.rows:

@@ -20,7 +20,7 @@ def test_pi_settings_are_exact_on_what_the_controller_saw(gain: float, process_g
     assert found.action == ("reverse" if gain > 0.0 else "direct")
 
 
-def test_derivative_action_is_told() -> None:
+def test_derivative_action_is_reported() -> None:
     loop = run(derivative_time=2.5, noise=0.1)
     found = read_controller(loop.op, loop.pv, loop.sp, period=2.0)
     assert found is not None

@@ -15,7 +15,7 @@ RECORDED = Path(__file__).resolve().parents[3] / "shared" / "data" / "oscillatio
 
 @pytest.mark.parametrize("cycle", [13.0, 61.0, 190.0])
 @pytest.mark.parametrize("shape", [np.sin, lambda x: np.sign(np.sin(x))])
-def test_the_period_is_told_through_noise_and_drift(cycle: float, shape) -> None:
+def test_the_period_is_found_through_noise_and_drift(cycle: float, shape) -> None:
     rng = np.random.default_rng(3)
     k = np.arange(2000)
     drift = 0.05 * np.cumsum(rng.standard_normal(k.size))

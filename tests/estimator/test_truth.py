@@ -78,7 +78,7 @@ def test_dead_time_is_found_and_not_given_away_to_a_lag(dead_time: int) -> None:
     assert sum(lags) == pytest.approx(5.0, rel=0.1)
 
 
-def test_a_long_dead_time_is_found_or_its_bound_is_said() -> None:
+def test_a_long_dead_time_is_found_or_its_bound_is_reported() -> None:
     result = identify(*_delayed(35))
     said = " ".join((*result.identifiability, *(reason.text for reason in result.reasons)))
     assert result.process.dead_time_samples == 35 or "dead time" in said

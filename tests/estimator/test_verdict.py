@@ -90,7 +90,7 @@ def test_evidence_makes_a_verdict_with_its_reason(
         (-ZONE - 0.1, Verdict.NO_STICTION, False),
     ],
 )
-def test_near_the_threshold_the_other_verdict_is_said_to_be_possible(
+def test_near_the_threshold_the_other_verdict_is_called_possible(
     beyond: float, verdict: Verdict, uncertain: bool
 ) -> None:
     found = judge(replace(CLEAR, log_bayes_factor=THRESHOLD + beyond), Fit(0.9, 0.8), SETTINGS)

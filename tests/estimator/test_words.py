@@ -46,7 +46,7 @@ def test_two_valves_that_explain_the_window_are_named() -> None:
     )
 
 
-def test_vague_parameters_are_said_to_be_vague() -> None:
+def test_vague_parameters_are_called_vague() -> None:
     vague = replace(SHARP, band=Interval(0.5, 0.3, 0.7), jump=Interval(0.1, 0.0, 0.3))
     band, jump = identifiability(vague, 10.0, sticky=True)
     assert band.startswith("the stick band is vague in this window: anything from 3 to 7")

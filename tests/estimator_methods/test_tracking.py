@@ -64,7 +64,7 @@ def test_precise_windows_weigh_more():
     assert band.value[4] == pytest.approx(2.0, abs=0.02)
 
 
-def test_a_step_is_dated_and_a_repair_starts_anew():
+def test_a_step_is_dated_and_a_repair_starts_again():
     true = np.concatenate([np.full(15, 2.0), np.full(15, 4.0), np.full(15, 1.0)])
     times = np.arange(45) * DAY
     band = track(times, _windows(true, 0.2), _windows(true, 0.2)).stick_band

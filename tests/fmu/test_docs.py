@@ -1,4 +1,4 @@
-"""docs/fmu.md against the program: its map is a map, its table the catalogue, its options exist."""
+"""docs/fmu.md against the program: its map is a map, its table the catalogue."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import re
 import tomllib
 from pathlib import Path
 
-import typer
-
-from fieldlink.cli.fmu import app
 from fieldlink.lab.fmu import FmuMap
 from fmu_models import catalogue
 
@@ -29,14 +26,3 @@ def test_the_table_is_the_catalogue() -> None:
     assert {name: float(period) for name, period in rows.items()} == {
         name: model.period for name, model in catalogue.items()
     }
-
-
-def test_options_and_commands_exist() -> None:
-    group = typer.main.get_command(app)
-    commands = group.commands  # type: ignore[attr-defined]
-    assert set(re.findall(r"fieldlink fmu (\w+)", TEXT)) == set(commands)
-    offered = {option for p in commands["run"].params for option in p.opts}
-    table = TEXT.split("| option | what it does |")[1].split("\n\n")[0]
-    named = set(re.findall(r"`(--[\w-]+)", table))
-    assert named
-    assert named <= offered

@@ -102,7 +102,7 @@ def test_state_is_saved_and_taken_up_again(tmp_path: Path) -> None:
     assert "the state is of another FMU" in str(other.exception)
     (tmp_path / "text").write_text("hello")
     text = command("run", "level", "--load-state", tmp_path / "text")
-    assert "it is no state that --save-state wrote" in str(text.exception)
+    assert "this file was not written by --save-state" in str(text.exception)
 
 
 def test_paced_run_takes_its_time_and_does_not_drift() -> None:
@@ -177,7 +177,7 @@ def test_watched_variables_and_booleans(mini_fmus: Minis) -> None:
         ),
         (
             '[controller]\nop = "A"\npv = "B"\ngain = 1\nintegral_time = 1\nsetpoint = [[0, 1]]\n',
-            r"controller\.op 'A' is no tag of \[inputs\]",
+            r"controller\.op 'A' is not a tag of \[inputs\]",
         ),
         ("period = 0", "period: Input should be greater than 0; got 0"),
     ],

@@ -1,4 +1,4 @@
-"""What is said of an FMU before anything of it runs."""
+"""What is printed about an FMU before anything of it runs."""
 
 from __future__ import annotations
 

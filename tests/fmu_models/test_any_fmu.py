@@ -200,7 +200,7 @@ def test_names_of_other_tools_are_suggested(mini_fmus: Minis) -> None:
         open_plant(mini_fmus["fmi2"], period=1.0, watch=["der(h)"])
 
 
-def test_wrong_guid_is_told_in_the_fmus_words(mini_fmus: Minis, tmp_path: Path) -> None:
+def test_wrong_guid_is_reported_in_the_fmus_words(mini_fmus: Minis, tmp_path: Path) -> None:
     for key in ("fmi1-cs", "fmi2"):
         wrong = tmp_path / f"{key}.fmu"
         with zipfile.ZipFile(mini_fmus[key]) as source, zipfile.ZipFile(wrong, "w") as copy:

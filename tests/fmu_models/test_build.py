@@ -1,4 +1,4 @@
-"""Building FMUs: valid, reproducible, current or not, and what is said when it fails."""
+"""Building FMUs: valid, reproducible, current or not, and the message when it fails."""
 
 from __future__ import annotations
 

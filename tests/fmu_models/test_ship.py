@@ -103,7 +103,7 @@ def test_the_wheel_carries_the_plants_and_needs_no_compiler(tmp_path: Path) -> N
     assert (run.returncode, run.stdout.strip()) == (0, str(len(catalogue))), run.stderr
 
 
-def test_a_wheel_without_plants_is_told(tmp_path: Path) -> None:
+def test_a_wheel_without_plants_is_reported(tmp_path: Path) -> None:
     import zipfile
 
     empty = tmp_path / "fieldlink-0-py3-none-any.whl"

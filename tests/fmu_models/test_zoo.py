@@ -1,4 +1,4 @@
-"""Every bad FMU beside a good plant: what is said, who goes on, and what is left behind."""
+"""Every bad FMU beside a good plant: the message, who goes on, and what is left behind."""
 
 from __future__ import annotations
 

@@ -7,10 +7,6 @@ import tomllib
 from pathlib import Path
 from typing import get_args
 
-import pytest
-from typer.testing import CliRunner
-
-from fieldlink.cli.app import app
 from fieldlink.links import LinkState, link_kinds
 from fieldlink.registers import ORDERS, DataType
 from fieldlink.site import Device, Quirks
@@ -51,12 +47,3 @@ def test_the_shown_devices_are_valid() -> None:
         "modbus-rtu",
         "modbus-tls",
     ]
-
-
-@pytest.mark.parametrize("command", ["scan", "read", "write", "map import", "map export"])
-def test_the_shown_options_exist(command: str) -> None:
-    help_text = CliRunner().invoke(app, [*command.split(), "--help"], env={"COLUMNS": "200"}).output
-    shown = re.findall(rf"^    fieldlink {command} (.*?)(?:#|$)", PAGE, re.MULTILINE)
-    assert shown
-    for option in re.findall(r"--[a-z-]+", " ".join(shown)):
-        assert option in help_text

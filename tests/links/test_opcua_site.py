@@ -15,13 +15,13 @@ from fieldlink.site import Site, SiteError
     [
         ('security = "Basic256Sha256"', "", "needs cert, key and server_cert"),
         ('username = "me"', "", "username and password_file belong together"),
-        ('exchange_node = "Exchange"', "", "is no node id"),
-        ("", "X,Temperature\n", "is no node id"),
+        ('exchange_node = "Exchange"', "", "is not a node id"),
+        ("", "X,Temperature\n", "is not a node id"),
         ("", "L0.OP,ns=1;s=L0.OP\n", "is already on line 2"),
         ('cert = "none.pem"\nkey = "none.key"', "", "there is no file"),
     ],
 )
-def test_a_wrong_device_is_told_in_a_sentence(
+def test_a_wrong_device_is_reported_in_a_sentence(
     make_opcua_site: Callable[..., Site], opcua: str, rows: str, said: str
 ) -> None:
     with pytest.raises(SiteError, match=said):

@@ -1,4 +1,4 @@
-"""What single devices do not bear, and tags that are read at rates of their own."""
+"""Workarounds for single devices, and tags that are read at rates of their own."""
 
 from __future__ import annotations
 

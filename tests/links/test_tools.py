@@ -105,7 +105,7 @@ def test_addresses_of_a_host_are_read(port: int) -> None:
     assert json.loads(result.stdout)["11:float32"]["value"] == 25.0
 
 
-def test_what_cannot_be_read_is_said(site: str) -> None:
+def test_what_cannot_be_read_is_reported(site: str) -> None:
     assert "holding 700" in refusal(run("read", site, "700"))
     assert "did you mean 'PUMP'?" in refusal(run("read", site, "PUMB"))
 
@@ -136,7 +136,7 @@ def test_an_absent_device_costs_the_tags_of_another_nothing(site: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["-1", "holding:", "holding:1:float", "1:string", "coil:1:int16"])
-def test_what_is_no_address_is_said(port: int, what: str) -> None:
+def test_what_is_not_an_address_is_reported(port: int, what: str) -> None:
     assert what in refusal(run("read", f"127.0.0.1:{port}", "--", what))
 
 
@@ -157,9 +157,9 @@ def test_a_tag_is_written_and_read_back(site: str, image: RegisterImage) -> None
         ("PV", "1", "not writable in the register map"),
         ("RUN", "1", "not writable in the register map"),
         ("OP", "100.5", "above the high limit"),
-        ("OP", "nan", "no measured value"),
-        ("OP", "much", "no value for OP"),
-        ("PUMP", "2", "no bool"),
+        ("OP", "nan", "not a measured value"),
+        ("OP", "much", "not a value for OP"),
+        ("PUMP", "2", "not a bool"),
         ("NAME", "too long a name", "15 characters"),
     ],
 )
@@ -254,7 +254,7 @@ def test_a_message_names_a_host_once_and_says_what_to_do(command: tuple[str, ...
         ("00017", "coil:16"), ("465536", "holding:65535"),
     ],
 )  # fmt: skip
-def test_an_address_of_a_manual_is_told(written: str, point: str) -> None:
+def test_an_address_of_a_manual_is_reported(written: str, point: str) -> None:
     assert as_manual_address(written) == point
 
 

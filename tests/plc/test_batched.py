@@ -53,7 +53,7 @@ def test_writes_between_batches_and_refusals(make_site: MakeSite) -> None:
         assert plc.record(1, ["FC101.SCAN"])["FC101.SCAN"].tolist() == [6.0]
 
 
-def test_a_crash_of_an_fmu_is_told(make_site: MakeSite, tmp_path: Path) -> None:
+def test_a_crash_of_an_fmu_is_reported(make_site: MakeSite, tmp_path: Path) -> None:
     source = Path(__file__).parents[1] / "fmu_models" / "sources" / "faulty.c"
     fmu = build_source(source, output=tmp_path)[1]
     plant = f'fmu = "{fmu}"\ncontroller = "none"\nparameters = {{ fault = 2 }}\n'

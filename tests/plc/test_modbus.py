@@ -88,7 +88,7 @@ async def test_illegal_addresses_answer_with_exception_2(client: AsyncModbusTcpC
     assert refusal(await client.write_coil(21, True)) == 2
 
 
-async def test_a_unit_that_nobody_has_answers_with_exception_11(
+async def test_a_unit_that_is_unused_answers_with_exception_11(
     client: AsyncModbusTcpClient,
 ) -> None:
     assert refusal(await client.read_holding_registers(10, count=1, device_id=7)) == 11
@@ -108,6 +108,6 @@ async def test_a_count_out_of_range_answers_with_exception_3(
     assert reply == b"\x00\x2a\x00\x00\x00\x03" + bytes([1, 0x80 | function, 3])
 
 
-async def test_a_port_in_use_is_said_with_its_remedy(port: int, image: RegisterImage) -> None:
+async def test_a_port_in_use_is_reported_with_its_remedy(port: int, image: RegisterImage) -> None:
     with pytest.raises(PortError, match=rf"127.0.0.1:{port}: Address already in use; stop what"):
         await listen([modbus_device(image, 1)], Listening(host=HOST, port=port))

@@ -178,7 +178,7 @@ def test_a_late_cycle_shows_no_stale_pv_and_the_loop_goes_on(make_many: MakeMany
         plc.scan()
         plc.scan()
         assert np.isnan(real(plc, 2))
-        assert plc.image.read(Table.HOLDING, 4, 1) == [1]  # nobody has switched to manual
+        assert plc.image.read(Table.HOLDING, 4, 1) == [1]  # the loop is still in automatic
         assert plc.late_cycles == {"A": 1}
         slow.answers = True
         plc.scan()

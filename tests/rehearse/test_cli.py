@@ -75,7 +75,7 @@ def test_json_and_report(write_scenario: WriteScenario, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_user_gets_wrong_is_said(write_scenario: WriteScenario) -> None:
+def test_what_a_user_gets_wrong_is_reported(write_scenario: WriteScenario) -> None:
     slip = fieldlink(write_scenario(daemon="windows = 3"))
     assert slip.returncode == 2
     assert "daemon.windows: unknown key; did you mean 'window'?" in slip.stderr

@@ -1,4 +1,4 @@
-"""The door of a scenario file: what is wrong is said with its place and what to do."""
+"""The door of a scenario file: an error names its place and what to do."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def test_late_polls_repeat_a_cycle_and_lose_none_but_one(make_scenario: MakeScen
     assert (counts.read, counts.missed) == (119, 1)  # the last late cycle is never polled
 
 
-def test_a_plc_without_power_lets_the_plant_coast_and_counts_anew(
+def test_a_plc_without_power_lets_the_plant_coast_and_counts_again(
     make_scenario: MakeScenario,
 ) -> None:
     run = rehearse(

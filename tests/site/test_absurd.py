@@ -42,7 +42,7 @@ MAP = "tag,address,type,scale,unit,comment\nOP,0,float32,1,%,\nPV,2,float32,1,%,
 
 @pytest.fixture
 def refused(tmp_path: Path) -> Callable[..., str]:
-    """Write a site and its map, and return what is said about them."""
+    """Write a site and its map, and return the message about them."""
 
     def make(site: str | bytes = SITE, register_map: str | bytes = MAP) -> str:
         for name, content in (("site.toml", site), ("map.csv", register_map)):
@@ -101,7 +101,7 @@ def test_a_site_file_in_another_encoding(refused: Callable[..., str], encoding: 
 @pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-32", "utf-32-be"])
 def test_a_map_in_another_encoding(refused: Callable[..., str], encoding: str) -> None:
     said = refused(register_map=MAP.encode(encoding))
-    assert said.startswith("map.csv: is no CSV file: it is ")
+    assert said.startswith("map.csv: is not a CSV file: it is ")
 
 
 def test_a_map_as_excel_writes_unicode_text(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def write(path: Path, header: str, row: str) -> Path:
     return path
 
 
-def test_what_was_taken_is_said(tmp_path: Path) -> None:
+def test_what_was_taken_is_reported(tmp_path: Path) -> None:
     file = write(tmp_path / "x.csv", "Zeit;FC1.OUT;FC1.PV", "12:00:{s};{k};5")
     recording = read_recording(file)
     assert recording.period == 1.0

@@ -73,7 +73,7 @@ good,40020,int16,
     found = import_map(write(tmp_path, "\n".join([*lines, more])))
     said = {problem.line: f"{problem.key}: {problem.message}" for problem in found.problems}
     assert said == {
-        3: "address: '' is no address",
+        3: "address: '' is not an address",
         4: "address: '17' is not written like the others (40001)",
         5: "type: 'decimal' is unknown",
         6: "length: int16 has its own length",
@@ -110,7 +110,7 @@ def test_addresses_as_manuals_write_them(cell: str, style: str, expected: FoundA
     ("cell", "style"),
     [("", "zero"), ("ten", "zero"), ("65536", "zero"), ("0", "one"), ("40000", "modicon")],
 )
-def test_what_is_no_address_is_refused(cell: str, style: str) -> None:
+def test_what_is_not_an_address_is_refused(cell: str, style: str) -> None:
     with pytest.raises(ValueError, match=";"):
         parse_address(cell, style)  # type: ignore[arg-type]
 
@@ -151,7 +151,7 @@ def test_the_commands(tmp_path: Path) -> None:
     out = tmp_path / "map.csv"
     refused = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out)])
     assert refused.exit_code == 2
-    assert "vendor.csv:3: address: 'x' is no address" in refused.stderr
+    assert "vendor.csv:3: address: 'x' is not an address" in refused.stderr
     assert not out.exists()
     taken = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out), "--skip-bad"])
     assert taken.exit_code == 0
@@ -203,7 +203,7 @@ def test_a_heading_is_named_where_the_list_has_words_of_its_own(tmp_path: Path) 
         ("tag", "is not COLUMN=HEADING"),
     ],
 )
-def test_a_heading_that_is_not_there_is_said(tmp_path: Path, pair: str, said: str) -> None:
+def test_a_heading_that_is_not_there_is_reported(tmp_path: Path, pair: str, said: str) -> None:
     file = write(tmp_path, "Typ;Modbus Address;Data Type\nFC1.OP;40001;REAL\n")
     result = CliRunner().invoke(app, ["map", "import", str(file), "--column", pair])
     assert said in f"{' '.join(result.output.replace('│', ' ').split())} {result.exception}"

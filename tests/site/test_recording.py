@@ -152,7 +152,7 @@ def test_a_wrong_time_stamp_is_named_with_its_row(write: Write) -> None:
         "time,op,pv",
         lambda k: f"{'yesterday' if k == 4 else f'2025-01-01 00:00:{k:02d}'},{plain(k)}",
     )
-    assert messages(path).startswith("6: time: 'yesterday' is no date and time")
+    assert messages(path).startswith("6: time: 'yesterday' is not a date and time")
 
 
 def test_empty_cells_are_bad_samples_and_counted(write: Write) -> None:
@@ -187,7 +187,7 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
     assert cut.op[0] == 10.0
     assert cut.nan_runs == (NanRun("pv", 2, 1),)
     assert cut.period == 2.0
-    with pytest.raises(ValueError, match="no run of rows"):
+    with pytest.raises(ValueError, match="not a run of rows"):
         cut.cut(slice(0, 10, 2))
 
 
@@ -195,11 +195,11 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
     ("content", "options", "expected"),
     [
         ("op,pv\n" + "1,2\n" * 49, {}, "has 49 rows, at least 50"),
-        ("op,pv\n" + "1,x\n" * 60, {}, "2: pv: 'x' is no number"),
+        ("op,pv\n" + "1,x\n" * 60, {}, "2: pv: 'x' is not a number"),
         ("op,pv\n" + "1,1.234,5\n" * 60, {}, "2: 3 cells where the header has 2"),
-        ("op;pv\n" + "1;1.234,5\n" * 60, {}, "'1.234,5' is no number"),
-        ("op,pv\n" + "1,inf\n" * 60, {}, "'inf' is no number"),
-        ("op,pv\n" + "1,1_000\n" * 60, {}, "'1_000' is no number"),
+        ("op;pv\n" + "1;1.234,5\n" * 60, {}, "'1.234,5' is not a number"),
+        ("op,pv\n" + "1,inf\n" * 60, {}, "'inf' is not a number"),
+        ("op,pv\n" + "1,1_000\n" * 60, {}, "'1_000' is not a number"),
         ("op,pv\n" + "1,\n" * 60, {}, "pv: holds no number at all"),
         ("1,2\n" * 60, {}, "the first row holds numbers, no names"),
         ("op,flow\n" + "1,2\n" * 60, {}, "1: pv: no column of that name; use one of: op, flow"),
@@ -211,9 +211,9 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,PV,Pv\n" + "1,2,3\n" * 60, {}, "several columns match: PV, Pv"),
         ("op,pv\n" + "1,2\n" * 60, {"period": 0.0}, "a period of 0.0 s is impossible"),
         ("", {}, "is empty"),
-        (b"\x00\x01\x02", {}, "is no CSV file: it is a binary file"),
-        (b"PK\x03\x04 a workbook", {}, "is no CSV file"),
-        ('op,pv\n"1,2\n' + "1,2\n" * 60, {}, "is no CSV file"),
+        (b"\x00\x01\x02", {}, "is not a CSV file: it is a binary file"),
+        (b"PK\x03\x04 a workbook", {}, "is not a CSV file"),
+        ('op,pv\n"1,2\n' + "1,2\n" * 60, {}, "is not a CSV file"),
     ],
 )
 def test_bad_files_are_refused_with_place_and_remedy(

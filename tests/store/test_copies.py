@@ -173,7 +173,7 @@ def test_documents_are_text(url: str, folder: Path) -> None:
         ("a.csv", {"table": "events", "loop": "FC101"}, "not a loop's"),
     ],
 )
-def test_what_cannot_be_exported_is_said(
+def test_what_cannot_be_exported_is_reported(
     url: str, folder: Path, name: str, options: dict[str, str], message: str
 ) -> None:
     with pytest.raises(StoreError, match=message):
@@ -182,7 +182,7 @@ def test_what_cannot_be_exported_is_said(
 
 
 @pytest.mark.usefixtures("url")
-def test_a_moment_that_is_none_is_said(folder: Path) -> None:
+def test_a_moment_that_is_none_is_reported(folder: Path) -> None:
     result = CliRunner().invoke(
         app,
         ["export", str(folder / "site.toml"), "--out", str(folder / "a.csv"), "--from", "noon"],

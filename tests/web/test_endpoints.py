@@ -86,7 +86,7 @@ async def test_health_and_metrics_of_a_running_daemon(
     assert found["process_resident_memory_bytes", ""] > 1e6
 
 
-async def test_what_a_device_refuses_and_how_often_it_was_opened_is_told(
+async def test_what_a_device_refuses_and_how_often_it_was_opened_is_reported(
     device: Any, tmp_path: Path, live: Any
 ) -> None:
     site = with_web(live.site_for(tmp_path, {"plc": device.port}), "")
@@ -179,7 +179,7 @@ async def test_tls(token_file: Path, tmp_path: Path, live: Any) -> None:
             await client.get(f"http://127.0.0.1:{port}/healthz")
 
 
-async def test_a_certificate_that_is_none_is_said(tmp_path: Path, live: Any) -> None:
+async def test_a_certificate_that_is_none_is_reported(tmp_path: Path, live: Any) -> None:
     (tmp_path / "cert.pem").write_text("nothing")
     text = 'tls_certificate = "cert.pem"\ntls_key = "cert.pem"\n'
     site = with_web(live.site_for(tmp_path, {"plc": 9}), text)

@@ -181,7 +181,7 @@ async def test_without_a_token_file_one_is_drawn_for_actions_and_kept_secret(
         assert file.read_text() == drawn
 
 
-async def test_a_note_starts_the_trend_anew(device: Any, tmp_path: Path, live: Any) -> None:
+async def test_a_note_starts_the_trend_again(device: Any, tmp_path: Path, live: Any) -> None:
     site = live.site_for(tmp_path, {"plc": device.port}, window=160, estimate_every=20.0)
     site.path.write_text(site.path.read_text() + "\n[web]\nport = 0\n")
     site = load_site(site.path)

@@ -182,7 +182,7 @@ def test_recordings_are_judged_and_listed(tmp_path: Path) -> None:
     # OP stands still: the diagnosis takes the loop for one in manual
     assert (second["tag"], second["wrong"]) == ("FC8", "manual")
     assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "undetermined", None)
-    assert "'zwei' is no number" in third["would_determine"][0]
+    assert "'zwei' is not a number" in third["would_determine"][0]
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_work_is_set_shown_and_reported(site: Path) -> None:
         ("planned", "Meyer", "next stop"),
         ("planned", "Meyer", "parts are here"),
     ]
-    assert run("work", site, "FC101").stdout.startswith("nothing has been said yet")
+    assert run("work", site, "FC101").stdout.startswith("nothing is recorded yet")
     rows = json.loads(run("report", site, "--json").stdout)["loops"]
     row = next(row for row in rows if row["tag"] == "FC102")
     assert (row["state"], row["owner"], row["note"]) == ("planned", "Meyer", "parts are here")

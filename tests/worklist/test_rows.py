@@ -105,7 +105,7 @@ def test_a_cure_in_the_history_is_a_repair_with_before_and_after(
     assert (before.loss > 0.2, after.loss) == (True, 0.0)
 
 
-def test_work_that_was_noted_starts_the_trend_anew(own_fleet: Fleet) -> None:
+def test_work_that_was_noted_starts_the_trend_again(own_fleet: Fleet) -> None:
     done = END_MS - 10 * 86_400_000
     record_work(own_fleet.url, "FC101", "done", owner="Meyer", note="new packing", utc_ms=done)
     row = next(loop.row for loop in list_loops(own_fleet.url) if loop.row.tag == "FC101")

@@ -85,7 +85,7 @@ async def test_it_is_written_once_and_caught_up_after_a_pause(site: Site) -> Non
     assert [kind for kind, _ in said.events] == ["report.written", "report.written"]
 
 
-async def test_a_failure_is_told_once_and_tried_again(site: Site) -> None:
+async def test_a_failure_is_reported_once_and_tried_again(site: Site) -> None:
     clock, said = Clock(MONDAY), Said()
     reports = ScheduledReport(said, now=clock, command=fail)  # type: ignore[arg-type]
     for _ in range(2):

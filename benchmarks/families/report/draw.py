@@ -46,7 +46,7 @@ LEAST_STROKES = 4
 LEAST_PER_STROKE = 4.0
 """Samples in a stroke; a loop that is faster than its controller's scan is drawn again."""
 STORED_PER_STROKE = 4.0
-"""Own values of PV that a stroke must leave in the record for its shape to be told."""
+"""Own values of PV that a stroke must leave in the record for its shape to be known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The International Stiction Data Base of Jelali and Huang (2010): one MATLAB file.
 
 It holds a structure ``cdata.chemicals.loop10`` with ``PV``, ``OP``, ``SP``, ``Ts`` and
-``comments``. The file itself is no part of this project.
+``comments``. This project does not contain the file itself.
 """
 
 from __future__ import annotations

@@ -131,7 +131,7 @@ class TableReader:
                 value = datetime.fromisoformat(value)
             except ValueError as error:
                 raise ReadingError(
-                    f"{self._shown}: {value!r} in column {self.time.name} is no moment; store "
+                    f"{self._shown}: {value!r} in column {self.time.name} is not a moment; store "
                     "timestamps, ISO 8601 text or numbers"
                 ) from error
         if isinstance(value, datetime):

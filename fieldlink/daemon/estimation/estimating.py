@@ -58,7 +58,7 @@ class EstimateRequest:
 
 
 class EstimateOutcome(Enum):
-    """What became of a request; the value is stored, ``advice`` is for the operator."""
+    """The outcome of a request; the value is stored, ``advice`` is for the operator."""
 
     ESTIMATED = ("estimated", "")
     REFUSED = ("refused", "the window is no input for the estimator: check the loop's tags")
@@ -151,7 +151,7 @@ class Estimate:
         loop: the loop's name.
         first_slot, last_slot: the window's slots.
         end_utc: end of the window, seconds since 1970.
-        outcome: what became of it.
+        outcome: how it ended.
         message: the cause when it is not `EstimateOutcome.ESTIMATED`, else empty.
         findings: the result, None without one.
     """
@@ -206,7 +206,7 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """Whoever runs requests: a pool of processes, or the caller's own thread."""
+    """Runs requests: a pool of processes, or the caller's own thread."""
 
     async def run(self, request: EstimateRequest) -> Estimate:
         """Return the outcome; never raises for what a window or a worker does."""

@@ -1,4 +1,4 @@
-"""What happens is said once and kept: a log line for people, a record for the store.
+"""What happens is reported once and kept: a log line for people, a record for the store.
 
 Events are for changes, not for states: a device that is silent for a day is two lines, not a line a
 second. What changes all the time is summed up once a minute (`event_limit`).

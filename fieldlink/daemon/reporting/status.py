@@ -24,7 +24,7 @@ class LoopStatus:
 
     Attributes:
         device: the device it is on.
-        counts: what became of its samples.
+        counts: of its samples, by outcome.
         filled: how much of the window is there, 0 to 1.
         samples_until_estimate: samples to come before the next estimate.
         latest: the newest sample, None before the first.
@@ -99,12 +99,12 @@ class DaemonStatus:
 
     Attributes:
         devices, loops: by name.
-        store: what became of the records.
+        store: records written, lost and waiting.
         pool: what the estimator's processes have done.
         clock_steps: times the wall clock was seen to step.
         reloads: site files taken over while running; refused: those that were wrong.
         defects: errors met that the program does not foresee; the log tells where.
-        upward: what became of messages to the broker; None where the site publishes nothing.
+        upward: messages delivered to the broker and waiting; None where the site publishes nothing.
     """
 
     devices: Mapping[str, DeviceStatus]

@@ -1,4 +1,4 @@
-"""What became of every loop's slots, written to the store in regular accounts."""
+"""The counts of every loop's slots, written to the store in regular accounts."""
 
 from __future__ import annotations
 

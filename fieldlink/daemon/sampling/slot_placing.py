@@ -106,7 +106,7 @@ class CounterPlacer:
             self._at, self._count, self._slot = now, counter, round(counter)
             return Placed(self._slot, Place.NEXT)
         elapsed = (now - then) / self._period
-        # Without a count before, it is as if the counter had begun anew.
+        # Without a count before, it is as if the counter had started again.
         step = math.inf if before is None else counter - before
         if before is not None and math.isfinite(self._modulus):
             step %= self._modulus

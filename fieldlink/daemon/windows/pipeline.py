@@ -37,7 +37,7 @@ _NOT_THERE = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LoopCounts:
-    """What became of a loop's samples; ``expected = read + bad + missed``.
+    """The counts of a loop's samples; ``expected = read + bad + missed``.
 
     Attributes:
         expected: slots from the first poll on, by the controller's count where there is one, and

@@ -1,4 +1,4 @@
-"""Sequence numbers of one loop's blocks: none is given twice, whatever begins anew."""
+"""Sequence numbers of one loop's blocks: none is given twice, whatever starts again."""
 
 from __future__ import annotations
 

@@ -170,8 +170,8 @@ class BlockWriter:
     def resume(self, record: WritebackRecord) -> None:
         """Go on after the last block of a process before this one.
 
-        What came of a block whose row leaves that open is found out at the next look. A withdrawal
-        holds until an operator decides otherwise.
+        The outcome of a block whose row leaves it open is found at the next look. A
+        withdrawal holds until an operator decides otherwise.
         """
         attempt = self._handover.recall(record)
         if attempt is None:

@@ -120,7 +120,7 @@ class PlcProcess:
 
 
 def _run(pipe: Connection, site_file: Path, loop: str) -> None:
-    """Serve until told to stop, or until whoever started this is gone."""
+    """Serve until told to stop, or until the process that started this is gone."""
     try:
         asyncio.run(_serve(pipe, site_file, loop))
     except FieldlinkError as error:

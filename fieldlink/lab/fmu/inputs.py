@@ -54,7 +54,7 @@ def read_inputs(
         words: by column, the words that stand for values, such as those of an enumeration.
 
     Raises:
-        FmuError: unreadable, no column ``time``, an unknown column, a cell that is no number, or
+        FmuError: unreadable, no column ``time``, an unknown column, a cell that is not a number, or
             time that does not increase; row and column are named.
     """
     try:

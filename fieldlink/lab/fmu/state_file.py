@@ -39,7 +39,7 @@ def load_state(file: Path, fmu: Path) -> bytes:
     except OSError as error:
         raise FmuError(f"{file}: the state cannot be read: {error}") from error
     if not content.startswith(_MARK):
-        raise FmuError(f"{file}: it is no state that --save-state wrote")
+        raise FmuError(f"{file}: this file was not written by --save-state")
     start = len(_MARK)
     if content[start : start + 32] != _digest(fmu):
         raise FmuError(

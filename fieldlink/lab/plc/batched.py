@@ -86,7 +86,7 @@ class BatchedPlc:
             tags: of the device's register map.
 
         Returns:
-            By tag, values in engineering units, shape ``(count,)``; NaN where there is no number.
+            By tag, values in engineering units, shape ``(count,)``; NaN where there is none.
 
         Raises:
             PlcError: an unknown tag, a process that died, or a scan that took too long.

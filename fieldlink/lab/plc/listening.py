@@ -1,6 +1,6 @@
 """Where a simulated PLC listens: TCP, RTU over TCP, UDP, TLS or a serial port.
 
-The servers are pymodbus'; what differs from them is said here. Bytes that make no request are
+The servers are pymodbus'; what differs is stated here. Bytes that make no request are
 dropped without an answer, as devices do, and never raise inside the event loop. A TLS stream is cut
 into frames by their length, because a record need not hold exactly one.
 """
@@ -66,7 +66,7 @@ class Listening:
 
     @property
     def answers_for_others(self) -> bool:
-        """Whether units that nobody has get an exception; on a serial line they are silent."""
+        """Whether unused unit ids get an exception; on a serial line they are silent."""
         return self.link not in ("modbus-rtu", "modbus-rtu-tcp")
 
     @property
@@ -180,7 +180,7 @@ def _port_of(transport: Any) -> int:
 
 
 def _bindable(place: Listening, kind: socket.SocketKind) -> str:
-    """Return the one address to bind, or say why it cannot be had.
+    """Return the one address to bind, or say why it is not available.
 
     pymodbus logs the reason and keeps it from its caller. One address, because a name with several
     would get a port of its own for each when the system chooses them.

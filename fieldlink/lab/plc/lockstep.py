@@ -1,4 +1,4 @@
-"""The link of kind "fmu": the simulated PLC in the same process, moved by whoever scans it.
+"""The link of kind "fmu": the simulated PLC in the same process, moved by its scans.
 
 One `scan` runs one control cycle and reads the tags through the register image, so that rounding,
 word order, ranges and refusals are those of the wire. There is no clock in it: a run is as fast as

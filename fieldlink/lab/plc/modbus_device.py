@@ -96,7 +96,7 @@ def modbus_device(image: RegisterImage, unit: int) -> SimDevice:
 
 
 def other_units() -> SimDevice:
-    """Return what answers for unit ids that nobody has: exception 11, target did not respond."""
+    """Return what answers for unused unit ids: exception 11, target did not respond."""
 
     async def answer(*_: object) -> ExcCodes:
         return ExcCodes.GATEWAY_NO_RESPONSE

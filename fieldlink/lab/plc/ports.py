@@ -56,7 +56,7 @@ class TagPort:
         self._put(self._tag.encode(number if self._modulus is None else number % self._modulus))
 
     def value(self) -> float:
-        """Return what the registers say, whoever wrote them; NaN when that is no number."""
+        """Return what the registers say, from any writer; NaN when that is not a number."""
         words = self._image.get(self._tag.table, self._tag.address, self._tag.count)
         return self._tag.decode(words).value
 

@@ -182,7 +182,7 @@ async def serve(
 
     Raises:
         PlcError: nothing to serve, or ``port`` is given and there are several endpoints.
-        PortError: a port cannot be had.
+        PortError: a port is not available.
     """
     servers: list[PlcServer] = []
     async with contextlib.AsyncExitStack() as stack:

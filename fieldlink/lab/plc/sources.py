@@ -52,7 +52,7 @@ class OpSource(Protocol):
 
 
 class ByHand:
-    """Whoever writes the OP tag, which nobody need watch."""
+    """A client that writes the OP tag and is not watched."""
 
     def __init__(self, limits: OpLimits) -> None:
         self._limits = limits

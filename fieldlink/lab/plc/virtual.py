@@ -5,8 +5,8 @@
         plc.image.read(Table.HOLDING, 0, 8)          # what a client would get
         plc.truth("FC101").stem                      # what no client gets
 
-Everything of a scan appears in the registers before `scan` returns, so whoever reads between two
-scans reads one of them. A run is the same for the same site and seeds. The Modbus server
+Everything of a scan appears in the registers before `scan` returns, so a client that reads between
+two scans reads one of them. A run is the same for the same site and seeds. The Modbus server
 (`fieldlink.lab.plc.server`) and the lockstep link (`fieldlink.lab.plc.lockstep`) are two ways to
 move it.
 """

@@ -149,7 +149,7 @@ class BlocksExpected(_Expected):
 
 
 class SamplesExpected(_Expected):
-    """kind = "samples": what became of the samples."""
+    """kind = "samples": counts of the samples."""
 
     kind: Literal["samples"]
     """The kind."""

@@ -68,7 +68,7 @@ class RunCourse:
         trend: what really was, scan by scan.
         windows: what the daemon made of it, in order.
         writebacks, events: the daemon's records, in order.
-        counts: what became of the samples.
+        counts: of the samples, by outcome.
         track: S and J over the windows that tell them; None without any.
     """
 

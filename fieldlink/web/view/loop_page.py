@@ -20,7 +20,7 @@ ATTEMPTS = 200
 """Write-back attempts and decisions that a loop's page looks back."""
 
 WINDOW = 800
-"""Samples of a window where no site file tells: the site file's own default."""
+"""Samples of a window without a site file: the site file's own default."""
 
 ORDERS = 30
 """Orders of operators that a loop's page lists."""
