@@ -15,7 +15,9 @@ from pydantic import Field, model_validator
 from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.findings import FindingsTable
 from fieldlink.site.mqtt import MqttSettings
+from fieldlink.site.notify import NotifySettings
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 from fieldlink.site.upkeep import (
     EstimationSettings,
@@ -233,3 +235,7 @@ class SiteFile(Model):
     """The work list and its schedule."""
     mqtt: MqttSettings | None = None
     """Publishing to an MQTT broker."""
+    findings: FindingsTable = FindingsTable()
+    """Why loops swing, diagnosed again and again by the daemon."""
+    notify: NotifySettings | None = None
+    """Notices of findings and lost devices, over HTTP and by e-mail."""

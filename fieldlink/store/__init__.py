@@ -8,6 +8,7 @@ from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.last_blocks import last_blocks
 from fieldlink.store.last_events import last_events
+from fieldlink.store.last_findings import CLOSED, open_findings
 from fieldlink.store.queries import (
     read_averages,
     read_estimates,
@@ -17,8 +18,10 @@ from fieldlink.store.queries import (
     read_writebacks,
 )
 from fieldlink.store.records import (
+    DiagnosisRecord,
     EstimateRecord,
     EventRecord,
+    FindingRecord,
     Record,
     SampleRecord,
     SlotRecord,
@@ -30,13 +33,16 @@ from fieldlink.store.stretches import SampleReader
 from fieldlink.store.work import WORK_DONE, WORK_STATES, record_work
 
 __all__ = [
+    "CLOSED",
     "EXPORTED_TABLES",
     "WORK_DONE",
     "WORK_STATES",
     "Backup",
+    "DiagnosisRecord",
     "EstimateRecord",
     "EventRecord",
     "Export",
+    "FindingRecord",
     "FleetReader",
     "Historian",
     "HistorianSettings",
@@ -53,6 +59,7 @@ __all__ = [
     "export",
     "last_blocks",
     "last_events",
+    "open_findings",
     "read_averages",
     "read_estimates",
     "read_events",
