@@ -30,11 +30,12 @@ from fieldlink.store.records import (
 )
 from fieldlink.store.reports import HistorianSettings, StoreReport
 from fieldlink.store.stretches import SampleReader
-from fieldlink.store.work import WORK_DONE, WORK_STATES, record_work
+from fieldlink.store.work import REPAIR_KINDS, WORK_DONE, WORK_STATES, record_work
 
 __all__ = [
     "CLOSED",
     "EXPORTED_TABLES",
+    "REPAIR_KINDS",
     "WORK_DONE",
     "WORK_STATES",
     "Backup",

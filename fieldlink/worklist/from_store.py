@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from estimator import Interval, Track
-from fieldlink.store import WORK_DONE, FleetReader
+from fieldlink.store import REPAIR_KINDS, FleetReader
 from fieldlink.worklist.course import Course, Repair, outlook_of, repair_in, trend_of, worse_since
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.row import BeforeAfter, Confidence, Figures, WorkItem, WorkRow
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
     from fieldlink.site import Site
 
-__all__ = ["REPAIR_KINDS", "Diagnose", "ReportedLoop", "list_loops"]
-
-REPAIR_KINDS = (WORK_DONE, "operator.annotate")
-"""Events that say that a valve was repaired; their source is the loop."""
+__all__ = ["Diagnose", "ReportedLoop", "list_loops"]
 
 Diagnose = Callable[[str, WindowSamples], Finding | None]
 """Gives the finding of a diagnosis for a loop's newest window, None where there is none."""
