@@ -10,6 +10,8 @@ import asyncio
 from collections.abc import Callable
 
 from fieldlink.daemon.assembly import Assembly, OpenLink
+from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
+from fieldlink.daemon.estimation.answers import InlineWorker
 from fieldlink.daemon.estimation.estimating import Estimator, InlineEstimator
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.device import DeviceRunner
@@ -59,6 +61,13 @@ class LockstepRun:
         self._assembly = Assembly(
             site, self._clock, self._put, read_only=read_only, live=False, links=links
         )
+        self._rounds = DiagnosisRounds(
+            lambda: self._assembly.runners,
+            self._put,
+            self._assembly.journal,
+            self._clock,
+            site.historian_url if store else None,
+        )
 
     def link(self, device: str) -> Link:
         """Return the link of a device, for judging a run by what the plant really did."""
@@ -67,7 +76,10 @@ class LockstepRun:
     def status(self) -> DaemonStatus:
         """Return a snapshot; may be called at any time."""
         report = StoreReport() if self._historian is None else self._historian.report()
-        return self._assembly.status(report)
+        table = self._site.file.findings
+        return self._assembly.status(
+            report, findings=self._rounds.report() if table.enabled else None
+        )
 
     async def run(
         self,
@@ -90,6 +102,7 @@ class LockstepRun:
         if self._historian is not None:
             self._historian.start(journal.event_record("lockstep.start", "daemon", self._site.name))
             self._historian.tidy()
+        await self._rounds.resume()
         try:
             await self._assembly.open()
             try:
@@ -110,12 +123,17 @@ class LockstepRun:
         periods = {name: _period(runner) for name, runner in self._assembly.runners.items()}
         scans = dict.fromkeys(periods, 0)
         total = 0
+        table = self._site.file.findings
+        rounds = 1
         while periods and not (stop is not None and stop.is_set()):
             name = min(periods, key=lambda name: scans[name] * periods[name])
             now = scans[name] * periods[name]
             if now >= duration:
                 return
             self._clock.advance_to(now)
+            if table.enabled and now >= rounds * table.every:
+                rounds = int(now // table.every) + 1
+                await self._rounds.run(self._site, InlineWorker())
             await self._step(self._assembly.runners[name], now)
             scans[name] += 1
             total += 1

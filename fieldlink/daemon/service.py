@@ -14,6 +14,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 
 from fieldlink.daemon.assembly import Assembly
+from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
 from fieldlink.daemon.estimation.pool import EstimatorPool, PoolReport, PoolSettings
 from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.loop import LoopRunner
@@ -38,6 +39,7 @@ from fieldlink.daemon.schedule import Schedule
 from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock, SteppedLink, SystemClock
+from fieldlink.notices import Notifying
 from fieldlink.site import Site, load_site
 from fieldlink.store import (
     Historian,
@@ -59,6 +61,9 @@ WATCH_EVERY = 1.0
 
 TIDY_EVERY = 3600.0
 """Seconds between two applications of the store's retention."""
+
+ROUND = "diagnoses"
+"""The job that diagnoses all loops."""
 
 
 class Daemon:
@@ -96,6 +101,7 @@ class Daemon:
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._clock_watch = ClockWatch(self._clock)
         self._publishing: Publishing | None = None
+        self._notifying: Notifying | None = None
         self._assembly = Assembly(
             site,
             self._clock,
@@ -106,6 +112,14 @@ class Daemon:
             keep=self._historian.keep,
         )
         self._publishing = self._way_upward(site)
+        self._notifying = self._way_to_people(site)
+        self._rounds = DiagnosisRounds(
+            lambda: self._assembly.runners,
+            self._put,
+            self._assembly.journal,
+            self._clock,
+            site.historian_url,
+        )
         self._schedule: Schedule | None = None
         self._pool_settings = pool or pool_settings_of(site)
         self._pool: EstimatorPool | None = None
@@ -119,6 +133,7 @@ class Daemon:
         self._stopping = False
         self._failed: asyncio.Future[None] | None = None
         self._reloads = self._refused = 0
+        self._round_every = 0.0
         self.started = asyncio.Event()
 
     @property
@@ -139,6 +154,8 @@ class Daemon:
             reloads=self._reloads,
             refused=self._refused,
             upward=None if self._publishing is None else self._publishing.report(),
+            findings=self._rounds.report() if self._site.file.findings.enabled else None,
+            notices=None if self._notifying is None else self._notifying.report(),
         )
 
     def stuck(self) -> tuple[str, ...]:
@@ -175,16 +192,18 @@ class Daemon:
         self._historian.start(journal.event_record("daemon.start", "daemon", self._site.name))
         try:
             await self._resume_writebacks()
+            await self._rounds.resume()
             self._pool = EstimatorPool(self._pool_settings)
             try:
                 await self._assembly.open()
                 async with (
                     self._upward() as sending,
+                    self._telling() as telling,
                     self._at_work() as failures,
                     control_socket(self._data_dir, self._answer),
                 ):
                     self.started.set()
-                    await _until(stop, duration, [*failures, *sending])
+                    await _until(stop, duration, [*failures, *sending, *telling])
             finally:
                 await self._assembly.close()
                 await self._pool.close()
@@ -266,9 +285,11 @@ class Daemon:
         self.carry_out(Order(loop, Action.ESTIMATE, "MQTT broker", why))
 
     def _put(self, record: Record) -> object:
-        """Hand a record to the store and, where the site publishes, upward; never waits."""
+        """Hand a record to the store and to whoever the site file wants told; never waits."""
         if self._publishing is not None:
             self._publishing.put(record)
+        if self._notifying is not None:
+            self._notifying.put(record)
         return self._historian.put(record)
 
     def _way_upward(self, site: Site) -> Publishing | None:
@@ -294,6 +315,26 @@ class Daemon:
         async with self._publishing.running() as tasks:
             yield tasks
 
+    def _way_to_people(self, site: Site) -> Notifying | None:
+        if site.file.notify is None:
+            return None
+        return Notifying(
+            site,
+            states=lambda: self._assembly.device_states(),
+            tell=self._assembly.journal.event,
+            defect=self._assembly.journal.defect,
+            utc_ms=lambda: round(1000.0 * self._clock.utc()),
+        )
+
+    @asynccontextmanager
+    async def _telling(self) -> AsyncIterator[list[asyncio.Task[None]]]:
+        """Send notices while the block runs; yield what must not end by itself."""
+        if self._notifying is None:
+            yield []
+            return
+        async with self._notifying.running() as tasks:
+            yield tasks
+
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
         """Start everything; yield what must not end by itself; end it in order."""
@@ -307,6 +348,7 @@ class Daemon:
         schedule.every(TIDY_EVERY, "retention", self._do(self._historian.tidy))
         reports = ScheduledReport(self._assembly.journal)
         schedule.every(REPORT_LOOK, "report", partial(self._report, reports))
+        self._schedule_rounds(schedule)
         self._historian.tidy()
         schedule.start()
         watching = [
@@ -317,6 +359,7 @@ class Daemon:
             yield [schedule.failed, self._failed, *watching]
         finally:
             self._stopping = True
+            self._rounds.stop()
             schedule.pause()
             for task in (warming, *watching):
                 task.cancel()
@@ -443,6 +486,7 @@ class Daemon:
                     begin = before.begin
             self._begin(runner, begin, schedule)
         self._site = site
+        self._schedule_rounds(schedule)
         if self._publishing is not None:
             self._publishing.follow(site)
         self._reloads += 1
@@ -459,6 +503,27 @@ class Daemon:
                 self._assembly.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
+
+    def _schedule_rounds(self, schedule: Schedule) -> None:
+        """Let the loops be diagnosed at the beat of the site file, or not at all."""
+        table = self._site.file.findings
+        if not table.enabled:
+            schedule.remove(ROUND)
+        elif (seconds := self._rounds.interval(table)) != self._round_every:
+            self._round_every = seconds
+            schedule.every(seconds, ROUND, self._diagnose)
+
+    async def _diagnose(self) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        assert self._pool is not None
+        self._judging.add(task)
+        try:
+            await self._rounds.run(self._site, self._pool)
+        except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
+            self._assembly.journal.defect("daemon", error, "this round of diagnoses is left out")
+        finally:
+            self._judging.discard(task)
 
     async def _report(self, reports: ScheduledReport) -> None:
         try:

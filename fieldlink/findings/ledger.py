@@ -124,9 +124,8 @@ class _Step:
             return
         loop = self.loops.get(found.loop)
         if found.trial is None and loop is not None and found.cause != "manual":
-            since = loop.manual_since_ms if loop.manual_since_ms is not None else loop.end_ms
-            if loop.is_in_manual:
-                self._begin_trial(found, Trial(found.loop, since, "in manual"), "")
+            if loop.is_in_manual and loop.manual_since_ms is not None:
+                self._begin_trial(found, Trial(found.loop, loop.manual_since_ms, "in manual"), "")
         elif found.trial is not None:
             self._judge_trial(found, found.trial)
 
@@ -145,7 +144,7 @@ class _Step:
     def _judge_trial(self, found: OpenFinding, trial: Trial) -> None:
         """Say what became of the others, once their windows are wholly after the change."""
         source = self.loops.get(trial.loop)
-        if trial.what == "in manual" and source is not None and not source.is_in_manual:
+        if trial.what == "in manual" and source is not None and source.manual_since_ms is None:
             found = replace(found, trial=None)
             self._tell(found, f"{trial.loop} is back in automatic; what the others did is open")
             return
@@ -235,9 +234,9 @@ class _Step:
         if len(proposal.loops) < 2:
             return
         for other in list(self.open.values()):
-            if other.id != into and not other.is_group and other.id not in seen:
-                if (other.loop, other.cause) in proposal.covers:
-                    self._close(other, f"part of finding {into}: {describe_finding(proposal)}")
+            is_single = other.id != into and not other.is_group and other.id not in seen
+            if is_single and (other.loop, other.cause) in proposal.covers:
+                self._close(other, f"part of finding {into}: {describe_finding(proposal)}")
 
     # what is not seen -----------------------------------------------------------------------------
 

@@ -35,7 +35,8 @@ class ObservedLoop:
         causes: the heaviest first.
         swing_period_s: of the oscillation; None where nothing oscillates.
         compensated: whether a block may have been in force: a sticky valve does not show then.
-        manual_since_ms: when the controller left automatic; None where it is not in manual.
+        manual_since_ms: when the controller left automatic; None where it is in automatic at the
+            end of the window.
     """
 
     begin_ms: int

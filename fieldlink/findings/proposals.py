@@ -45,9 +45,7 @@ class Proposal:
     covers: frozenset[tuple[str, str]] = field(default_factory=frozenset)
 
 
-def propose(
-    loops: Mapping[str, ObservedLoop], groups: tuple[ObservedGroup, ...]
-) -> list[Proposal]:
+def propose(loops: Mapping[str, ObservedLoop], groups: tuple[ObservedGroup, ...]) -> list[Proposal]:
     """Return the findings of a round, groups first.
 
     Args:

@@ -51,7 +51,15 @@ __all__ = ["EXPORTED_TABLES", "Export", "export"]
 EXPORTED_TABLES = {
     table.name: table
     for table in (
-        SAMPLES, AVERAGES, SLOTS, ESTIMATES, WRITEBACKS, EVENTS, WORK, DIAGNOSES, FINDINGS,
+        SAMPLES,
+        AVERAGES,
+        SLOTS,
+        ESTIMATES,
+        WRITEBACKS,
+        EVENTS,
+        WORK,
+        DIAGNOSES,
+        FINDINGS,
     )
 }
 
