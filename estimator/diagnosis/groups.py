@@ -179,9 +179,10 @@ def _members(
         free = max(2.0, values * grouping.width)
         chance = math.sqrt(1.0 - (grouping.chance / pairs) ** (1.0 / (free - 1.0)))
         least = grouping.coherence if name in swinging else grouping.hidden
-        if found > max(chance, least) and (
-            name in swinging or share_in_band(one, period) > grouping.share
-        ):
+        is_visible = name in swinging or (
+            free >= grouping.hidden_values and share_in_band(one, period) > grouping.share
+        )
+        if found > max(chance, least) and is_visible:
             members[name] = found
     return members
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 
 from fieldlink.findings.observed import SAME_PERIOD, ObservedLoop, Repair, Round
 from fieldlink.findings.open_finding import OpenFinding, State, Trial
-from fieldlink.findings.proposals import Proposal, propose
+from fieldlink.findings.proposals import FOLLOWING, Proposal, propose
 from fieldlink.findings.sentences import describe_finding, describe_follow_up, moment_text
 from fieldlink.store import FindingRecord
 
@@ -298,12 +298,17 @@ def _nearness(found: OpenFinding, proposal: Proposal) -> float:
             return 3.0 if not found.is_group else 2.5
         is_victim = (
             proposal.loop in found.loops
-            and proposal.cause in ("external_oscillation", "tight_tuning")
-            and _same_period(found.swing_period_s, proposal.swing_period_s)
+            and proposal.cause in FOLLOWING
+            and (
+                proposal.cause == "sticky_valve"
+                or _same_period(found.swing_period_s, proposal.swing_period_s)
+            )
         )
         return 1.0 if found.is_group and is_victim else 0.0
+    if same_source:
+        return 4.0 if found.is_group else 1.0
     if not found.is_group:
-        return 1.0 if same_source else 0.0
+        return 0.0
     shared = len(set(found.loops) & set(proposal.loops))
     share = shared / min(len(found.loops), len(proposal.loops))
     if share < OVERLAP or not _same_period(found.swing_period_s, proposal.swing_period_s):

@@ -6,7 +6,7 @@ The loops of a group that only follow its source get no finding of their own for
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fieldlink.findings.observed import ObservedGroup, ObservedLoop
@@ -19,9 +19,9 @@ NO_FINDING = frozenset({"quiet", "undetermined"})
 SOURCES = ("sticky_valve", "tight_tuning")
 """Causes by which a loop makes an oscillation itself."""
 
-FOLLOWING = frozenset({"external_oscillation", "tight_tuning"})
-"""Causes that the loops of a group show because of its source: a victim of an oscillation is seldom
-called sticky, more often tight (`estimator.diagnosis.settings.Grouping`)."""
+FOLLOWING = frozenset({"external_oscillation", "tight_tuning", "sticky_valve"})
+"""Causes that the loops of a group may show because of its source. A second sticky valve is told as
+a candidate of the group; once the first is repaired, it shows by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,10 @@ def propose(loops: Mapping[str, ObservedLoop], groups: tuple[ObservedGroup, ...]
         loops: what was diagnosed, by loop.
         groups: those that swing together; members that are not in ``loops`` are left out.
     """
-    found = [one for group in groups if (one := _of_group(loops, group)) is not None]
+    found: list[Proposal] = []
+    for group in groups:
+        if (one := _of_group(loops, group)) is not None:
+            _add(found, one)
     covered = {pair for one in found for pair in one.covers}
     for name, loop in loops.items():
         for cause in loop.causes:
@@ -72,6 +75,18 @@ def propose(loops: Mapping[str, ObservedLoop], groups: tuple[ObservedGroup, ...]
                 )
             )
     return found
+
+
+def _add(found: list[Proposal], one: Proposal) -> None:
+    """Add a group; what one loop makes with several periods is one finding."""
+    for number, before in enumerate(found):
+        if one.loop and (one.loop, one.cause) == (before.loop, before.cause):
+            more = tuple(name for name in one.loops if name not in before.loops)
+            found[number] = replace(
+                before, loops=(*before.loops, *more), covers=before.covers | one.covers
+            )
+            return
+    found.append(one)
 
 
 def _of_group(loops: Mapping[str, ObservedLoop], group: ObservedGroup) -> Proposal | None:
@@ -96,7 +111,7 @@ def _of_group(loops: Mapping[str, ObservedLoop], group: ObservedGroup) -> Propos
         (name, following)
         for name in members
         for following in FOLLOWING
-        if loops[name].swings_with(group.period_s)
+        if following == "sticky_valve" or loops[name].swings_with(group.period_s)
     }
     if source:
         covers.add((source, cause))

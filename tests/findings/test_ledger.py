@@ -87,6 +87,13 @@ def test_one_finding_for_a_group_and_none_for_its_victims() -> None:
     assert len(ledger.open) == 1
 
 
+def test_what_one_loop_makes_with_several_periods_is_one_finding() -> None:
+    twice = swinging(1, "A", "B")
+    harmonic = replace(twice.groups[0], period_s=31.0)
+    (row,) = Ledger().advance(replace(twice, groups=(*twice.groups, harmonic)))
+    assert row.swing_period_s == 90.0
+
+
 def test_findings_of_single_loops_become_one_when_their_group_shows() -> None:
     ledger = Ledger()
     alone = swinging(1, "A", "B")
