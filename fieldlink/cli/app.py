@@ -22,6 +22,7 @@ from fieldlink.cli import (
     history,
     identify,
     init,
+    notify,
     registers_io,
     rehearse,
     report,
@@ -73,6 +74,7 @@ app.command("read")(by_hand.read)
 app.command("write")(by_hand.write)
 app.add_typer(registers_io.app, name="map")
 app.add_typer(fmu.app, name="fmu")
+app.add_typer(notify.app, name="notify")
 app.command("warm-up")(identify.warm_up)
 
 

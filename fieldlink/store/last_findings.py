@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import Select, func, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import cause_of, open_for_reading, shown
@@ -33,6 +33,9 @@ def open_findings(url: str) -> tuple[FindingRecord, ...]:
     query = newest_of_findings().where(c.state != CLOSED).order_by(c.born_ms, c.finding)
     engine = open_for_reading(url)
     try:
+        if not inspect(engine).has_table(FINDINGS.name):
+            # a store of an earlier release that no daemon has opened since
+            return ()
         with engine.connect() as connection:
             rows = [dict(row) for row in connection.execute(query).mappings()]
     except SQLAlchemyError as error:

@@ -19,6 +19,7 @@ from prometheus_client.core import (
 
 from fieldlink.daemon import LATENESS_BOUNDS, DaemonStatus, EstimateOutcome
 from fieldlink.links import LinkState
+from fieldlink.web.finding_metrics import metrics_of_findings
 
 __all__ = ["render_metrics"]
 
@@ -46,6 +47,7 @@ class _Snapshot(CollectorRegistry):
         yield from _of_the_store(self._status)
         yield from _of_the_daemon(self._status)
         yield from _of_the_broker(self._status)
+        yield from metrics_of_findings(self._status)
 
 
 def _of_loops(status: DaemonStatus) -> Iterator[Metric]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from estimator import Interval, Track
 from fieldlink.store import REPAIR_KINDS, FleetReader
 from fieldlink.worklist.course import Course, Repair, outlook_of, repair_in, trend_of, worse_since
+from fieldlink.worklist.diagnosed import finding_of_stored, findings_by_loop, remarks_of
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.row import BeforeAfter, Confidence, Figures, WorkItem, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
@@ -79,10 +80,13 @@ def list_loops(
     with FleetReader(url) as store:
         items, repairs = _items(store.work()), _repairs(store.events(REPAIR_KINDS))
         names = store.loops() if site is None else tuple(site.loops)
+        together = findings_by_loop(store.findings())
         for number, name in enumerate(names):
             progress(name, number, len(names))
             reader = _LoopReader(store, name, site, chosen, diagnose)
-            found.append(reader.read(items.get(name), repairs.get(name, [])))
+            loop = reader.read(items.get(name), repairs.get(name, []))
+            remarks = (*loop.row.remarks, *remarks_of(name, together.get(name, [])))
+            found.append(replace(loop, row=replace(loop.row, remarks=remarks)))
     return sorted(found, key=lambda loop: (loop.row.urgency, loop.row.tag))
 
 
@@ -126,7 +130,7 @@ class _LoopReader:
         present = course if repair is None else course.since(repair.time)
         if repair is not None and repair in noted:
             followed = present.follow(self._settings.stick_band_limit)
-        finding = self._finding(document, samples)
+        finding = self._finding(newest, samples)
         S, J = self._intervals(document)
         outlook, days = outlook_of(followed, S, self._settings.stick_band_limit)
         agreeing, judged = present.agreement()
@@ -176,10 +180,11 @@ class _LoopReader:
             return self._site.loops[self._name].period
         return 1.0 if document is None else float(document["period_s"])
 
-    def _finding(
-        self, document: Mapping[str, Any] | None, samples: WindowSamples | None
-    ) -> Finding:
+    def _finding(self, newest: Mapping[str, Any] | None, samples: WindowSamples | None) -> Finding:
+        document = None if newest is None else newest["document"]
         if samples is not None and (found := self._diagnose(self._name, samples)) is not None:
+            return found
+        if (found := finding_of_stored(self._store.diagnosis(self._name), newest)) is not None:
             return found
         if document is None:
             return Finding(

@@ -22,6 +22,7 @@ from fieldlink.store import StoreError
 from fieldlink.store.schema import ESTIMATES, WRITEBACKS
 from fieldlink.web.analyst import Analyst, Course, Point
 from fieldlink.web.view.block_state import block_document
+from fieldlink.web.view.causes import Causes, cause_document
 from fieldlink.web.view.store_queries import DAY_MS, Row, StoreQueries
 from fieldlink.web.view.words import iso_time, verdict_of
 
@@ -113,6 +114,8 @@ class FleetView:
         self._known: dict[str, _Known] = {}
         self._seen = {"estimates": 0, "writebacks": 0}
         self._courses: dict[str, str] = {}
+        self._causes = Causes(queries)
+        self._diagnoses: Mapping[str, Row] = {}
         self._revision = 0
         self._rows: dict[str, Document] = {}
         self._revisions: dict[str, int] = {}
@@ -169,6 +172,11 @@ class FleetView:
             return known.sticky
         return known.judged
 
+    def diagnosis_of(self, loop: str) -> Document | None:
+        """Return a loop's newest diagnosis as ``fieldlink diagnose --json`` prints it."""
+        row = self._diagnoses.get(loop)
+        return None if row is None else row["document"]
+
     def course_of(self, loop: str) -> tuple[list[Row], Course | None]:
         """Return the points of a loop since its last annotation, and its course through them."""
         known = self._known.get(loop)
@@ -192,6 +200,7 @@ class FleetView:
                 target=self._read_points, args=(now_ms,), name="trend points", daemon=True
             )
             self._reader.start()
+        self._diagnoses = self._causes.look(names)
         samples = {} if status is not None else self._queries.last_samples(names)
         slots = {} if status is not None else self._queries.last_slots(names)
         rows = [self._row(name, site, status, samples.get(name), slots.get(name)) for name in names]
@@ -379,6 +388,7 @@ class FleetView:
             "filled": None if live is None else round(live.filled, 2),
             "estimated": None if judged is None else iso_time(judged["window_end_ms"]),
             "message": _message(known),
+            **cause_document(self._diagnoses.get(name)),
         }
 
     def _note_changes(self, rows: list[Document]) -> None:
