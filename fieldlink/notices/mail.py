@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import platform
 import smtplib
+import socket
 import ssl
 import threading
 from datetime import UTC, datetime
@@ -98,12 +99,16 @@ class MailReceiver:
             return f"{self.where} refuses every address in notify.mail.to; correct them"
         except smtplib.SMTPResponseException as error:
             return f"{self.where} refuses the mail (SMTP {error.smtp_code}); see its log"
-        except smtplib.SMTPException:
+        except smtplib.SMTPException as error:
+            if isinstance(error.__context__, TimeoutError):
+                return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
             return f"{self.where} ended the connection before it took the mail"
         except ssl.SSLCertVerificationError as error:
             return f"{self.where}: its certificate is refused, {error.verify_message}; set ca"
         except TimeoutError:
             return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
+        except socket.gaierror:
+            return f"{self.where} cannot be reached: no address is known for its name; check host"
         except OSError as error:
             said = (error.strerror or "the connection was lost").lower()
             return f"{self.where} cannot be reached: {said}; check host, port and network"

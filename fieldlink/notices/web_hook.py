@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import socket
 import ssl
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -105,6 +107,8 @@ def _cause(error: Exception) -> str:
         inner = deeper
     if isinstance(inner, ssl.SSLCertVerificationError):
         return f"its certificate is refused, {inner.verify_message}"
-    if isinstance(inner, OSError) and inner.strerror:
-        return inner.strerror.lower()
+    if isinstance(inner, socket.gaierror):
+        return "no address is known for its name"
+    if isinstance(inner, OSError) and inner.errno:
+        return os.strerror(inner.errno).lower()
     return "the connection was lost"

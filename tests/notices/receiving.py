@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import ssl
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from aiosmtpd.controller import Controller
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
 
@@ -72,25 +72,45 @@ class Mails:
     ) -> AuthResult:
         assert isinstance(data, LoginPassword)
         self.logins.append((data.login.decode(), data.password.decode()))
-        return AuthResult(success=data.password == b"open sesame")
+        return AuthResult(success=data.password == b"open sesame", handled=False)
 
 
-class MailServer(Controller):
-    """A mail server on a free port of this machine."""
+class MailServer:
+    """A mail server on a free port of this machine, in a thread of its own."""
 
-    def __init__(self, mails: Mails, tls: ssl.SSLContext | None = None, **options: Any) -> None:
-        guarded = {"authenticator": mails.authenticate, "auth_required": True} if tls else {}
-        super().__init__(
-            mails,
-            hostname="127.0.0.1",
-            port=0,
-            tls_context=tls,
-            require_starttls=tls is not None,
-            **guarded,
-            **options,
-        )
+    def __init__(self, mails: Mails, tls: ssl.SSLContext | None = None) -> None:
+        guarded: dict[str, Any] = {}
+        if tls is not None:
+            guarded = {
+                "tls_context": tls,
+                "require_starttls": True,
+                "authenticator": mails.authenticate,
+                "auth_required": True,
+            }
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever)
 
-    @property
-    def bound(self) -> int:
-        assert self.server is not None
-        return int(self.server.sockets[0].getsockname()[1])
+        async def begin() -> asyncio.Server:
+            def protocol() -> SMTP:
+                return SMTP(mails, hostname="mill.example", loop=self._loop, **guarded)
+
+            return await self._loop.create_server(protocol, "127.0.0.1", 0)
+
+        self._thread.start()
+        self._server = asyncio.run_coroutine_threadsafe(begin(), self._loop).result()
+        self.port = int(self._server.sockets[0].getsockname()[1])
+
+    def stop(self) -> None:
+        """End it and its connections."""
+
+        async def end() -> None:
+            self._server.close()
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+
+        asyncio.run_coroutine_threadsafe(end(), self._loop).result()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
