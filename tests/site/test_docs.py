@@ -24,6 +24,7 @@ from fieldlink.site import (
     WriteLimits,
 )
 from fieldlink.site.compensate import CompensateSettings
+from fieldlink.site.findings import FindingsTable
 from fieldlink.site.models import (
     EstimationSettings,
     ExchangeAddresses,
@@ -35,6 +36,7 @@ from fieldlink.site.models import (
 )
 from fieldlink.site.mqtt import MqttSettings, MqttSpool, MqttTls
 from fieldlink.site.node_map import NODE_COLUMNS
+from fieldlink.site.notify import MailSettings, NotifySettings, WebHookSettings
 from fieldlink.site.opcua import OpcuaSettings
 from fieldlink.site.register_map import COLUMNS
 
@@ -63,6 +65,10 @@ MODELS: list[type[BaseModel]] = [
     MqttSettings,
     MqttTls,
     MqttSpool,
+    FindingsTable,
+    NotifySettings,
+    WebHookSettings,
+    MailSettings,
 ]
 
 
