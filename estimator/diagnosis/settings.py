@@ -218,8 +218,6 @@ class Grouping:
         coherence: least coherence of two loops that both oscillate; half of the amplitude's
             variance is then in common.
         hidden: least coherence of a loop that does not oscillate visibly itself.
-        hidden_values: independent values that it takes for such a loop: eight are twenty periods;
-            of the periods that a record of ten offers, one agrees by chance too often.
         share: least share of the oscillation in such a loop's motion.
         moving: share of samples in which a cascade's set-point moves.
         cascade: share of a set-point's variance that a master's OP explains.
@@ -242,7 +240,6 @@ class Grouping:
     chance: float = 0.01
     coherence: float = 0.7
     hidden: float = 0.85
-    hidden_values: float = 8.0
     share: float = 0.1
     moving: float = 0.3
     cascade: float = 0.95
