@@ -200,7 +200,9 @@ def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
             f"{loop}: {len(frame)} samples in the store since {since:%Y-%m-%d %H:%M} UTC; "
             f"{LEAST_SAMPLES} are needed: let the daemon run, or give more --hours"
         )
-    signals = {name: frame[name].astype("float64").to_numpy() for name in _SIGNALS}
+    signals: dict[str, Floats] = {
+        name: np.asarray(frame[name].astype("float64"), dtype=np.float64) for name in _SIGNALS
+    }
     has = {name: bool(np.isfinite(values).any()) for name, values in signals.items()}
     if not (has["op"] and has["pv"]):
         return f"{loop}: no good sample of OP and PV since {since:%Y-%m-%d %H:%M} UTC"

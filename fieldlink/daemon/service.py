@@ -508,6 +508,7 @@ class Daemon:
         """Let the loops be diagnosed at the beat of the site file, or not at all."""
         table = self._site.file.findings
         if not table.enabled:
+            self._round_every = 0.0
             schedule.remove(ROUND)
         elif (seconds := self._rounds.interval(table)) != self._round_every:
             self._round_every = seconds

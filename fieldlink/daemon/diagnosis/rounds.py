@@ -186,6 +186,10 @@ class DiagnosisRounds:
         )
         if result is None:
             self._put(record)
+            if outcome is not EstimateOutcome.REFUSED:
+                self._journal.event(
+                    "diagnosis.failed", request.loop, f"{message}; {outcome.advice}", bad=True
+                )
             return
         loop = ObservedLoop.of_document(
             result.document,
