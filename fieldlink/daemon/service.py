@@ -518,6 +518,7 @@ class Daemon:
         task = asyncio.current_task()
         assert task is not None
         assert self._pool is not None
+        task.set_name(ROUND)
         self._judging.add(task)
         try:
             await self._rounds.run(self._site, self._pool)

@@ -96,5 +96,5 @@ def test_new_settings_do_what_was_predicted() -> None:
 
 
 def test_a_process_that_hardly_shows_gives_no_advice() -> None:
-    loads = np.repeat(np.random.default_rng(4).uniform(-6.0, 6.0, 8), 100)
-    assert found(run(gain=0.15, integral_time=30.0, load=loads, n=800)).tuning is None
+    loads = np.repeat(np.random.default_rng(4).uniform(-6.0, 6.0, 15), 100)
+    assert found(run(gain=0.15, integral_time=30.0, load=loads)).tuning is None
