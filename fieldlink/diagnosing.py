@@ -39,6 +39,11 @@ Floats = NDArray[np.float64]
 
 _KEPT = 20_000
 """Samples of a loop that are kept to find groups: a day at 4.3 s, a period of 20 s and slower."""
+LEAST_SAMPLES = 50
+"""Samples of a stored loop below which no window is tried: the shortest that a site file allows."""
+MOST_SLOTS = 3_000_000
+"""Slots of a stored loop: a month at 1 s. What is beyond a longer pause is left out."""
+_SIGNALS = ("op", "pv", "sp", "auto")
 _FEW = 4
 """Loops up to which starting worker processes takes longer than the work."""
 
@@ -134,14 +139,22 @@ def diagnose_files(files: Mapping[str, Path], columns: Columns) -> Plant:
     return _diagnose_all(files, partial(_one_file, columns=columns))
 
 
-def diagnose_store(url: str, loops: Sequence[str], hours: float) -> Plant:
+def diagnose_store(url: str, periods: Mapping[str, float], hours: float) -> Plant:
     """Diagnose the loops of a historian by its last hours.
+
+    Args:
+        url: the historian.
+        periods: by loop, plant seconds between two samples.
+        hours: of the clock, back from now.
 
     Raises:
         DiagnosisError: no loop has samples enough.
     """
     since = datetime.now(UTC) - timedelta(hours=hours)
-    return _diagnose_all({name: name for name in loops}, partial(_one_stored, url=url, since=since))
+    return _diagnose_all(
+        {name: (name, period) for name, period in periods.items()},
+        partial(_one_stored, url=url, since=since),
+    )
 
 
 _Answer = tuple[Diagnosis, LoopSignals] | str
@@ -178,34 +191,44 @@ def _one_file(path: Path, columns: Columns) -> _Answer:
     return diagnose_recording(recording), _thinned(recording)
 
 
-def _one_stored(loop: str, url: str, since: datetime) -> _Answer:
+def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
+    from fieldlink.assess.series import Series, equally_spaced
     from fieldlink.store import read_samples
 
+    loop, period = place
     frame = read_samples(url, loop, since=since)
-    stamps = frame["time"].dt.tz_convert(None).to_numpy()
-    times = stamps.astype("datetime64[ms]").astype(np.int64) / 1000.0
-    if times.size < 50:
+    if len(frame) < LEAST_SAMPLES:
         return (
-            f"{loop}: {times.size} samples in the store since {since:%Y-%m-%d %H:%M} UTC; 50 are "
-            f"needed: let the daemon run, or give more --hours"
+            f"{loop}: {len(frame)} samples in the store since {since:%Y-%m-%d %H:%M} UTC; "
+            f"{LEAST_SAMPLES} are needed: let the daemon run, or give more --hours"
         )
-    period = float(np.median(np.diff(times)))
-    # samples on an even grid; what was missed stays NaN
-    slots = np.round((times - times[0]) / period).astype(int)
-    signals = {}
-    for name in ("op", "pv", "sp", "auto"):
-        even = np.full(slots[-1] + 1, np.nan)
-        even[slots] = frame[name].astype("float64").to_numpy()
-        signals[name] = even
+    signals: dict[str, Floats] = {
+        name: np.asarray(frame[name].astype("float64"), dtype=np.float64) for name in _SIGNALS
+    }
     has = {name: bool(np.isfinite(values).any()) for name, values in signals.items()}
     if not (has["op"] and has["pv"]):
         return f"{loop}: no good sample of OP and PV since {since:%Y-%m-%d %H:%M} UTC"
-    recording = Recording(
-        path=Path(loop),
+    stamps = frame["time"].dt.tz_localize(None).to_numpy()
+    times = stamps.astype("datetime64[ms]").astype(np.int64) / 1000.0
+    # each sample in its slot; what was missed stays NaN
+    stored = Series(
+        time=times,
         op=signals["op"],
         pv=signals["pv"],
         sp=signals["sp"] if has["sp"] else None,
-        auto=np.nan_to_num(signals["auto"]) > 0.0 if has["auto"] else None,
+        auto=signals["auto"] if has["auto"] else None,
+        period=period,
+        dated=True,
+        slot=frame["slot"].to_numpy(dtype=np.int64),
+    )
+    even = equally_spaced(stored, MOST_SLOTS)
+    recording = Recording(
+        path=Path(loop),
+        op=even.op,
+        pv=even.pv,
+        sp=even.sp,
+        # a missed sample is not a loop in manual
+        auto=None if even.auto is None else ~(even.auto <= 0.0),
         period=period,
         time=None,
         irregular=0,

@@ -177,7 +177,9 @@ def _members(
         found, values = coherence(mine, other, known & known_too)
         # values half a period apart, in a band of this width
         free = max(2.0, values * grouping.width)
-        chance = math.sqrt(1.0 - (grouping.chance / pairs) ** (1.0 / (free - 1.0)))
+        # a loop without an oscillation of its own has the periods of all others to agree with
+        tried = pairs if name in swinging else pairs * len(swings)
+        chance = math.sqrt(1.0 - (grouping.chance / tried) ** (1.0 / (free - 1.0)))
         least = grouping.coherence if name in swinging else grouping.hidden
         if found > max(chance, least) and (
             name in swinging or share_in_band(one, period) > grouping.share

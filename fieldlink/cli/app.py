@@ -22,6 +22,7 @@ from fieldlink.cli import (
     identify,
     init,
     map_commands,
+    notify,
     read_write,
     rehearse,
     report,
@@ -75,6 +76,7 @@ app.command("write")(read_write.write)
 app.add_typer(map_commands.app, name="map")
 app.add_typer(service.app, name="service")
 app.add_typer(fmu.app, name="fmu")
+app.add_typer(notify.app, name="notify")
 app.command("warm-up")(identify.warm_up)
 
 

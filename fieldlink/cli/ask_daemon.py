@@ -135,6 +135,7 @@ def _lines(found: dict[str, Any]) -> list[str]:
             f"loop {loop['name']}: {loop['read']} of {loop['expected']} samples, "
             f"{loop['missed']} missed; {loop['verdict'] or 'no estimate yet'}"
             + ("" if loop["stick_band"] is None else f", S = {loop['stick_band']:.4g}")
+            + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )
         if block["seq"] is not None:
             lines.append(f"  block {block['seq']}: {block['status']}; {block['reason']}")
@@ -142,6 +143,8 @@ def _lines(found: dict[str, Any]) -> list[str]:
             lines.append(f"  no block; {block['reason']}")
         if loop["waiting"] is not None:
             lines.append(f"  waits: {loop['waiting']}")
+    for finding in found.get("findings", []):
+        lines.append(f"finding {finding['finding']} ({finding['state']}): {finding['text']}")
     return [_printable(line) for line in lines]
 
 

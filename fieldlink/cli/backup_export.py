@@ -44,7 +44,10 @@ def export(
     ] = None,
     table: Annotated[
         str,
-        typer.Option(help="samples, averages, slots, estimates, writebacks, events or work."),
+        typer.Option(
+            help="samples, averages, slots, estimates, writebacks, events, work, diagnoses or "
+            "findings."
+        ),
     ] = "samples",
     force: Force = False,
 ) -> None:

@@ -54,7 +54,8 @@ def diagnose(
         from fieldlink.site import load_site
 
         site = load_site(sites[0])
-        plant = diagnosing.diagnose_store(site.historian_url, list(site.loops), hours)
+        periods = {name: loop.period for name, loop in site.loops.items()}
+        plant = diagnosing.diagnose_store(site.historian_url, periods, hours)
     elif several:
         plant = diagnosing.diagnose_files(diagnosing.files_of(paths), columns)
     else:

@@ -95,6 +95,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     ),
     "write": ("write site.toml OP 42.5", "write 192.168.1.10 holding:104:float32 42.5"),
     "warm-up": ("warm-up",),
+    "notify test": ("notify test site.toml", "notify test site.toml --json"),
     "map import": (
         "map import vendor.xlsx --out map.csv",
         "map import vendor.csv --column tag=Typ --addresses modicon",
@@ -123,6 +124,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         "backup",
         "export",
         "support-bundle",
+        "notify",
         "warm-up",
     ),
     "Try it without a plant": ("demo", "plant", "rehearse", "simulate", "fmu"),

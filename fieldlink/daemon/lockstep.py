@@ -10,6 +10,8 @@ import asyncio
 import math
 from collections.abc import Callable
 
+from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
+from fieldlink.daemon.estimation.answers import InlineWorker
 from fieldlink.daemon.estimation.estimating import Estimator, InlineEstimator
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.device import DeviceRunner
@@ -64,6 +66,13 @@ class LockstepRun:
         self._runner = SiteRunner(
             site, self._clock, self._put, read_only=read_only, live=False, links=links
         )
+        self._rounds = DiagnosisRounds(
+            lambda: self._runner.runners,
+            self._put,
+            self._runner.journal,
+            self._clock,
+            site.historian_url if store else None,
+        )
 
     def link(self, device: str) -> Link:
         """Return the link of a device, for judging a run by what the plant really did."""
@@ -72,7 +81,10 @@ class LockstepRun:
     def status(self) -> DaemonStatus:
         """Return a snapshot; may be called at any time."""
         report = StoreReport() if self._historian is None else self._historian.report()
-        return self._runner.status(report)
+        table = self._site.file.findings
+        return self._runner.status(
+            report, findings=self._rounds.report() if table.enabled else None
+        )
 
     async def run(
         self,
@@ -95,6 +107,7 @@ class LockstepRun:
         if self._historian is not None:
             self._historian.start(journal.event_record("lockstep.start", "daemon", self._site.name))
             self._historian.tidy()
+        await self._rounds.resume()
         try:
             await self._runner.open()
             try:
@@ -114,6 +127,8 @@ class LockstepRun:
     ) -> None:
         steps = {name: _Steps(runner) for name, runner in self._runner.runners.items()}
         total = 0
+        table = self._site.file.findings
+        rounds = 1
         while steps and not (stop is not None and stop.is_set()):
             name = min(steps, key=lambda name: steps[name].next)
             device = steps[name]
@@ -124,6 +139,9 @@ class LockstepRun:
             if not device.is_scan:
                 await device.look()
                 continue
+            if table.enabled and now >= rounds * table.every:
+                rounds = int(now // table.every) + 1
+                await self._rounds.run(self._site, InlineWorker())
             await self._step(device.runner, now)
             device.note_scan()
             total += 1

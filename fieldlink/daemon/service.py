@@ -14,6 +14,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 
 from fieldlink.daemon.devices_at_work import DevicesAtWork
+from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
 from fieldlink.daemon.estimation.judging import WindowJudging
 from fieldlink.daemon.estimation.pool import PoolSettings
 from fieldlink.daemon.installation import only_daemon
@@ -32,6 +33,7 @@ from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.daemon.site_takeover import SiteTakeover
 from fieldlink.links import Clock, SystemClock
+from fieldlink.notices import Notifying
 from fieldlink.site import Site, load_site
 from fieldlink.store import (
     Historian,
@@ -47,6 +49,9 @@ WATCH_EVERY = 1.0
 
 TIDY_EVERY = 3600.0
 """Seconds between two applications of the store's retention."""
+
+ROUND = "diagnoses"
+"""The job that diagnoses all loops."""
 
 
 class Daemon:
@@ -84,6 +89,7 @@ class Daemon:
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._clock_watch = ClockWatch(self._clock)
         self._publishing: Publishing | None = None
+        self._notifying: Notifying | None = None
         self._runner = SiteRunner(
             site,
             self._clock,
@@ -109,6 +115,15 @@ class Daemon:
         )
         self._watch_files = watch_files
         self._wanted = asyncio.Event()
+        self._notifying = self._way_to_people(site)
+        self._rounds = DiagnosisRounds(
+            lambda: self._runner.runners,
+            self._put,
+            self._runner.journal,
+            self._clock,
+            site.historian_url,
+        )
+        self._round_every = 0.0
         self.started = asyncio.Event()
 
     @property
@@ -129,6 +144,8 @@ class Daemon:
             reloads=self._takeover.accepted,
             refused=self._takeover.refused,
             upward=None if self._publishing is None else self._publishing.report(),
+            findings=self._rounds.report() if self._site.file.findings.enabled else None,
+            notices=None if self._notifying is None else self._notifying.report(),
         )
 
     def stuck(self) -> tuple[str, ...]:
@@ -163,16 +180,18 @@ class Daemon:
         self._historian.start(journal.event_record("daemon.start", "daemon", self._site.name))
         try:
             await self._runner.resume_from(self._site.historian_url)
+            await self._rounds.resume()
             self._judging.open()
             try:
                 await self._runner.open()
                 async with (
                     self._upward() as sending,
+                    self._telling() as telling,
                     self._at_work() as failures,
                     control_socket(self._data_dir, self._answer),
                 ):
                     self.started.set()
-                    await wait_for_end(stop, duration, [*failures, *sending])
+                    await wait_for_end(stop, duration, [*failures, *sending, *telling])
             finally:
                 await self._runner.close()
                 await self._judging.close()
@@ -200,9 +219,11 @@ class Daemon:
         return self._requests.answer(request)
 
     def _put(self, record: Record) -> object:
-        """Hand a record to the store and, where the site publishes, upward; never waits."""
+        """Hand a record to the store and to whoever the site file wants told; never waits."""
         if self._publishing is not None:
             self._publishing.put(record)
+        if self._notifying is not None:
+            self._notifying.put(record)
         return self._historian.put(record)
 
     def _way_upward(self, site: Site) -> Publishing | None:
@@ -228,6 +249,26 @@ class Daemon:
         async with self._publishing.running() as tasks:
             yield tasks
 
+    def _way_to_people(self, site: Site) -> Notifying | None:
+        if site.file.notify is None:
+            return None
+        return Notifying(
+            site,
+            states=lambda: self._runner.device_states(),
+            tell=self._runner.journal.event,
+            defect=self._runner.journal.defect,
+            utc_ms=lambda: round(1000.0 * self._clock.utc()),
+        )
+
+    @asynccontextmanager
+    async def _telling(self) -> AsyncIterator[list[asyncio.Task[None]]]:
+        """Send notices while the block runs; yield what must not end by itself."""
+        if self._notifying is None:
+            yield []
+            return
+        async with self._notifying.running() as tasks:
+            yield tasks
+
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
         """Start everything; yield what must not end by itself; end it in order."""
@@ -242,6 +283,7 @@ class Daemon:
         schedule.every(TIDY_EVERY, "retention", self._do(self._historian.tidy))
         reports = ScheduledReport(self._runner.journal)
         schedule.every(REPORT_LOOK, "report", partial(self._report, reports))
+        self._schedule_rounds(schedule)
         self._historian.tidy()
         schedule.start()
         watching = [
@@ -252,6 +294,7 @@ class Daemon:
             yield [schedule.failed, failed, *watching]
         finally:
             self._judging.stop()
+            self._rounds.stop()
             schedule.pause()
             for task in (warming, *watching):
                 task.cancel()
@@ -275,6 +318,7 @@ class Daemon:
                 if site is not self._site and self._publishing is not None:
                     self._publishing.follow(site)
                 self._site = site
+                self._schedule_rounds(schedule)
                 watch.follow(self._site)
 
     def _account(self, accounts: SlotAccounts) -> None:
@@ -288,6 +332,28 @@ class Daemon:
                 self._runner.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
+
+    def _schedule_rounds(self, schedule: Schedule) -> None:
+        """Let the loops be diagnosed at the beat of the site file, or not at all."""
+        table = self._site.file.findings
+        if not table.enabled:
+            self._round_every = 0.0
+            schedule.remove(ROUND)
+        elif (seconds := self._rounds.interval(table)) != self._round_every:
+            self._round_every = seconds
+            schedule.every(seconds, ROUND, self._diagnose)
+
+    async def _diagnose(self) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        task.set_name(ROUND)
+        self._judging.tasks.add(task)
+        try:
+            await self._rounds.run(self._site, self._judging.pool)
+        except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
+            self._runner.journal.defect("daemon", error, "this round of diagnoses is left out")
+        finally:
+            self._judging.tasks.discard(task)
 
     async def _report(self, reports: ScheduledReport) -> None:
         try:

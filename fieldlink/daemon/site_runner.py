@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
+from fieldlink.daemon.diagnosis.report import FindingsReport
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.orders import ORDER_EVENTS, recall_orders
@@ -17,6 +18,7 @@ from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import Clock, Link, LinkState, open_link
+from fieldlink.notices import NoticesReport
 from fieldlink.site import Site
 from fieldlink.store import (
     Record,
@@ -162,6 +164,8 @@ class SiteRunner:
         reloads: int = 0,
         refused: int = 0,
         upward: UpwardReport | None = None,
+        findings: FindingsReport | None = None,
+        notices: NoticesReport | None = None,
     ) -> DaemonStatus:
         """Return a snapshot."""
         return DaemonStatus(
@@ -178,7 +182,17 @@ class SiteRunner:
             refused=refused,
             defects=self.journal.defects,
             upward=upward,
+            findings=findings,
+            notices=notices,
         )
+
+    def device_states(self) -> dict[str, tuple[LinkState, str]]:
+        """Return the state of each device, and its newest failure."""
+        return {
+            name: (state.state, state.last_failure)
+            for name, runner in self.runners.items()
+            for state in (runner.status(),)
+        }
 
     def health(self, *, store_failing: bool) -> dict[str, object]:
         """Return the states of devices and loops, for consumers above; cheap enough to poll."""

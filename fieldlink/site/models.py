@@ -21,7 +21,9 @@ from fieldlink.site.daemon_tables import (
     WebSettings,
 )
 from fieldlink.site.device import Address, Device, Model, Seconds
+from fieldlink.site.findings import FindingsTable
 from fieldlink.site.mqtt import MqttSettings
+from fieldlink.site.notify import NotifySettings
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 
 __all__ = [
@@ -233,3 +235,7 @@ class SiteFile(Model):
     """The work list and its schedule."""
     mqtt: MqttSettings | None = None
     """Publishing to an MQTT broker."""
+    findings: FindingsTable = FindingsTable()
+    """Why loops swing, diagnosed again and again by the daemon."""
+    notify: NotifySettings | None = None
+    """Notices of findings and lost devices, over HTTP and by e-mail."""

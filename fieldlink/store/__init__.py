@@ -11,6 +11,7 @@ from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
 from fieldlink.store.last_blocks import last_blocks
 from fieldlink.store.last_events import last_events
+from fieldlink.store.last_findings import CLOSED, open_findings
 from fieldlink.store.queries import (
     read_averages,
     read_estimates,
@@ -20,8 +21,10 @@ from fieldlink.store.queries import (
     read_writebacks,
 )
 from fieldlink.store.records import (
+    DiagnosisRecord,
     EstimateRecord,
     EventRecord,
+    FindingRecord,
     Record,
     SampleRecord,
     SlotRecord,
@@ -30,16 +33,20 @@ from fieldlink.store.records import (
 )
 from fieldlink.store.sample_stretches import SampleReader
 from fieldlink.store.settings_and_counts import HistorianSettings, StoreReport
-from fieldlink.store.work_notes import WORK_DONE, WORK_STATES, record_work
+from fieldlink.store.work_notes import REPAIR_KINDS, WORK_DONE, WORK_STATES, record_work
 
 __all__ = [
+    "CLOSED",
     "EXPORTED_TABLES",
+    "REPAIR_KINDS",
     "WORK_DONE",
     "WORK_STATES",
     "Backup",
+    "DiagnosisRecord",
     "EstimateRecord",
     "EventRecord",
     "Export",
+    "FindingRecord",
     "FleetReader",
     "Historian",
     "HistorianSettings",
@@ -56,6 +63,7 @@ __all__ = [
     "export",
     "last_blocks",
     "last_events",
+    "open_findings",
     "read_averages",
     "read_estimates",
     "read_events",

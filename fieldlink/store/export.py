@@ -31,7 +31,17 @@ from sqlalchemy.exc import SQLAlchemyError
 from fieldlink.spreadsheet import to_cell
 from fieldlink.store.database import cause_of, open_for_reading, shown
 from fieldlink.store.errors import StoreError
-from fieldlink.store.schema import AVERAGES, ESTIMATES, EVENTS, SAMPLES, SLOTS, WORK, WRITEBACKS
+from fieldlink.store.schema import (
+    AVERAGES,
+    DIAGNOSES,
+    ESTIMATES,
+    EVENTS,
+    FINDINGS,
+    SAMPLES,
+    SLOTS,
+    WORK,
+    WRITEBACKS,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -39,7 +49,18 @@ if TYPE_CHECKING:
 __all__ = ["EXPORTED_TABLES", "Export", "export"]
 
 EXPORTED_TABLES = {
-    table.name: table for table in (SAMPLES, AVERAGES, SLOTS, ESTIMATES, WRITEBACKS, EVENTS, WORK)
+    table.name: table
+    for table in (
+        SAMPLES,
+        AVERAGES,
+        SLOTS,
+        ESTIMATES,
+        WRITEBACKS,
+        EVENTS,
+        WORK,
+        DIAGNOSES,
+        FINDINGS,
+    )
 }
 
 PART = 20_000

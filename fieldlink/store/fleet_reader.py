@@ -15,8 +15,9 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import cause_of, open_for_reading, shown
 from fieldlink.store.errors import StoreError
+from fieldlink.store.last_findings import newest_of_findings
 from fieldlink.store.queries import frame_of
-from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, WORK
+from fieldlink.store.schema import DIAGNOSES, ESTIMATES, EVENTS, FINDINGS, SAMPLES, WORK
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,6 +109,22 @@ class FleetReader:
         columns = [EVENTS.c[name] for name in ("utc_ms", "kind", "source", "message")]
         query = select(*columns).where(EVENTS.c.kind.in_(kinds))
         return self._records(query.order_by(EVENTS.c.utc_ms, EVENTS.c.id))
+
+    def diagnosis(self, loop: str) -> dict[str, Any] | None:
+        """Return the newest diagnosis of a loop; None without one."""
+        if not self._has(DIAGNOSES):
+            return None
+        c = DIAGNOSES.c
+        query = select(DIAGNOSES).where(c.loop == loop, c.cause.is_not(None))
+        rows = self._rows(query.order_by(c.utc_ms.desc(), c.id.desc()).limit(1))
+        return dict(rows[0]._mapping) if rows else None
+
+    def findings(self) -> list[dict[str, Any]]:
+        """Return every finding as its newest row says; nothing in a store of an earlier release."""
+        if not self._has(FINDINGS):
+            return []
+        query = newest_of_findings().order_by(FINDINGS.c.born_ms, FINDINGS.c.finding)
+        return [dict(row._mapping) for row in self._rows(query)]
 
     def _has(self, table: Table) -> bool:
         try:

@@ -9,11 +9,22 @@ from typing import ClassVar
 
 from sqlalchemy import Table
 
-from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, SLOTS, WORK, WRITEBACKS
+from fieldlink.store.schema import (
+    DIAGNOSES,
+    ESTIMATES,
+    EVENTS,
+    FINDINGS,
+    SAMPLES,
+    SLOTS,
+    WORK,
+    WRITEBACKS,
+)
 
 __all__ = [
+    "DiagnosisRecord",
     "EstimateRecord",
     "EventRecord",
+    "FindingRecord",
     "Record",
     "SampleRecord",
     "SlotRecord",
@@ -183,6 +194,67 @@ class WorkRecord(Record):
     owner: str
     note: str
     author: str
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisRecord(Record):
+    """Why a loop swings, by one of its windows.
+
+    Attributes:
+        loop: its name.
+        utc_ms: when the diagnosis came.
+        window_begin_ms, window_end_ms: stamps of the window's first and last slot.
+        outcome: what became of the request, in the words of an estimate's outcome.
+        compensated: whether a block may have been in force during the window.
+        message: why there is no diagnosis; empty where there is one.
+        cause, weight: the heaviest cause; None without a diagnosis.
+        swing_period_s: of the main oscillation; None where nothing oscillates.
+        document: the diagnosis as ``fieldlink diagnose --json`` prints it.
+    """
+
+    table: ClassVar[Table] = DIAGNOSES
+    loop: str
+    utc_ms: int
+    window_begin_ms: int
+    window_end_ms: int
+    outcome: str
+    compensated: bool
+    message: str
+    cause: str | None = None
+    weight: float | None = None
+    swing_period_s: float | None = None
+    document: Mapping[str, object] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FindingRecord(Record):
+    """A finding as of one moment; the newest row of a finding counts, the others are its course.
+
+    Attributes:
+        finding: its id, which never changes.
+        utc_ms, born_ms: when this was found, and when the finding was born.
+        state: watch, confirmed or closed.
+        cause: name of the cause, as in a diagnosis.
+        loop: the loop that has the cause; empty where it is none of the loops.
+        loops: all loops that swing because of it.
+        swing_period_s: of the oscillation; None where there is none.
+        weight: of the cause, or of the likeliest candidate of a group; 0 to 1.
+        message: what is new, one sentence.
+        document: evidence, action, candidates, and what happened after a repair.
+    """
+
+    table: ClassVar[Table] = FINDINGS
+    finding: str
+    utc_ms: int
+    born_ms: int
+    state: str
+    cause: str
+    loop: str
+    loops: Sequence[str]
+    swing_period_s: float | None
+    weight: float | None
+    message: str
+    document: Mapping[str, object] | None = None
 
 
 def _storable(value: object) -> object:

@@ -25,8 +25,10 @@ from sqlalchemy import (
 
 __all__ = [
     "AVERAGES",
+    "DIAGNOSES",
     "ESTIMATES",
     "EVENTS",
+    "FINDINGS",
     "META",
     "METADATA",
     "SAMPLES",
@@ -37,7 +39,7 @@ __all__ = [
     "upgrade",
 ]
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 METADATA = MetaData()
 
@@ -176,6 +178,43 @@ WORK = Table(
     Column("note", Text, nullable=False),
     Column("author", Text, nullable=False),
     Index("work_by_loop", "loop", "utc_ms"),
+)
+
+DIAGNOSES = Table(
+    "diagnoses",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("loop", Text, nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("window_begin_ms", BigInteger, nullable=False),
+    Column("window_end_ms", BigInteger, nullable=False),
+    Column("outcome", String(40), nullable=False),
+    Column("cause", String(40)),
+    Column("weight", Float(53)),
+    Column("swing_period_s", Float(53)),
+    Column("compensated", Boolean, nullable=False),
+    Column("message", Text, nullable=False),
+    Column("document", JSON),
+    Index("diagnoses_by_loop", "loop", "utc_ms"),
+)
+
+FINDINGS = Table(
+    "findings",
+    METADATA,
+    Column("id", _ROW_ID, primary_key=True, autoincrement=True),
+    Column("finding", String(40), nullable=False),
+    Column("utc_ms", BigInteger, nullable=False),
+    Column("born_ms", BigInteger, nullable=False),
+    Column("state", String(40), nullable=False),
+    Column("cause", String(40), nullable=False),
+    Column("loop", Text, nullable=False),
+    Column("loops", JSON, nullable=False),
+    Column("swing_period_s", Float(53)),
+    Column("weight", Float(53)),
+    Column("message", Text, nullable=False),
+    Column("document", JSON),
+    Index("findings_by_finding", "finding", "utc_ms"),
+    Index("findings_by_time", "utc_ms"),
 )
 
 

@@ -15,13 +15,16 @@ from fieldlink.store.database import cause_of, open_for_reading, open_for_writin
 from fieldlink.store.errors import StoreError
 from fieldlink.store.records import EventRecord, WorkRecord
 
-__all__ = ["WORK_DONE", "WORK_STATES", "record_work"]
+__all__ = ["REPAIR_KINDS", "WORK_DONE", "WORK_STATES", "record_work"]
 
 WORK_STATES = ("open", "planned", "done", "verified")
 """In the order in which work goes through them."""
 
 WORK_DONE = "work.done"
 """Kind of the event that marks a repair: the figures after it are compared with those before."""
+
+REPAIR_KINDS = (WORK_DONE, "operator.annotate")
+"""Events that say that a valve was repaired; their source is the loop."""
 
 
 def record_work(

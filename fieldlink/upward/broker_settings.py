@@ -5,23 +5,11 @@ from __future__ import annotations
 import ssl
 from dataclasses import dataclass
 
+from fieldlink.secret import Secret, SecretError
 from fieldlink.site import Site
 from fieldlink.upward.errors import UpwardError
 
 __all__ = ["BrokerSettings"]
-
-
-class _Secret:
-    """A text that no log, message or representation shows."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-
-    def reveal(self) -> str:
-        return self._text
-
-    def __repr__(self) -> str:
-        return "***"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +27,7 @@ class BrokerSettings:
     client_id: str
     keepalive: int
     username: str | None = None
-    password: _Secret | None = None
+    password: Secret | None = None
     tls: ssl.SSLContext | None = None
 
     @property
@@ -58,14 +46,10 @@ class BrokerSettings:
         assert mqtt is not None
         password = None
         if mqtt.password_file is not None:
-            file = site.resolve(mqtt.password_file)
             try:
-                password = _Secret(file.read_text(encoding="utf-8").strip("\r\n"))
-            except (OSError, UnicodeDecodeError) as error:
-                raise UpwardError(
-                    f"{site.path}: mqtt.password_file: {file} cannot be read; check its "
-                    "permissions, and that it holds the password as plain text"
-                ) from error
+                password = Secret.of_file(site.resolve(mqtt.password_file))
+            except SecretError as error:
+                raise UpwardError(f"{site.path}: mqtt.password_file: {error}") from error
         tls = None
         if mqtt.tls is not None:
             try:

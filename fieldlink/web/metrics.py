@@ -19,6 +19,7 @@ from prometheus_client.core import (
 
 from fieldlink.daemon import LATENESS_BOUNDS, DaemonStatus, EstimateOutcome
 from fieldlink.links import LinkState
+from fieldlink.web.finding_metrics import metrics_of_findings
 
 __all__ = ["collect_metrics", "render_metrics"]
 
@@ -51,6 +52,7 @@ def collect_metrics(status: DaemonStatus) -> Iterator[Metric]:
     yield from _of_the_store(status)
     yield from _of_the_daemon(status)
     yield from _of_the_broker(status)
+    yield from metrics_of_findings(status)
 
 
 def _of_loops(status: DaemonStatus) -> Iterator[Metric]:

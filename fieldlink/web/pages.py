@@ -21,6 +21,7 @@ from fieldlink.web.health import Readiness
 from fieldlink.web.requests import BadRequestError, milliseconds, number_of, refuse, wants_json
 from fieldlink.web.responses import json_answer, page_answer, render
 from fieldlink.web.source import Source
+from fieldlink.web.view.causes import findings_document
 from fieldlink.web.view.cost_map import cost_map
 from fieldlink.web.view.curves import RAW, curves, phase
 from fieldlink.web.view.devices import devices_document
@@ -44,6 +45,7 @@ def page_routes(source: Source, access: Access) -> list[Route]:
         ("/fragments/loops/{name:path}", pages.loop_part),
         ("/api/loops", pages.api_fleet),
         ("/api/devices", pages.api_devices),
+        ("/api/findings", pages.api_findings),
         ("/api/loops/{name:path}/samples", pages.api_samples),
         ("/api/loops/{name:path}/window", pages.api_window),
         ("/api/loops/{name:path}/map", pages.api_map),
@@ -92,6 +94,7 @@ class _Pages:
                 rows=fleet.rows,
                 revision=fleet.revision,
                 largest=_largest(fleet.rows),
+                findings=findings_document(self._source.queries()),
             ),
         )
 
@@ -128,6 +131,9 @@ class _Pages:
                 },
                 "bar": self._bar(status),
                 "summary": render("fleet_summary.html.j2", rows=fleet.rows),
+                "findings": render(
+                    "fleet_findings.html.j2", findings=findings_document(self._source.queries())
+                ),
             },
         )
 
@@ -140,7 +146,7 @@ class _Pages:
         found = self._loop(request, status)
         if found is None:
             return self._missing(request, status)
-        names = ("now", "why", "effect", "written", "orders")
+        names = ("now", "causes", "why", "effect", "written", "orders")
         frame = {"has_daemon": self._source.has_daemon}
         parts = {name: render(f"loop_{name}.html.j2", loop=found, **frame) for name in names}
         return json_answer(
@@ -169,6 +175,9 @@ class _Pages:
         return json_answer(
             request, devices_document(self._source.queries(), self._source.site, status)
         )
+
+    def api_findings(self, request: Request, status: DaemonStatus | None) -> Response:  # noqa: ARG002
+        return json_answer(request, {"findings": findings_document(self._source.queries())})
 
     def api_loop(self, request: Request, status: DaemonStatus | None) -> Response:
         found = self._loop(request, status)

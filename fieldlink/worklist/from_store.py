@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from estimator import Interval, Track
-from fieldlink.store import WORK_DONE, FleetReader
+from fieldlink.store import REPAIR_KINDS, FleetReader
+from fieldlink.worklist.diagnosed import finding_of_stored, findings_by_loop, remarks_of
 from fieldlink.worklist.estimates_over_time import (
     Course,
     Repair,
@@ -31,10 +32,7 @@ if TYPE_CHECKING:
 
     from fieldlink.site import Site
 
-__all__ = ["REPAIR_KINDS", "Diagnose", "ReportedLoop", "list_loops"]
-
-REPAIR_KINDS = (WORK_DONE, "operator.annotate")
-"""Events that say that a valve was repaired; their source is the loop."""
+__all__ = ["Diagnose", "ReportedLoop", "list_loops"]
 
 Diagnose = Callable[[str, WindowSamples], Finding | None]
 """Gives the finding of a diagnosis for a loop's newest window, None where there is none."""
@@ -89,10 +87,13 @@ def list_loops(
     with FleetReader(url) as store:
         items, repairs = _items(store.work()), _repairs(store.events(REPAIR_KINDS))
         names = store.loops() if site is None else tuple(site.loops)
+        together = findings_by_loop(store.findings())
         for number, name in enumerate(names):
             progress(name, number, len(names))
             reader = _LoopReader(store, name, site, chosen, diagnose)
-            found.append(reader.read(items.get(name), repairs.get(name, [])))
+            loop = reader.read(items.get(name), repairs.get(name, []))
+            remarks = (*loop.row.remarks, *remarks_of(name, together.get(name, [])))
+            found.append(replace(loop, row=replace(loop.row, remarks=remarks)))
     return sorted(found, key=lambda loop: (loop.row.urgency, loop.row.tag))
 
 
@@ -136,7 +137,7 @@ class _LoopReader:
         present = course if repair is None else course.since(repair.time)
         if repair is not None and repair in noted:
             followed = present.follow(self._settings.stick_band_limit)
-        finding = self._finding(document, samples)
+        finding = self._finding(newest, samples)
         S, J = self._intervals(document)
         outlook, days = outlook_of(followed, S, self._settings.stick_band_limit)
         agreeing, judged = present.agreement()
@@ -186,10 +187,11 @@ class _LoopReader:
             return self._site.loops[self._name].period
         return 1.0 if document is None else float(document["period_s"])
 
-    def _finding(
-        self, document: Mapping[str, Any] | None, samples: WindowSamples | None
-    ) -> Finding:
+    def _finding(self, newest: Mapping[str, Any] | None, samples: WindowSamples | None) -> Finding:
+        document = None if newest is None else newest["document"]
         if samples is not None and (found := self._diagnose(self._name, samples)) is not None:
+            return found
+        if (found := finding_of_stored(self._store.diagnosis(self._name), newest)) is not None:
             return found
         if document is None:
             return Finding(

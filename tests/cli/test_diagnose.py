@@ -6,7 +6,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+from typer.testing import CliRunner
 
+from fieldlink.cli.app import app
 from tests.cli.conftest import Run
 
 
@@ -21,15 +23,15 @@ def test_one_file_answers_in_the_contract_s_form(
     assert (tmp_path / "loop.png").stat().st_size > 10_000
 
 
-def test_op_alone_and_a_folder(fieldlink: Run, recording: Path, tmp_path: Path) -> None:
+def test_op_alone_and_a_folder(recording: Path, tmp_path: Path) -> None:
     folder = tmp_path / "hours"
     folder.mkdir()
     wave = np.sin(np.arange(900) / 7.0)
     (folder / "ALONE.csv").write_text("op\n" + "\n".join(f"{v:.6f}" for v in wave))
     (folder / "LOOP.csv").write_text(recording.read_text())
     (folder / "BROKEN.csv").write_text("a,b\n1,2\n")
-    result = fieldlink("diagnose", folder, "--json")
-    assert result.returncode == 0, result.stderr
+    result = CliRunner().invoke(app, ["diagnose", str(folder), "--json"])
+    assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert set(document["loops"]) == {"ALONE", "LOOP"}
     assert document["loops"]["ALONE"]["oscillation"]["present"] is True
@@ -37,8 +39,8 @@ def test_op_alone_and_a_folder(fieldlink: Run, recording: Path, tmp_path: Path) 
     assert "BROKEN" in document["refused"]
 
 
-def test_a_person_reads_the_cause_and_what_to_do(fieldlink: Run, recording: Path) -> None:
-    result = fieldlink("diagnose", recording)
+def test_a_person_reads_the_cause_and_what_to_do(recording: Path) -> None:
+    result = CliRunner().invoke(app, ["diagnose", str(recording)])
     assert "sticky valve" in result.stdout
     assert "packing" in result.stdout
 

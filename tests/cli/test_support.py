@@ -17,6 +17,7 @@ from fieldlink.errors import FieldlinkError
 
 SITES = Path(__file__).resolve().parents[2] / "site_configs"
 SECRET = "hunter2/with@sign"
+HOOK = "T0123/B4567"
 
 
 @pytest.fixture
@@ -25,6 +26,8 @@ def site(tmp_path: Path) -> Path:
     text = (SITES / "demo.toml").read_text()
     text += f'\n[historian]\nurl = "postgresql+psycopg://meyer:{SECRET}@127.0.0.1:1/plant"\n'
     text += '\n[web]\ntoken_file = "token"\n# token = "sesam-open"  password: abc\n'
+    text += '\n[notify]\npage = "http://127.0.0.1:9480"\n[notify.web_hook]\n'
+    text += f'url = "https://chat.example/hooks/{HOOK}"\n'
     (tmp_path / "token").write_text("file-secret\n")
     (tmp_path / "token").chmod(0o600)
     (tmp_path / "site.toml").write_text(text)
@@ -50,7 +53,7 @@ def test_the_version_names_what_computes() -> None:
 def test_a_bundle_has_no_secrets_and_says_what_is_missing(site: Path, tmp_path: Path) -> None:
     parts = bundle(site, "--out", tmp_path / "bundle.zip")
     together = "\n".join(parts.values())
-    for secret in ("hunter2", "with@sign", "sesam", "abc", "file-secret"):
+    for secret in ("hunter2", "with@sign", "sesam", "abc", "file-secret", HOOK):
         assert secret not in together
     assert 'token_file = "token"' in parts["site.toml"]
     assert json.loads(parts["check.json"])["loops"][0]["name"] == "FC101"

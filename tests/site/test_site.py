@@ -113,7 +113,8 @@ def test_the_order_of_a_device_is_that_of_its_tags() -> None:
 def test_the_schema_knows_every_key_with_its_meaning() -> None:
     found = schema()
     assert set(found["properties"]) == {
-        "site", "devices", "loops", "historian", "estimation", "web", "report", "mqtt",
+        "site", "devices", "loops", "historian", "estimation", "web", "report", "mqtt", "findings",
+        "notify",
     }  # fmt: skip
     assert found["additionalProperties"] is False
     for name, table in found["$defs"].items():

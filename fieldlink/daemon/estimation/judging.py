@@ -40,6 +40,12 @@ class WindowJudging:
         self._stopping = False
         self.tasks: set[asyncio.Task[None]] = set()
 
+    @property
+    def pool(self) -> EstimatorPool:
+        """The estimator's processes, for other work of theirs; there is none before `open`."""
+        assert self._pool is not None
+        return self._pool
+
     def open(self) -> None:
         """Make the pool; its processes start with `warm_up` or with the first window."""
         self._pool = EstimatorPool(self._settings)

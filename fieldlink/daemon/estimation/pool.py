@@ -24,6 +24,7 @@ from typing import ParamSpec, TypeVar
 
 import structlog
 
+from fieldlink.daemon.estimation.answers import Answer
 from fieldlink.daemon.estimation.estimating import (
     Estimate,
     EstimateOutcome,
@@ -40,6 +41,7 @@ _log = structlog.get_logger(__name__)
 
 P = ParamSpec("P")
 T = TypeVar("T")
+A = TypeVar("A")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,14 +118,27 @@ class EstimatorPool:
 
     async def run(self, request: EstimateRequest) -> Estimate:
         """Judge a window; a window whose worker dies is judged once more in a new pool."""
-        estimate = await self._attempt(request)
-        if estimate.outcome is EstimateOutcome.WORKER_DIED:
+        answer = await self.call(self._work, request)
+        estimate = answer.value
+        if estimate is None:
+            estimate = Estimate.failed(request, answer.outcome, answer.message)
+        self._judged[estimate.outcome.code] += 1
+        return estimate
+
+    async def call(self, work: Callable[[A], T], task: A) -> Answer[T]:
+        """Have a worker do something; it is tried once more when the worker dies.
+
+        Args:
+            work: a function of a module, because it is pickled.
+            task: its argument; it and what comes back are pickled.
+        """
+        answer = await self._attempt(work, task)
+        if answer.outcome is EstimateOutcome.WORKER_DIED:
             # One at a time: the window that killed the worker must not take a bystander along
             # again.
             async with self._second_attempts:
-                estimate = await self._attempt(request)
-        self._judged[estimate.outcome.code] += 1
-        return estimate
+                answer = await self._attempt(work, task)
+        return answer
 
     def report(self) -> PoolReport:
         """Return the counts up to now."""
@@ -131,25 +146,20 @@ class EstimatorPool:
             dict(self._judged), self.rebuilt, self._in_flight, len(_processes(self._pool))
         )
 
-    async def _attempt(self, request: EstimateRequest) -> Estimate:
+    async def _attempt(self, work: Callable[[A], T], task: A) -> Answer[T]:
         pool, limit = self._pool, self._settings.limit
         self._in_flight += 1
         turns = -(-self._in_flight // self._settings.workers)
         bound = turns * limit + self._settings.grace
         try:
-            return await asyncio.wait_for(
-                self._submit(_bounded, self._work, request, limit), timeout=bound
-            )
+            return await asyncio.wait_for(self._submit(_bounded, work, task, limit), timeout=bound)
         except TimeoutError:
             # The worker's own watchdog did not fire: it is stopped or starved from outside.
             self._replace(pool, kill=True)
-            return Estimate.failed(
-                request, EstimateOutcome.TIMED_OUT, f"no result within {bound:g} s"
-            )
+            return Answer(EstimateOutcome.TIMED_OUT, f"no result within {bound:g} s")
         except (BrokenProcessPool, _PoolGoneError):
             self._replace(pool, kill=False)
-            return Estimate.failed(
-                request,
+            return Answer(
                 EstimateOutcome.WORKER_DIED,
                 f"the estimator's process ended, or needed more than {limit:g} s",
             )
@@ -236,16 +246,14 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _bounded(
-    work: Callable[[EstimateRequest], Estimate], request: EstimateRequest, limit: float
-) -> Estimate:
+def _bounded(work: Callable[[A], T], task: A, limit: float) -> Answer[T]:
     faulthandler.dump_traceback_later(limit, exit=True)
     try:
-        return work(request)
+        return Answer(EstimateOutcome.ESTIMATED, value=work(task))
     except MemoryError as error:
-        return Estimate.failed(request, EstimateOutcome.OUT_OF_MEMORY, str(error) or "no memory")
+        return Answer(EstimateOutcome.OUT_OF_MEMORY, str(error) or "no memory")
     except Exception as error:  # noqa: BLE001  (it is reported; the daemon must not end by it)
-        return Estimate.failed(request, EstimateOutcome.FAILED, describe_defect(error))
+        return Answer(EstimateOutcome.FAILED, describe_defect(error))
     finally:
         faulthandler.cancel_dump_traceback_later()
 

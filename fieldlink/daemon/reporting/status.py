@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from fieldlink.daemon.diagnosis.report import FindingsReport
 from fieldlink.daemon.estimation.estimating import Estimate
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.sampling.lateness import LatenessReport
 from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.links import LinkState
+from fieldlink.notices import NoticesReport
 from fieldlink.registers import ParameterBlock
 from fieldlink.store import SampleRecord, StoreReport
 from fieldlink.upward import UpwardReport
@@ -105,6 +107,8 @@ class DaemonStatus:
         reloads: site files taken over while running; refused: those that were wrong.
         defects: errors met that the program does not foresee; the log tells where.
         upward: messages delivered to the broker and waiting; None where the site publishes nothing.
+        findings: why loops swing; None where the site switches the diagnosis off.
+        notices: notices delivered and waiting; None where nobody gets any.
     """
 
     devices: Mapping[str, DeviceStatus]
@@ -116,6 +120,8 @@ class DaemonStatus:
     refused: int = 0
     defects: int = 0
     upward: UpwardReport | None = None
+    findings: FindingsReport | None = None
+    notices: NoticesReport | None = None
 
     @property
     def pool_rebuilt(self) -> int:

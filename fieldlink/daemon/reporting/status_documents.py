@@ -10,14 +10,17 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from fieldlink.daemon.diagnosis.report import FindingsReport
 from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopStatus
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
+from fieldlink.findings import describe_finding
 from fieldlink.site import Site
+from fieldlink.store import FindingRecord
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["event_document", "live_status", "stored_status", "time_text"]
+__all__ = ["event_document", "finding_document", "live_status", "stored_status", "time_text"]
 
 Document = dict[str, Any]
 
@@ -34,9 +37,14 @@ def live_status(status: DaemonStatus, since: float) -> Document:
         status: its snapshot.
         since: when it began, seconds since 1970.
     """
+    report = status.findings or FindingsReport()
+    causes = report.causes
     return {
         "devices": [_device(name, device, status) for name, device in status.devices.items()],
-        "loops": [_loop(name, loop) for name, loop in status.loops.items()],
+        "loops": [
+            {**_loop(name, loop), "cause": causes.get(name)} for name, loop in status.loops.items()
+        ],
+        "findings": [finding_document(one.record(one.seen_ms, "")) for one in report.open],
         "daemon": {"alive": True, "since": time_text(since)},
     }
 
@@ -91,7 +99,14 @@ def stored_status(site: Site) -> Document:
     Raises:
         StoreError: there is no historian to read.
     """
-    from fieldlink.store import read_estimates, read_events, read_slots, read_writebacks
+    from fieldlink.store import (
+        FleetReader,
+        open_findings,
+        read_estimates,
+        read_events,
+        read_slots,
+        read_writebacks,
+    )
 
     url = site.historian_url
     events, slots = read_events(url), read_slots(url)
@@ -113,9 +128,14 @@ def stored_status(site: Site) -> Document:
             }
         )
     since = None if events.empty else events["time"].iloc[-1].timestamp()
+    with FleetReader(url) as store:
+        for loop in loops:
+            diagnosis = store.diagnosis(loop["name"])
+            loop["cause"] = None if diagnosis is None else diagnosis["cause"]
     return {
         "devices": devices,
         "loops": loops,
+        "findings": [finding_document(one) for one in open_findings(url)],
         "daemon": {"alive": False, "since": None if since is None else time_text(since)},
     }
 
@@ -142,6 +162,22 @@ def _stored_loop(
             "reason": "" if wrote.empty else wrote["reason"].iloc[-1],
         },
         "waiting": None,
+    }
+
+
+def finding_document(found: FindingRecord) -> Document:
+    """Return a finding as ``fieldlink status --json`` prints it."""
+    return {
+        "finding": found.finding,
+        "state": found.state,
+        "cause": found.cause,
+        "loop": found.loop or None,
+        "loops": list(found.loops),
+        "swing_period_s": found.swing_period_s,
+        "weight": found.weight,
+        "born": time_text(found.born_ms / 1000.0),
+        "text": describe_finding(found),
+        "action": str((found.document or {}).get("action", "")),
     }
 
 

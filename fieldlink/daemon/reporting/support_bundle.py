@@ -35,6 +35,9 @@ _ASSIGNED = re.compile(
 )
 """A secret beside its name; keys that end in _file name a file and stay."""
 
+_WEB_ADDRESS = re.compile(r"(?i)\b(https?://[^\s/\"'<>]+)/[^\s\"'<>]+")
+"""The path of a web hook's address is often its only secret."""
+
 
 class BundleError(FieldlinkError):
     """A bundle that cannot be written, or a part of it that cannot be read."""
@@ -109,4 +112,4 @@ def _as_json(document: object) -> str:
 
 
 def _hide(text: str) -> str:
-    return hide_secrets(_ASSIGNED.sub(r'\1"***"', text))
+    return hide_secrets(_ASSIGNED.sub(r'\1"***"', _WEB_ADDRESS.sub(r"\1/***", text)))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
-from fieldlink.daemon.windows.window import LoopSample, Window
+from fieldlink.daemon.windows.window import LoopSample, Window, WindowData
 from fieldlink.links import Quality, Scan
 from fieldlink.registers import Tag
 from fieldlink.site import Loop, Site
@@ -226,6 +226,10 @@ class LoopPipeline:
             compensated,
             by_hand,
         )
+
+    def full_window(self) -> WindowData | None:
+        """Return a copy of the window for a diagnosis; None before it is full."""
+        return self._window.data() if self._window.is_full else None
 
     def _place(self, scan: Scan, now: float) -> Placed | None:
         """Return the slot of what a scan has of the loop; None when it has nothing new."""

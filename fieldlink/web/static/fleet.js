@@ -60,6 +60,7 @@ document.addEventListener("DOMContentLoaded", () => {
   function replace(found) {
     put(document.getElementById("bar"), found.bar);
     put(document.getElementById("summary"), found.summary);
+    put(document.getElementById("findings"), found.findings);
     if (found.order === null) return;
     const known = new Map([...body.rows].map((row) => [row.dataset.name, row]));
     const holder = document.createElement("template");

@@ -17,6 +17,7 @@ from fieldlink.daemon import DaemonStatus, LoopStatus
 from fieldlink.site import Site
 from fieldlink.web.analyst import Analyst, Course, Point
 from fieldlink.web.view.block_state import block_document
+from fieldlink.web.view.causes import Causes, cause_document
 from fieldlink.web.view.loop_state import device_of, device_state_of, quality_of
 from fieldlink.web.view.store_queries import Row, StoreQueries
 from fieldlink.web.view.stored_loops import StoredLoop, StoredLoops
@@ -71,6 +72,8 @@ class FleetView:
         self._reader: threading.Thread | None = None
         self._known = StoredLoops(queries, self._lock)
         self._courses: dict[str, str] = {}
+        self._causes = Causes(queries)
+        self._diagnoses: Mapping[str, Row] = {}
         self._revision = 0
         self._rows: dict[str, Document] = {}
         self._revisions: dict[str, int] = {}
@@ -127,6 +130,11 @@ class FleetView:
             return known.sticky
         return known.judged
 
+    def diagnosis_of(self, loop: str) -> Document | None:
+        """Return a loop's newest diagnosis as ``fieldlink diagnose --json`` prints it."""
+        row = self._diagnoses.get(loop)
+        return None if row is None else row["document"]
+
     def course_of(self, loop: str) -> tuple[list[Row], Course | None]:
         """Return the points of a loop since its last annotation, and its course through them."""
         known = self._known.get(loop)
@@ -150,6 +158,7 @@ class FleetView:
                 target=self._known.read_points, args=(now_ms,), name="trend points", daemon=True
             )
             self._reader.start()
+        self._diagnoses = self._causes.look(names)
         samples = {} if status is not None else self._queries.last_samples(names)
         slots = {} if status is not None else self._queries.last_slots(names)
         rows = [self._row(name, site, status, samples.get(name), slots.get(name)) for name in names]
@@ -238,6 +247,7 @@ class FleetView:
             "filled": None if live is None else round(live.filled, 2),
             "estimated": None if judged is None else iso_time(judged["window_end_ms"]),
             "message": _message(known),
+            **cause_document(self._diagnoses.get(name)),
         }
 
     def _note_changes(self, rows: list[Document]) -> None:

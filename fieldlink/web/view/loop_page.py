@@ -8,6 +8,7 @@ from typing import Any
 
 from fieldlink.daemon import WritebackOutcome
 from fieldlink.site import Site
+from fieldlink.web.view.causes import findings_of_loop
 from fieldlink.web.view.compensation import before_and_after
 from fieldlink.web.view.fleet_view import Document, Fleet, FleetView
 from fieldlink.web.view.reasons import what_to_do, what_would_help, why
@@ -46,6 +47,8 @@ def loop_document(
     return {
         **row,
         "estimate": _estimate(judged),
+        "diagnosis": view.diagnosis_of(name),
+        "findings": findings_of_loop(queries, name),
         "why": why(judged, last, compensated=row["compensated"]),
         "to_do": what_to_do(judged) if row["verdict"] == "stiction" else [],
         "surer": what_would_help(row, judged, settings),

@@ -9,12 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Engine, Select, Table, and_, func, select
+from sqlalchemy import ColumnElement, Engine, Select, Table, and_, func, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store import StoreError
 from fieldlink.store.database import cause_of, open_for_reading, shown
-from fieldlink.store.schema import ESTIMATES, EVENTS, SAMPLES, SLOTS, WRITEBACKS
+from fieldlink.store.last_findings import CLOSED, newest_of_findings
+from fieldlink.store.schema import (
+    DIAGNOSES,
+    ESTIMATES,
+    EVENTS,
+    FINDINGS,
+    SAMPLES,
+    SLOTS,
+    WRITEBACKS,
+)
 
 __all__ = ["DAY_MS", "Row", "StoreQueries"]
 
@@ -55,6 +64,7 @@ class StoreQueries:
     def __init__(self, url: str) -> None:
         self._url = url
         self._engine: Engine = open_for_reading(url)
+        self._tables: frozenset[str] = frozenset()
 
     def close(self) -> None:
         """Close the connections."""
@@ -182,6 +192,46 @@ class StoreQueries:
             query = query.where(c.source == source)
         return self._rows(query.order_by(c.utc_ms.desc(), c.id.desc()).limit(most))
 
+    def last_diagnoses(self, loops: Sequence[str]) -> dict[str, Row]:
+        """Return the last diagnosis of each loop; none in a store of an earlier release."""
+        if not self._has(DIAGNOSES):
+            return {}
+        return self.last_of(DIAGNOSES, loops, DIAGNOSES.c.cause.is_not(None))
+
+    def diagnoses_after(self, last_id: int) -> list[Row]:
+        """Return the diagnoses stored after a row, oldest first."""
+        if not self._has(DIAGNOSES):
+            return []
+        c = DIAGNOSES.c
+        return self._rows(select(DIAGNOSES).where(c.id > last_id).order_by(c.id))
+
+    def newest_findings(self, since_ms: int) -> list[Row]:
+        """Return each finding as its newest row says: the open ones and those closed lately.
+
+        Args:
+            since_ms: closed findings from when on.
+        """
+        if not self._has(FINDINGS):
+            return []
+        c = FINDINGS.c
+        query = newest_of_findings().where((c.state != CLOSED) | (c.utc_ms >= since_ms))
+        return self._rows(query.order_by(c.utc_ms.desc(), c.id.desc()))
+
+    def course_of_finding(self, finding: str) -> list[Row]:
+        """Return all rows of a finding, oldest first."""
+        c = FINDINGS.c
+        query = select(FINDINGS).where(c.finding == finding).order_by(c.utc_ms, c.id)
+        return self._rows(query) if self._has(FINDINGS) else []
+
+    def _has(self, table: Table) -> bool:
+        """Whether a table exists; once it does it stays."""
+        if table.name not in self._tables:
+            try:
+                self._tables = frozenset(inspect(self._engine).get_table_names())
+            except SQLAlchemyError as error:
+                raise self._problem(error) from error
+        return table.name in self._tables
+
     def sample_count(self, loop: str, since_ms: int, until_ms: int) -> int:
         """Return the number of samples of a loop in a range of time."""
         query = select(func.count()).where(_within(loop, since_ms, until_ms))
@@ -239,10 +289,13 @@ class StoreQueries:
                 names = tuple(found.keys())
                 return [dict(zip(names, row, strict=True)) for row in found]
         except SQLAlchemyError as error:
-            raise StoreError(
-                f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; check that "
-                "it is a historian of Fieldlink"
-            ) from error
+            raise self._problem(error) from error
+
+    def _problem(self, error: SQLAlchemyError) -> StoreError:
+        return StoreError(
+            f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; check that "
+            "it is a historian of Fieldlink"
+        )
 
 
 def _within(loop: str, since_ms: int, until_ms: int) -> ColumnElement[bool]:

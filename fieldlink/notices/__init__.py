@@ -1,0 +1,23 @@
+"""Notices to people: a confirmed finding, a device lost or back, over HTTP and by e-mail.
+
+Nothing here judges, polls or writes a device; a receiver that is away costs nothing else anything.
+"""
+
+from fieldlink.notices.errors import NoticeError
+from fieldlink.notices.notice import Notice, device_notice, finding_notice, probe_notice
+from fieldlink.notices.notifying import Notifying
+from fieldlink.notices.receivers import Receiver, receivers_of
+from fieldlink.notices.report import NoticesReport, ReceiverReport
+
+__all__ = [
+    "Notice",
+    "NoticeError",
+    "NoticesReport",
+    "Notifying",
+    "Receiver",
+    "ReceiverReport",
+    "device_notice",
+    "finding_notice",
+    "probe_notice",
+    "receivers_of",
+]

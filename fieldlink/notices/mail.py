@@ -1,0 +1,145 @@
+"""A mail server: each notice is one e-mail.
+
+The standard library's SMTP client waits, so each mail has a thread of its own that nothing waits
+for: a server that drips its answers holds up neither the daemon nor its end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import platform
+import smtplib
+import socket
+import ssl
+import threading
+from datetime import UTC, datetime
+from email.headerregistry import Address
+from email.message import EmailMessage
+from email.utils import format_datetime
+from hashlib import sha256
+
+from fieldlink.notices.errors import NoticeError
+from fieldlink.notices.notice import Notice
+from fieldlink.printable import as_printable
+from fieldlink.secret import Secret
+from fieldlink.site.notify import MailSettings
+
+__all__ = ["MailReceiver"]
+
+STEP_PATIENCE = 10.0
+"""Seconds for one answer of the mail server."""
+
+PATIENCE = 60.0
+"""Seconds for a mail in all: six steps, of which one or two are slow where mail is checked."""
+
+LONGEST_SUBJECT = 150
+"""Characters: what the lists of mail programs show, and more."""
+
+
+class MailReceiver:
+    """Sends notices as mails.
+
+    Args:
+        settings: server and addresses.
+        password: of the user; None without one.
+        tls: certificates for the server.
+    """
+
+    def __init__(
+        self, settings: MailSettings, password: Secret | None, tls: ssl.SSLContext
+    ) -> None:
+        self._settings, self._password, self._tls = settings, password, tls
+        self.where = f"{settings.host}:{settings.port}"
+
+    async def send(self, notice: Notice) -> None:
+        """Mail a notice; see `Receiver.send`."""
+        loop = asyncio.get_running_loop()
+        done: asyncio.Future[str] = loop.create_future()
+
+        def settle(problem: str) -> None:
+            if not done.done():
+                done.set_result(problem)
+
+        def work() -> None:
+            problem = self._deliver(_mail_of(notice, self._settings))
+            try:
+                loop.call_soon_threadsafe(settle, problem)
+            except RuntimeError:
+                # the daemon has ended meanwhile; its outbox tries again at the next start
+                return
+
+        threading.Thread(target=work, name="mail", daemon=True).start()
+        try:
+            async with asyncio.timeout(PATIENCE):
+                problem = await done
+        except TimeoutError as error:
+            raise NoticeError(f"{self.where} took more than {PATIENCE:g} s for a mail") from error
+        if problem:
+            raise NoticeError(problem)
+
+    def _deliver(self, mail: EmailMessage) -> str:
+        """Deliver; return what is wrong in a sentence, empty where all is well."""
+        settings = self._settings
+        try:
+            with self._connect() as server:
+                if settings.security == "starttls":
+                    server.starttls(context=self._tls)
+                if self._password is not None:
+                    assert settings.username is not None
+                    server.login(settings.username, self._password.reveal())
+                server.send_message(mail)
+        except smtplib.SMTPAuthenticationError as error:
+            return f"{self.where} refuses user name or password (SMTP {error.smtp_code})"
+        except smtplib.SMTPNotSupportedError:
+            return (
+                f"{self.where} does not offer what notify.mail asks for (STARTTLS or a login); "
+                "check security, port and username"
+            )
+        except smtplib.SMTPRecipientsRefused:
+            return f"{self.where} refuses every address in notify.mail.to; correct them"
+        except smtplib.SMTPResponseException as error:
+            return f"{self.where} refuses the mail (SMTP {error.smtp_code}); see its log"
+        except smtplib.SMTPException as error:
+            if isinstance(error.__context__, TimeoutError):
+                return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
+            return f"{self.where} ended the connection before it took the mail"
+        except ssl.SSLCertVerificationError as error:
+            return f"{self.where}: its certificate is refused, {error.verify_message}; set ca"
+        except TimeoutError:
+            return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
+        except socket.gaierror:
+            return f"{self.where} cannot be reached: no address is known for its name; check host"
+        except OSError as error:
+            said = (error.strerror or "the connection was lost").lower()
+            return f"{self.where} cannot be reached: {said}; check host, port and network"
+        return ""
+
+    def _connect(self) -> smtplib.SMTP:
+        settings = self._settings
+        # the default asks name servers for our own name, which may take a minute
+        name = platform.node() or "localhost"
+        if settings.security == "tls":
+            return smtplib.SMTP_SSL(
+                settings.host,
+                settings.port,
+                local_hostname=name,
+                timeout=STEP_PATIENCE,
+                context=self._tls,
+            )
+        return smtplib.SMTP(
+            settings.host, settings.port, local_hostname=name, timeout=STEP_PATIENCE
+        )
+
+
+def _mail_of(notice: Notice, settings: MailSettings) -> EmailMessage:
+    mail = EmailMessage()
+    mail["Subject"] = as_printable(f"[{notice.site}] {notice.title}")[:LONGEST_SUBJECT]
+    mail["From"] = Address("fieldlink", addr_spec=settings.sender)
+    mail["To"] = [Address(addr_spec=address) for address in settings.to]
+    mail["Date"] = format_datetime(datetime.fromtimestamp(notice.utc_ms / 1000.0, UTC))
+    # the same for every attempt, so that a mail that came twice is shown once
+    name = sha256(f"{notice.site}/{notice.id}".encode()).hexdigest()[:32]
+    mail["Message-ID"] = f"<{name}@{settings.sender.partition('@')[2]}>"
+    mail["Auto-Submitted"] = "auto-generated"
+    mail.set_content(notice.text)
+    return mail

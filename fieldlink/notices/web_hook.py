@@ -1,0 +1,114 @@
+"""A web hook: each notice is one POST of JSON."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import socket
+import ssl
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from fieldlink.notices.errors import NoticeError
+from fieldlink.notices.notice import Notice
+from fieldlink.secret import Secret
+from fieldlink.site.base import is_loopback
+
+__all__ = ["WebHookReceiver"]
+
+PATIENCE = 20.0
+"""Seconds for a POST in all: a receiver that hands on to another service answers within a few."""
+
+
+class WebHookReceiver:
+    """Posts notices to one address.
+
+    Args:
+        site_file: for messages.
+        url: the address; it may be a secret itself, so only its host is ever shown.
+        token: sent as ``Authorization: Bearer``; None without one.
+        tls: certificates for an https address.
+
+    Raises:
+        NoticeError: httpx is missing, the address is none, or the token would go unencrypted.
+    """
+
+    def __init__(
+        self, site_file: Path, url: str, token: Secret | None, tls: ssl.SSLContext
+    ) -> None:
+        try:
+            import httpx
+        except ImportError as error:
+            raise NoticeError(
+                f"{site_file}: the table [notify.web_hook] needs httpx; "
+                "pip install 'fieldlink[notify]', or remove the table"
+            ) from error
+        # its log lines would tell the whole address
+        for name in ("httpx", "httpcore"):
+            logging.getLogger(name).setLevel(logging.WARNING)
+        try:
+            parts = urlsplit(url)
+            host, port = parts.hostname, parts.port
+            httpx.URL(url)
+        except (ValueError, httpx.InvalidURL) as error:
+            raise NoticeError(
+                f"{site_file}: notify.web_hook: the address is none; write https://HOST/PATH"
+            ) from error
+        if parts.scheme not in ("http", "https") or not host:
+            raise NoticeError(
+                f"{site_file}: notify.web_hook: the address is none; write https://HOST/PATH"
+            )
+        if token is not None and parts.scheme == "http" and not is_loopback(host):
+            raise NoticeError(
+                f"{site_file}: notify.web_hook: the token would cross the network unencrypted; "
+                "use an https address"
+            )
+        self._httpx = httpx
+        self._url = Secret(url)
+        self._token = token
+        self._tls = tls
+        shown = f"[{host}]" if ":" in host else host
+        self.where = f"{parts.scheme}://{shown}" + ("" if port is None else f":{port}")
+
+    async def send(self, notice: Notice) -> None:
+        """Post a notice; see `Receiver.send`."""
+        httpx = self._httpx
+        headers = {"User-Agent": "fieldlink"}
+        if self._token is not None:
+            headers["Authorization"] = f"Bearer {self._token.reveal()}"
+        try:
+            async with (
+                asyncio.timeout(PATIENCE),
+                httpx.AsyncClient(verify=self._tls, timeout=PATIENCE) as client,
+                client.stream(
+                    "POST", self._url.reveal(), json=notice.to_dict(), headers=headers
+                ) as answer,
+            ):
+                # the status is enough; a body without end is not waited for
+                status = answer.status_code
+        except (TimeoutError, httpx.TimeoutException) as error:
+            raise NoticeError(f"{self.where} did not answer within {PATIENCE:g} s") from error
+        except httpx.HTTPError as error:
+            raise NoticeError(
+                f"{self.where} cannot be reached: {_cause(error)}; check address, certificates "
+                "and network"
+            ) from error
+        if not 200 <= status < 300:
+            raise NoticeError(
+                f"{self.where} answered with HTTP status {status}; check address and token"
+            )
+
+
+def _cause(error: Exception) -> str:
+    """The innermost cause in words; never the request, which has the secrets."""
+    inner: BaseException = error
+    while (deeper := inner.__cause__ or inner.__context__) is not None:
+        inner = deeper
+    if isinstance(inner, ssl.SSLCertVerificationError):
+        return f"its certificate is refused, {inner.verify_message}"
+    if isinstance(inner, socket.gaierror):
+        return "no address is known for its name"
+    if isinstance(inner, OSError) and inner.errno:
+        return os.strerror(inner.errno).lower()
+    return "the connection was lost"
