@@ -262,8 +262,8 @@ class Daemon:
             self._assembly.resume(last)
             recall_orders(orders, self._assembly.orders)
 
-    def _judge_for_broker(self, loop: str, why: str) -> None:
-        self.carry_out(Order(loop, Action.ESTIMATE, "MQTT broker", why))
+    def _order_for_broker(self, action: Action, loop: str, why: str) -> None:
+        self.carry_out(Order(loop, action, "MQTT broker", why))
 
     def _put(self, record: Record) -> object:
         """Hand a record to the store and, where the site publishes, upward; never waits."""
@@ -278,8 +278,8 @@ class Daemon:
             site,
             health=lambda: self._assembly.health(store_failing=self._historian.report().failing),
             actions={
-                "withdraw": self.withdraw,
-                "estimate_now": self._judge_for_broker,
+                "withdraw": partial(self._order_for_broker, Action.WITHDRAW),
+                "estimate_now": partial(self._order_for_broker, Action.ESTIMATE),
             },
             tell=self._assembly.journal.event,
             defect=self._assembly.journal.defect,

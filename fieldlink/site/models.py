@@ -16,6 +16,7 @@ from fieldlink.registers import ExchangeLayout
 from fieldlink.site.compensate import CompensateSettings
 from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.mqtt import MqttSettings
+from fieldlink.site.opcua_server import OpcuaServerSettings
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 from fieldlink.site.upkeep import (
     EstimationSettings,
@@ -233,3 +234,5 @@ class SiteFile(Model):
     """The work list and its schedule."""
     mqtt: MqttSettings | None = None
     """Publishing to an MQTT broker."""
+    opcua_server: OpcuaServerSettings | None = None
+    """A read-only OPC UA server of loops and devices."""

@@ -36,6 +36,7 @@ from fieldlink.site.models import (
 from fieldlink.site.mqtt import MqttSettings, MqttSpool, MqttTls
 from fieldlink.site.node_map import NODE_COLUMNS
 from fieldlink.site.opcua import OpcuaSettings
+from fieldlink.site.opcua_server import OpcuaServerSettings
 from fieldlink.site.register_map import COLUMNS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "site-file.md").read_text(encoding="utf-8")
@@ -63,6 +64,7 @@ MODELS: list[type[BaseModel]] = [
     MqttSettings,
     MqttTls,
     MqttSpool,
+    OpcuaServerSettings,
 ]
 
 
