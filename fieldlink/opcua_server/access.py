@@ -117,7 +117,9 @@ class BoundedServer(InternalServer):  # type: ignore[misc]
         self.max_pending_messages_per_connection = MOST_WAITING
         self.max_monitored_item_queue_size = MOST_QUEUE
 
-    def create_session(self, name: str, *arguments: Any, external: bool = False, **more: Any) -> Any:
+    def create_session(
+        self, name: str, *arguments: Any, external: bool = False, **more: Any
+    ) -> Any:
         """Create a session; part of asyncua's interface.
 
         Raises:

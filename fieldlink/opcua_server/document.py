@@ -14,7 +14,7 @@ from fieldlink.web.view.fleet import Fleet
 __all__ = ["device_values", "loop_values"]
 
 Values = dict[str, Any]
-"""Value by browse name; None for what is not known. A pair is a value and its status: uncertain."""
+"""Value by browse name; None for what is not known, a list for a value that is uncertain."""
 
 NORMAL, FAILURE, OFF_SPEC, MAINTENANCE_REQUIRED = 0, 1, 3, 4
 """Values of DeviceHealthEnumeration."""
@@ -38,11 +38,15 @@ def loop_values(fleet: Fleet) -> dict[str, Values]:
 def _loop(row: Mapping[str, Any]) -> Values:
     stick_band, slip_jump, block = row["stick_band"], row["slip_jump"], row["block"]
     verdict = row["verdict"]
-    health = _VALVE.get(verdict or "")
+    health: int | list[Any] | None = _VALVE.get(verdict or "")
+    if health is not None and row["uncertain"]:
+        health = [health, "uncertain"]
     judged = row["estimated"]
     return {
         "AssetId": row["name"],
-        "DeviceHealth": [health, "uncertain"] if row["uncertain"] and health is not None else health,
+        "DeviceHealth": [health, "uncertain"]
+        if row["uncertain"] and health is not None
+        else health,
         "Verdict": verdict,
         "Doubtful": None if verdict is None else row["uncertain"],
         "Score": row["score"],

@@ -1,8 +1,9 @@
 """The names in the address space, and what the companion specifications say about them.
 
 `DI` and `PADIM` are OPC 10000-100 (Devices) and OPC 30081 (Process Automation Devices). Their names
-are used where they fit: ``DeviceSet``, ``DeviceHealth``, ``AssetId``, ``ComponentName``. Their
-types are not: a PADIMType needs a manufacturer and a serial number, which nobody told us.
+are used where they fit: ``DeviceSet``, ``DeviceHealth``, ``AssetId``, ``ComponentName``, and
+``SignalSet`` with ``SignalTag`` and ``AnalogSignal``. Their types are not used: a PADIMType needs
+manufacturer, model and serial number of the valve, which a site file does not hold.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ class Entry:
         text: its description.
         namespace: of the browse name; our own where it is empty.
         judged: whether its source time is the end of the window that the verdict rests on.
+        signal: whether the loop's SignalSet has it too.
     """
 
     name: str
@@ -48,6 +50,12 @@ class Entry:
     text: str
     namespace: str = ""
     judged: bool = False
+    signal: bool = False
+
+    @property
+    def alias(self) -> tuple[str, ...]:
+        """Where the SignalSet has the value: names below the loop."""
+        return ("SignalSet", self.name, "AnalogSignal")
 
 
 _VALVE_HEALTH = (
@@ -58,14 +66,19 @@ _VALVE_HEALTH = (
 LOOP_VARIABLES = (
     Entry("AssetId", "String", "Name of the loop in the site file.", DI),
     Entry("DeviceHealth", "DeviceHealth", _VALVE_HEALTH, DI, judged=True),
-    Entry("Verdict", "String", "stiction, no_stiction or not_assessable; bad before the first.", judged=True),
+    Entry(
+        "Verdict",
+        "String",
+        "stiction, no_stiction or not_assessable; bad before the first.",
+        judged=True,
+    ),
     Entry("Doubtful", "Boolean", "The estimator doubts the verdict.", judged=True),
-    Entry("Score", "Double", "Log Bayes factor of a sticky over a healthy valve, nats.", judged=True),
-    Entry("StickBand", "Double", "Stick band S in units of OP.", judged=True),
+    Entry("Score", "Double", "Log Bayes factor, sticky over healthy valve, nats.", judged=True),
+    Entry("StickBand", "Double", "Stick band S in units of OP.", judged=True, signal=True),
     Entry("StickBandLow", "Double", "Lower bound of the interval of S.", judged=True),
     Entry("StickBandHigh", "Double", "Upper bound of the interval of S.", judged=True),
     Entry("StickBandLimit", "Double", "Largest S that may be written (writeback.limits)."),
-    Entry("SlipJump", "Double", "Slip jump J in units of OP.", judged=True),
+    Entry("SlipJump", "Double", "Slip jump J in units of OP.", judged=True, signal=True),
     Entry("SlipJumpLow", "Double", "Lower bound of the interval of J.", judged=True),
     Entry("SlipJumpHigh", "Double", "Upper bound of the interval of J.", judged=True),
     Entry("Confidence", "Double", "Confidence of the intervals, 0 to 1.", judged=True),

@@ -120,7 +120,10 @@ class Nodes:
             if entry.name in shown and shown[entry.name] == (value, moment):
                 continue
             shown[entry.name] = (value, moment)
-            await self._write(_id_of(folder, name, entry.name), _data(entry.kind, value, moment))
+            data = _data(entry.kind, value, moment)
+            await self._write(_id_of(folder, name, entry.name), data)
+            if entry.signal:
+                await self._write(_id_of(folder, name, *entry.alias), data)
 
     async def _add_object(self, folder: str, name: str, entries: Sequence[Entry]) -> None:
         node = await self._folders[folder].add_object(
@@ -129,6 +132,28 @@ class Nodes:
         await self._device_set.add_reference(node, ua.ObjectIds.Organizes)
         for entry in entries:
             await self._add_variable(node, _id_of(folder, name, entry.name), entry)
+        signals = [entry for entry in entries if entry.signal]
+        if signals:
+            await self._add_signals(node, (folder, name), signals)
+
+    async def _add_signals(self, parent: Any, path: tuple[str, ...], signals: list[Entry]) -> None:
+        """Add the values that a client of PA-DIM looks for in a device's SignalSet."""
+        padim = self._namespaces[PADIM]
+        signal_set = await parent.add_object(
+            ua.NodeId(_id_of(*path, "SignalSet"), 1), ua.QualifiedName("SignalSet", padim)
+        )
+        for entry in signals:
+            below = (*path, *entry.alias[:-1])
+            node = await signal_set.add_object(
+                ua.NodeId(_id_of(*below), 1), ua.QualifiedName(entry.name, 1)
+            )
+            await node.add_property(
+                ua.NodeId(_id_of(*below, "SignalTag"), 1),
+                ua.QualifiedName("SignalTag", padim),
+                f"{path[-1]}.{entry.name}",
+            )
+            value = Entry("AnalogSignal", entry.kind, entry.text, PADIM)
+            await self._add_variable(node, _id_of(*path, *entry.alias), value)
 
     async def _add_variable(self, parent: Any, identifier: str, entry: Entry) -> None:
         if entry.kind == "DeviceHealth":

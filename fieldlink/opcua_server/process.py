@@ -27,7 +27,7 @@ from cryptography import x509
 from fieldlink.opcua_server.access import BoundedServer, Doorkeeper, ReadOnlyRules
 from fieldlink.opcua_server.nodes import Nodes
 
-__all__ = ["main"]
+__all__ = ["SettingError", "check_keys", "main"]
 
 NICENESS = 10
 """As the estimator's processes: the daemon's polls go first."""
@@ -51,8 +51,11 @@ _POLICIES = (
 )
 
 
-class _SettingError(Exception):
-    """The settings cannot be used, in a sentence."""
+class SettingError(Exception):
+    """A setting cannot be used; says which and why, in a sentence.
+
+    Not a `FieldlinkError`: this process imports nothing of the daemon.
+    """
 
 
 def main() -> None:
@@ -84,7 +87,7 @@ async def _serve() -> None:
         nodes = Nodes(server)
         await nodes.build()
         await server.start()
-    except _SettingError as error:
+    except SettingError as error:
         _tell(failed=str(error))
         return
     except OSError as error:
@@ -105,6 +108,9 @@ def _tell(**what: Any) -> None:
 
 async def _make_server(settings: dict[str, Any]) -> Server:
     trusted = [await _certificate(path, "trusted") for path in settings["trusted"]]
+    uri, cert, key = (settings[name] for name in ("application_uri", "cert", "key"))
+    if cert is not None:
+        await check_keys(cert, key, uri)
     doorkeeper = Doorkeeper(
         settings["username"],
         settings["password"],
@@ -118,7 +124,6 @@ async def _make_server(settings: dict[str, Any]) -> Server:
         max_chunk_count=MOST_BYTES // CHUNK + 1,
         max_message_size=MOST_BYTES,
     )
-    uri = settings["application_uri"]
     await server.set_application_uri(uri)
     server.set_server_name(f"fieldlink {settings['site']}")
     server.application_type = ua.ApplicationType.Server
@@ -130,16 +135,24 @@ async def _make_server(settings: dict[str, Any]) -> Server:
     server.set_endpoint(f"opc.tcp://{shown}:{settings['port']}/fieldlink")
     server.socket_address = (host, settings["port"])
     policies = [ua.SecurityPolicyType.NoSecurity]
-    if settings["cert"] is not None:
+    if cert is not None:
         policies = list(_POLICIES)
-        await _load_keys(server, settings["cert"], settings["key"], uri)
+        await server.load_certificate(cert)
+        await server.load_private_key(key)
     server.set_security_policy(policies, permission_ruleset=ReadOnlyRules())
     token = ua.AnonymousIdentityToken
-    server.set_identity_tokens([token if settings["username"] is None else ua.UserNameIdentityToken])
+    server.set_identity_tokens(
+        [token if settings["username"] is None else ua.UserNameIdentityToken]
+    )
     return server
 
 
-async def _load_keys(server: Server, cert: str, key: str, uri: str) -> None:
+async def check_keys(cert: str, key: str, uri: str) -> None:
+    """Check that certificate and key can be used together by a server with this URI.
+
+    Raises:
+        SettingError: they cannot.
+    """
     certificate = await _certificate(cert, "cert")
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
@@ -148,25 +161,26 @@ async def _load_keys(server: Server, cert: str, key: str, uri: str) -> None:
         uris = []
     if uri not in uris:
         found = f"names {uris[0]}" if uris else "names no application URI"
-        raise _SettingError(
+        raise SettingError(
             f"opcua_server.cert {cert} {found} and the server is {uri}; make them agree"
         )
-    await server.load_certificate(cert)
     try:
-        await server.load_private_key(key)
+        private = await uacrypto.load_private_key(key)
     except (OSError, ValueError, TypeError) as error:
-        raise _SettingError(
+        raise SettingError(
             f"opcua_server.key {key} cannot be read; give a PEM or DER file without a password"
         ) from error
-    if server.iserver.private_key.public_key() != certificate.public_key():
-        raise _SettingError(f"opcua_server.key {key} does not belong to {cert}; give its key")
+    if private.public_key() != certificate.public_key():
+        raise SettingError(
+            f"opcua_server.key {key} does not belong to {cert}; give the key of that certificate"
+        )
 
 
 async def _certificate(path: str, key: str) -> Any:
     try:
         return await uacrypto.load_certificate(path)
     except (OSError, ValueError) as error:
-        raise _SettingError(
+        raise SettingError(
             f"opcua_server.{key} {path} cannot be read; give a certificate as PEM or DER file"
         ) from error
 

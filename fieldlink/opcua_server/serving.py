@@ -69,7 +69,7 @@ class OpcuaServing:
         port: where the server listens, None while it does not.
         listening: set while it does.
         clients: connections at the last look.
-        starts: processes started.
+        starts: processes started; process: the newest, None before the first.
     """
 
     def __init__(self, settings: Mapping[str, Any], source: Source, daemon: Daemon) -> None:
@@ -79,6 +79,7 @@ class OpcuaServing:
         self.listening = asyncio.Event()
         self.clients = 0
         self.starts = 0
+        self.process: asyncio.subprocess.Process | None = None
 
     async def run(self) -> None:
         """Serve until cancelled."""
@@ -94,7 +95,7 @@ class OpcuaServing:
     async def _serve(self, backoff: Backoff) -> None:
         """Run one process until it ends."""
         self.starts += 1
-        process = await asyncio.create_subprocess_exec(
+        process = self.process = await asyncio.create_subprocess_exec(
             *_PROCESS, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
         )
         try:

@@ -17,7 +17,7 @@ class OpcuaServerSettings(Model):
     """``[opcua_server]``: a read-only OPC UA server of loops and devices; needs the extra opcua."""
 
     host: str = "127.0.0.1"
-    """Address to bind; other machines reach it only with a certificate and a password or trusted."""
+    """Address to bind; other machines reach it only with cert, and with a password or trusted."""
     port: int = Field(default=OPCUA_PORT, ge=0, le=0xFFFF)
     """TCP port; 0 picks a free one."""
     cert: Path | None = None
