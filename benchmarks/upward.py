@@ -161,6 +161,8 @@ async def measure(folder: Path, seconds: int, paced: int) -> tuple[str, dict[str
             ticking.cancel()
             await put(publishing, near + paced, seconds - paced, FAST)
             await until(lambda: publishing.report().spooled == LOOPS * (near + seconds))
+            if done(LOOPS * (near + seconds)):
+                raise RuntimeError("the broker was not paused: nothing waits for it")
             size = sum(file.stat().st_size for file in (folder / "data").glob("mqtt_spool*"))
             os.kill(broker.pid, signal.SIGCONT)
             late = lateness["what waited is delivered"] = []

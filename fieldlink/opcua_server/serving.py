@@ -256,13 +256,14 @@ async def _exchange(
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:
-    """End a process: by the end of its input, else by force."""
+    """End a process, by the end of its input, else by force; wait until its pipes are closed."""
     assert process.stdin is not None
-    process.stdin.close()
     try:
         async with asyncio.timeout(END_WITHIN):
-            await process.wait()
+            await process.communicate()
     except TimeoutError:
         with suppress(ProcessLookupError):
             process.kill()
-        await process.wait()
+        await process.communicate()
+    with suppress(ConnectionError):
+        await process.stdin.wait_closed()
