@@ -186,7 +186,7 @@ class _Canvas:
         """Return what is shown as a PNG file."""
         if self._same is None:
             self._same = self._draw_same()
-        renderer = self._agg.get_renderer()
+        renderer = self._renderer()
         renderer.clear()
         renderer.restore_region(self._same)
         with self._hidden(self._drawn_once()):
@@ -199,7 +199,7 @@ class _Canvas:
 
     def _draw_same(self) -> Any:
         """Draw what is the same in every picture."""
-        renderer = self._agg.get_renderer()
+        renderer = self._renderer()
         renderer.clear()
         others = [artist for axes in self.figure.axes for artist in (*axes.lines, *axes.texts)]
         others += [artist for axes in self.figure.axes for artist in axes.collections]
@@ -207,6 +207,9 @@ class _Canvas:
         with self._hidden(others):
             self.figure.draw(renderer)
         return renderer.copy_from_bbox(self.figure.bbox)
+
+    def _renderer(self) -> Any:
+        return self._agg.get_renderer()  # type: ignore[no-untyped-call]
 
     def _drawn_once(self) -> list[Artist]:
         found: list[Artist] = [self.figure.patch]
