@@ -44,9 +44,7 @@ def _loop(row: Mapping[str, Any]) -> Values:
     judged = row["estimated"]
     return {
         "AssetId": row["name"],
-        "DeviceHealth": [health, "uncertain"]
-        if row["uncertain"] and health is not None
-        else health,
+        "DeviceHealth": health,
         "Verdict": verdict,
         "Doubtful": None if verdict is None else row["uncertain"],
         "Score": row["score"],

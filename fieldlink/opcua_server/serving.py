@@ -22,6 +22,7 @@ from typing import Any
 import structlog
 
 from fieldlink.daemon import Daemon
+from fieldlink.daemon.reporting.defects import describe_defect
 from fieldlink.errors import FieldlinkError
 from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.opcua_server.document import device_values, loop_values
@@ -89,6 +90,8 @@ class OpcuaServing:
                 await self._serve(backoff)
             except (_EndedError, OSError) as error:
                 self._tell_end(str(error))
+            except Exception as error:  # noqa: BLE001  (told with its place; the daemon goes on)
+                self._tell_end(describe_defect(error))
             backoff.failed(time.monotonic())
             await asyncio.sleep(backoff.remaining(time.monotonic()))
 

@@ -57,7 +57,7 @@ class Watching(Quiet):
         self.rows: list[int] = []
         self.megabytes: list[float] = []
 
-    def judged(self, counts: Counts, rows_per_second: float) -> None:
+    def judged(self, counts: Counts, rows_per_second: float) -> None:  # noqa: ARG002
         everyone = [psutil.Process(), *psutil.Process().children(recursive=True)]
         self.rows.append(counts.rows)
         self.megabytes.append(sum(one.memory_info().rss for one in everyone) / 1e6)

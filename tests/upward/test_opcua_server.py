@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,19 @@ from asyncua import Client, ua
 from asyncua.crypto import security_policies
 from asyncua.ua.uaerrors import UaError
 
+from benchmarks.web_store import fill_store
 from fieldlink.errors import FieldlinkError
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.opcua_server import serving
+from fieldlink.opcua_server.document import loop_values
+from fieldlink.opcua_server.names import LOOP_VARIABLES
 from fieldlink.opcua_server.process import SettingError, check_keys
 from fieldlink.opcua_server.serving import opcua_server, read_password
 from fieldlink.site import SiteError, check, load_site
 from fieldlink.web import live_source
+from fieldlink.web.analyst import Analyst
+from fieldlink.web.view.fleet import FleetView
+from fieldlink.web.view.store_queries import StoreQueries
 from tests.daemon import live
 from tests.links.opcua_certificates import write_certificate
 from tests.upward.conftest import until
@@ -74,6 +81,45 @@ async def test_a_foreign_client_reads_and_changes_nothing() -> None:
     assert values["Loops/FC101/DaysToLimit"]["status"] == "BadWaitingForInitialData"
     assert values["Devices/plc/DeviceHealth"]["value"] == 1
     assert values["Loops/FC101/SignalSet/SlipJump/AnalogSignal"]["value"] == 1.0
+
+
+def test_what_the_pages_show_becomes_values_of_every_kind(tmp_path: Path) -> None:
+    url = fill_store(
+        tmp_path / "history.sqlite",
+        now_ms=round(time.time() * 1000.0),
+        loops=10,
+        days=5,
+        samples=10,
+        long_samples=10,
+    )
+    queries, analyst = StoreQueries(url), Analyst()
+    view = FleetView(queries, lambda: None, analyst)
+    try:
+        fleet = view.look(None)
+    finally:
+        view.close()
+        analyst.close()
+        queries.close()
+    values = loop_values(fleet)
+    for row in fleet.rows:
+        health = {"stiction": 4, "no_stiction": 0}.get(row["verdict"])
+        doubted = row["uncertain"] and health is not None
+        shown = values[row["name"]]["DeviceHealth"]
+        assert shown == ([health, "uncertain"] if doubted else health)
+    assert {row["verdict"] for row in fleet.rows} == {"stiction", "no_stiction", "not_assessable"}
+    assert any(row["uncertain"] for row in fleet.rows)
+    # Every variable has a value of its type, one that is known or one that is not.
+    types: dict[str, Any] = {
+        "Double": float | int,
+        "String": str,
+        "Boolean": bool,
+        "DateTime": float,
+    }
+    types |= {"DeviceHealth": int, "UInt32": int}
+    for found in values.values():
+        assert set(found) == {entry.name for entry in LOOP_VARIABLES}
+        for entry in LOOP_VARIABLES:
+            assert isinstance(found[entry.name], types[entry.kind] | None), entry.name
 
 
 async def connect(address: str, folder: Path | None, user: tuple[str, str] | None = None) -> float:
