@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import sys
 import time
 from collections.abc import AsyncIterator, Mapping
@@ -70,7 +71,7 @@ class OpcuaServing:
         port: where the server listens, None while it does not.
         listening: set while it does.
         clients: connections at the last look.
-        starts: processes started; process: the newest, None before the first.
+        attempts: times that the server was started; process: the newest, None before the first.
     """
 
     def __init__(self, settings: Mapping[str, Any], source: Source, daemon: Daemon) -> None:
@@ -79,7 +80,7 @@ class OpcuaServing:
         self.port: int | None = None
         self.listening = asyncio.Event()
         self.clients = 0
-        self.starts = 0
+        self.attempts = 0
         self.process: asyncio.subprocess.Process | None = None
 
     async def run(self) -> None:
@@ -88,8 +89,10 @@ class OpcuaServing:
         while True:
             try:
                 await self._serve(backoff)
-            except (_EndedError, OSError) as error:
+            except _EndedError as error:
                 self._tell_end(str(error))
+            except OSError as error:
+                self._tell_end(error.strerror or str(error))
             except Exception as error:  # noqa: BLE001  (told with its place; the daemon goes on)
                 self._tell_end(describe_defect(error))
             backoff.failed(time.monotonic())
@@ -97,7 +100,9 @@ class OpcuaServing:
 
     async def _serve(self, backoff: Backoff) -> None:
         """Run one process until it ends."""
-        self.starts += 1
+        self.attempts += 1
+        # A process that cannot listen would take two seconds of processor time to find that out.
+        _check_port(self._settings["host"], self._settings["port"])
         process = self.process = await asyncio.create_subprocess_exec(
             *_PROCESS, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
         )
@@ -211,6 +216,15 @@ async def opcua_server(
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+def _check_port(host: str, port: int) -> None:
+    """Raise an OSError where nothing can listen on a port."""
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    family, kind, protocol, _, address = found[0]
+    with socket.socket(family, kind, protocol) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(address)
 
 
 def read_password(file: Path) -> str:

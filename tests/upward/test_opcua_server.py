@@ -222,7 +222,7 @@ async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
         opcua_server(site, daemon, source) as server,
     ):
         assert server is not None
-        await until(lambda: server.starts > 1, "another attempt", tries=6000)
+        await until(lambda: server.attempts > 1, "another attempt", tries=6000)
         assert not server.listening.is_set()
         taken.close()
         await taken.wait_closed()
