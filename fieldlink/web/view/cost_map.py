@@ -29,7 +29,8 @@ def cost_map(
 
     Returns:
         ``state``: ``ready`` with ``stick_band``, ``slip_jump``, ``cost`` (rows are S), the
-        window's ``stem`` and ``pv_model``, and whether the verdict is ``sticky``; ``computing``; or ``failed`` with ``message``.
+        window's ``stem`` and ``pv_model``, and whether the verdict is ``sticky``; ``computing``;
+        or ``failed`` with ``message``.
 
     Raises:
         StoreError: the store cannot be read.
