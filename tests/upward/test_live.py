@@ -72,7 +72,7 @@ async def test_verdicts_reach_broker_and_opcua_clients_and_commands_the_loop(
     stored = read_estimates(site.historian_url).iloc[-1]
     for name, column in (("Verdict", "verdict"), ("Score", "score"), ("StickBand", "stick_band")):
         assert shown[name] == stored[column]
-    assert shown["DeviceHealth"] == (4 if stored["verdict"] == "stiction" else 0)
+    assert shown["DeviceHealth"] == {"stiction": 4, "no_stiction": 0}.get(stored["verdict"])
     assert shown["BlockState"] == "not written"
     found = received(f"{base}/estimate")[0]
     assert found["outcome"] in ("estimated", "refused")
