@@ -65,26 +65,30 @@ async def test_verdicts_reach_broker_and_opcua_clients_and_commands_the_loop(
         )
         assert server is not None
         await server.listening.wait()
-        shown = await shown_to_a_client(server.port)
+        found = received(f"{base}/estimate")[0]
+        assert found["outcome"] in ("estimated", "refused")
+        # A machine that misses samples may have a window without a verdict.
+        shown = await shown_to_a_client(server.port, has_verdict=found["verdict"] is not None)
     assert ("operator.estimate", "MQTT broker: round trip") in [
         (found["event"], found["message"]) for found in received(EVENTS)
     ]
     stored = read_estimates(site.historian_url).iloc[-1]
     for name, column in (("Verdict", "verdict"), ("Score", "score"), ("StickBand", "stick_band")):
-        assert shown[name] == stored[column]
+        assert shown[name] == (None if found["verdict"] is None else stored[column])
     assert shown["DeviceHealth"] == {"stiction": 4, "no_stiction": 0}.get(stored["verdict"])
     assert shown["BlockState"] == "not written"
-    found = received(f"{base}/estimate")[0]
-    assert found["outcome"] in ("estimated", "refused")
     assert found["loop"] == "PLC"
     await device.stop()
 
 
-async def shown_to_a_client(port: int | None) -> dict[str, Any]:
-    """The loop's values in the OPC UA server once there is a verdict."""
+async def shown_to_a_client(port: int | None, *, has_verdict: bool) -> dict[str, Any]:
+    """The loop's values in the OPC UA server, once there is a verdict where there will be one."""
     async with OpcuaClient(f"opc.tcp://127.0.0.1:{port}") as client:
         verdict = client.get_node("ns=1;s=Loops/PLC/Verdict")
-        while not (await verdict.read_data_value(raise_on_bad_status=False)).StatusCode.is_good():
+        while (
+            has_verdict
+            and not (await verdict.read_data_value(raise_on_bad_status=False)).StatusCode.is_good()
+        ):
             await asyncio.sleep(0.05)
         names = ("Verdict", "Score", "StickBand", "DeviceHealth", "BlockState")
         nodes = [client.get_node(f"ns=1;s=Loops/PLC/{name}") for name in names]
