@@ -92,7 +92,7 @@ def simulated_starts(
             valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
             start = Found(float(look.cost[i]), valve, poles, int(look.late[i]))
             design = look.designs[poles.integrating]
-            ways.append(Descent(case, design, start, searching.wide, searching.few, stride))
+            ways.append(Descent(case, design, start, searching.wide, searching.lanes, stride))
         for way in ways:
             way.go_on(_TRIAL)
         ways.sort(key=lambda way: way.squares)
