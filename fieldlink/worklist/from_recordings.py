@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from fieldlink.worklist.partial import PartialReport
 from fieldlink.worklist.row import Confidence, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
 from fieldlink.worklist.window_samples import WindowSamples, figures_of, interval_of
+
+if TYPE_CHECKING:
+    from fieldlink.site.recording import Recording
 
 __all__ = ["judge_recordings"]
 
@@ -127,9 +130,7 @@ def _of_kept(job: _Job, kept: Mapping[str, Any]) -> _Judged | str:
     """Return a result again; the samples are read from the recording."""
     if "problem" in kept:
         return str(kept["problem"])
-    from fieldlink.site.recording import read_recording
-
-    recording = read_recording(job[0], period=job[1])
+    recording = _read(job)
     stem = None if kept["stem"] is None else np.asarray(kept["stem"], float)
     samples = WindowSamples(recording.op, recording.pv, recording.sp, stem, recording.period)
     return _Judged(samples, dict(kept["document"]), tuple(kept["notes"]))
@@ -160,13 +161,18 @@ def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLo
     return ReportedLoop(row, None, None, None, settings.op_span)
 
 
-def _judge(job: _Job) -> _Judged:
-    from estimator import identify
+def _read(job: _Job) -> Recording:
     from fieldlink.site.missing_rows import fill_missing_rows
     from fieldlink.site.recording import read_recording
 
     file, period = job
-    recording = fill_missing_rows(read_recording(file, period=period))
+    return fill_missing_rows(read_recording(file, period=period))
+
+
+def _judge(job: _Job) -> _Judged:
+    from estimator import identify
+
+    recording = _read(job)
     result = identify(
         recording.op,
         recording.pv,
