@@ -275,6 +275,7 @@ async def _exchange(
 async def _end(process: asyncio.subprocess.Process) -> None:
     """End a process, by the end of its input, else by force; wait until its pipes are closed."""
     assert process.stdin is not None
+    process.stdin.close()
     try:
         async with asyncio.timeout(END_WITHIN):
             await process.communicate()
