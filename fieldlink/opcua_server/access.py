@@ -1,7 +1,7 @@
 """Who may connect, and what a client may ask: to look, and nothing else.
 
 asyncua asks a rule for every request of a session; the rule here knows the services that read. What
-is not among them is refused, whoever asks: writing, calling, adding nodes, updating history. The
+is not among them is refused to every user: writing, calling, adding nodes, updating history. The
 two requests that asyncua takes before a session, to register other servers, are refused as well.
 """
 
