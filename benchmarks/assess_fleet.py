@@ -16,40 +16,27 @@ tables are compared without the column of seconds. The last table is arithmetic 
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import numpy as np
 import psutil
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from benchmarks.families.tuning import draw
+from benchmarks.assess_runs import AssessCommand, Run, read_rows, run_assess, write_fleet
 from benchmarks.report import heading, keep, machine, table
 
-__all__ = ["machines", "main", "write_fleet"]
-
-KINDS = ("pi", "integrating", "oscillatory")
-"""Kinds of loops of the tuning family, sticky and healthy in turn."""
-
-DRAWN = 60
-"""Different loops that are simulated; more windows are these with noise of their own."""
-
-BEGIN = 1_767_225_600
-"""2026-01-01T00:00:00Z."""
+__all__ = ["machines", "main"]
 
 DAYS = 365
 TABLES = (10_000, 100_000, 400_000)
@@ -59,171 +46,10 @@ CORES = 16
 """Of a machine in the last table."""
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """One run of the command.
-
-    Attributes:
-        name: what was run.
-        windows, errors: rows of the table.
-        seconds: wall clock, from start to end of the command.
-        cpu: processor seconds of all its processes.
-        megabytes: the most that all processes had at a time.
-        memory: every half second, in megabytes.
-    """
-
-    name: str
-    windows: int
-    errors: int
-    seconds: float
-    cpu: float
-    megabytes: float
-    memory: tuple[float, ...]
-
-
-def write_fleet(folder: Path, windows: int, samples: int, days: int) -> int:
-    """Write ``windows`` daily windows, ``days`` a loop, a Parquet file a loop; return the loops.
-
-    The files hold only the samples of the windows: a day begins, and its window is all there is.
-    """
-    loops = -(-windows // days)
-    drawn = [
-        draw(KINDS[number % len(KINDS)], number % 2 == 0, number)
-        for number in range(min(DRAWN, loops))
-    ]
-    left = windows
-    for number in range(loops):
-        loop = drawn[number % len(drawn)]
-        rng = np.random.default_rng(number)
-        count = min(days, left)
-        left -= count
-        op, pv = (np.resize(signal_, samples) for signal_ in (loop.op, loop.pv))
-        scale = 1e-3 * float(np.std(pv))
-        stamps = (BEGIN + 86_400 * np.arange(count)[:, None] + np.arange(samples)).ravel()
-        noisy = np.tile(pv, count) + scale * rng.normal(size=stamps.size)
-        pq.write_table(
-            pa.table(
-                {
-                    "time": pa.array(1000 * stamps, pa.timestamp("ms", "UTC")),
-                    "op": np.tile(op, count),
-                    "pv": noisy,
-                }
-            ),
-            folder / f"L{number:05}.parquet",
-            row_group_size=16 * samples,
-        )
-    return loops
-
-
-def _rows(out: Path) -> list[list[str]]:
-    """The table without the column of seconds."""
-    with (out / "loops.csv").open(newline="") as stream:
-        rows = list(csv.reader(stream))
-    seconds = rows[0].index("seconds")
-    return [[cell for number, cell in enumerate(row) if number != seconds] for row in rows]
-
-
-class _Command:
-    """The command in a process of its own, with its memory over time."""
-
-    def __init__(self, fleet: Path, out: Path, samples: int, *options: str) -> None:
-        self.begun = time.perf_counter()
-        self.out = out
-        self.memory: list[float] = []
-        self._cpu: dict[int, float] = {}
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "fieldlink.cli", "assess", str(fleet), "--out", str(out)),
-                *("--every", "1d", "--samples", str(samples), *options),
-            ],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self._said: list[str] = []
-        self._threads = [
-            threading.Thread(target=work, daemon=True) for work in (self._listen, self._watch)
-        ]
-        self.first_rows = threading.Event()
-        for thread in self._threads:
-            thread.start()
-
-    def children(self, name: str = "fieldlink.assess.workers.worker") -> list[psutil.Process]:
-        """Processes below the command whose command line holds a name."""
-        found = []
-        try:
-            below = psutil.Process(self.process.pid).children(recursive=True)
-        except psutil.NoSuchProcess:
-            return []
-        for one in below:
-            try:
-                if name in " ".join(one.cmdline()):
-                    found.append(one)
-            except psutil.Error:
-                continue
-        return found
-
-    @property
-    def cpu(self) -> float:
-        """Processor seconds of the command and of all processes below it, up to the last look."""
-        return sum(self._cpu.values())
-
-    def wait(self) -> tuple[int, float, str]:
-        """Exit status, seconds, and what it said."""
-        self.process.wait()
-        seconds = time.perf_counter() - self.begun
-        for thread in self._threads:
-            thread.join()
-        return self.process.returncode, seconds, "".join(self._said)
-
-    def _listen(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self._said.append(line)
-            if " read: " in line:
-                self.first_rows.set()
-        self.first_rows.set()
-
-    def _watch(self) -> None:
-        while self.process.poll() is None:
-            total = 0
-            try:
-                own = psutil.Process(self.process.pid)
-                everyone = [own, *own.children(recursive=True)]
-            except psutil.NoSuchProcess:
-                return
-            for one in everyone:
-                try:
-                    total += one.memory_full_info().pss
-                    self._cpu[one.pid] = sum(one.cpu_times()[:2])
-                except psutil.Error:
-                    continue
-            self.memory.append(total / 1e6)
-            time.sleep(0.5)
-
-
-def _run(name: str, fleet: Path, out: Path, samples: int, *options: str) -> Run:
-    command = _Command(fleet, out, samples, *options)
-    status, seconds, said = command.wait()
-    if status not in (0, 1):
-        raise RuntimeError(f"{name}: exit status {status}: {said}")
-    rows = _rows(out)
-    errors = sum(row[-1] != "" for row in rows[1:])
-    return Run(
-        name,
-        len(rows) - 1,
-        errors,
-        seconds,
-        command.cpu,
-        max(command.memory),
-        tuple(command.memory),
-    )
-
-
 def _kill_workers(fleet: Path, out: Path, samples: int, kills: int, *options: str) -> int:
     """Kill a worker at random times; return how many were killed."""
     random = Random(1)
-    command = _Command(fleet, out, samples, "--workers", "2", *options)
+    command = AssessCommand(fleet, out, samples, "--workers", "2", *options)
     command.first_rows.wait()
     killed = 0
     while killed < kills and command.process.poll() is None:
@@ -240,12 +66,12 @@ def _kill_command(fleet: Path, out: Path, samples: int, kills: int, *options: st
     """Kill the command itself at random times and start it again; return how often."""
     random = Random(2)
     for _ in range(kills):
-        command = _Command(fleet, out, samples, "--workers", "2", *options)
+        command = AssessCommand(fleet, out, samples, "--workers", "2", *options)
         command.first_rows.wait()
         time.sleep(random.uniform(0.2, 3.0))
         command.process.kill()
         command.wait()
-    _expect(_Command(fleet, out, samples, "--workers", "2", *options))
+    _expect(AssessCommand(fleet, out, samples, "--workers", "2", *options))
     return kills
 
 
@@ -297,7 +123,7 @@ def _cluster() -> Iterator[tuple[str, Callable[[], None], Callable[[], None]]]:
             one.wait()
 
 
-def _expect(command: _Command) -> None:
+def _expect(command: AssessCommand) -> None:
     status, _, said = command.wait()
     # A defect ends with 1 as well, but without a table.
     if status not in (0, 1) or not (command.out / "loops.csv").is_file():
@@ -307,7 +133,7 @@ def _expect(command: _Command) -> None:
 def _disturbed_cluster(fleet: Path, out: Path, samples: int, what: str) -> None:
     """Run on a cluster and kill a Dask worker, the scheduler or the client once."""
     with _cluster() as (address, kill_worker, kill_scheduler):
-        command = _Command(fleet, out, samples, "--scheduler", address)
+        command = AssessCommand(fleet, out, samples, "--scheduler", address)
         command.first_rows.wait()
         if what == "Dask worker":
             kill_worker()
@@ -316,7 +142,7 @@ def _disturbed_cluster(fleet: Path, out: Path, samples: int, what: str) -> None:
         else:
             command.process.kill()
             command.wait()
-            command = _Command(fleet, out, samples, "--scheduler", address)
+            command = AssessCommand(fleet, out, samples, "--scheduler", address)
         _expect(command)
 
 
@@ -369,16 +195,19 @@ def _measure(root: Path, options: argparse.Namespace) -> tuple[str, dict[str, An
         ("Dask, 2 workers", ("--workers", "2", "--engine", "dask")),
     ]
     runs = [
-        _run(name, fleet, root / f"run {number}", options.samples, *given)
+        run_assess(name, fleet, root / f"run {number}", options.samples, *given)
         for number, (name, given) in enumerate(plans)
     ]
-    same = [_rows(root / f"run {number}") == _rows(root / "run 0") for number in range(len(plans))]
-    _run("undisturbed", small, root / "whole", options.samples, "--workers", "2")
-    whole = _rows(root / "whole")
+    same = [
+        read_rows(root / f"run {number}") == read_rows(root / "run 0")
+        for number in range(len(plans))
+    ]
+    run_assess("undisturbed", small, root / "whole", options.samples, "--workers", "2")
+    whole = read_rows(root / "whole")
     killed: list[tuple[str, int, str]] = []
 
     def judge(name: str, out: Path, kills: int) -> None:
-        killed.append((name, kills, "same" if _rows(out) == whole else "DIFFERENT"))
+        killed.append((name, kills, "same" if read_rows(out) == whole else "DIFFERENT"))
 
     size, kills = options.samples, options.kills
     judge("worker process", root / "k1", _kill_workers(small, root / "k1", size, kills))

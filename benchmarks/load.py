@@ -2,6 +2,7 @@
 
     python -m benchmarks.load                   # a minute of each layout, beside a busy estimator
     python -m benchmarks.load --minutes 10
+    python -m benchmarks.load --minutes 1 --browsers 5 --opcua-clients 5
 
 Two layouts: one PLC with 500 loops, and 50 PLCs with 10 loops each. PLC, daemon and estimator are
 processes of their own. The measurement begins when the windows are full, so that the estimator's
@@ -10,12 +11,17 @@ pool has more to do than it can: 500 windows wait all the time.
 The daemon runs with the priority that the systemd unit gives it, and the PLC, which stands for
 another machine, with a higher one, where the system allows that (root does). What else the machine
 had to do is in the table: its load, of which one is the estimator's.
+
+With ``--browsers`` or ``--opcua-clients`` each layout is measured twice in one run of one daemon:
+first alone, then while so many real browsers (Chromium, on this machine, too) show its pages and so
+many OPC UA clients watch all loops. That run is kept as a page of its own, ``load_watched``.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -32,7 +38,7 @@ from benchmarks.load_plc import REGISTERS_A_LOOP
 from benchmarks.report import heading, keep, machine, table
 from fieldlink.store import read_estimates, read_samples, read_slots
 
-__all__ = ["Load", "main", "measure"]
+__all__ = ["Load", "Watching", "main", "measure"]
 
 WINDOW = 50
 LAYOUTS = {"1 PLC x 500 loops": (1, 500), "50 PLCs x 10 loops": (50, 10)}
@@ -47,12 +53,12 @@ TICKS = 100.0
 
 @dataclass(frozen=True)
 class Load:
-    """What one layout cost; the fields are the columns of the table."""
+    """What one layout cost; the fields are the columns of the table. ``missed`` is of the run."""
 
     layout: str
     seconds: float
     daemon_core_share: float
-    estimator_core_share: float
+    children_core_share: float
     daemon_mb: float
     all_mb: float
     late_p50_ms: float
@@ -66,69 +72,128 @@ class Load:
     raised_priority: bool
 
 
-def measure(layout: str, seconds: float, folder: Path) -> Load:
-    """Run the daemon on a layout and measure it for ``seconds``."""
+@dataclass(frozen=True)
+class Watching:
+    """Who looks meanwhile."""
+
+    browsers: int
+    clients: int
+
+    def __str__(self) -> str:
+        return f"{self.browsers} browsers, {self.clients} OPC UA clients"
+
+
+@dataclass(frozen=True)
+class _Phase:
+    """What was measured of the processes while one or nobody looked."""
+
+    name: str
+    since: datetime
+    until: datetime
+    seconds: float
+    daemon_core_share: float
+    children_core_share: float
+    daemon_mb: float
+    all_mb: float
+    loads: list[float]
+
+
+def measure(
+    layout: str, seconds: float, folder: Path, watching: Watching | None = None
+) -> list[Load]:
+    """Run the daemon on a layout and measure it for ``seconds``; twice where somebody looks."""
     ports, loops = LAYOUTS[layout]
     plc = [sys.executable, "-m", "benchmarks.load_plc", str(ports), str(loops)]
     with _process(plc, stdout=subprocess.PIPE) as served:
         assert served.stdout is not None
         raised = _give_priority(served.pid, PLC_NICENESS)
         numbers = list(map(int, served.stdout.readline().split()))
-        site = _write_site(folder, numbers, loops)
-        fill = START + WINDOW
-        command = [sys.executable, "-m", "fieldlink.cli", "run", str(site)]
+        page, opcua = _free_port(), _free_port()
+        site = _write_site(folder, numbers, loops, page, opcua if watching else None)
         log = (folder / "daemon.log").open("wb")
-        with (
-            log,
-            _process(
-                [*command, "--duration", str(fill + seconds + 3)], stdout=log, stderr=log
-            ) as daemon,
-        ):
+        command = [sys.executable, "-m", "fieldlink.cli", "run", str(site)]
+        with log, _process(command, stdout=log, stderr=log) as daemon:
             raised &= _give_priority(daemon.pid, DAEMON_NICENESS)
-            time.sleep(fill)
-            since, begin = datetime.now(UTC), time.monotonic()
-            family = _family(daemon.pid)
-            before = {pid: _cpu(pid) for pid in family}
-            own, everything, loads = [], [], []
-            while time.monotonic() - begin < seconds:
-                time.sleep(1.0)
-                own.append(_pss(daemon.pid))
-                everything.append(sum(map(_pss, _family(daemon.pid))))
-                loads.append(os.getloadavg()[0])
-            elapsed = time.monotonic() - begin
-            spent = {pid: _cpu(pid) - start for pid, start in before.items()}
-            until = datetime.now(UTC)
+            time.sleep(START + WINDOW)
+            phases = [_measure_phase(layout, daemon.pid, seconds)]
+            if watching is not None:
+                looking = [sys.executable, "-m", "benchmarks.load_watchers"]
+                looking += [f"http://127.0.0.1:{page}/", str(watching.browsers), str(opcua)]
+                looking += [str(watching.clients)]
+                with _process(looking, stdout=subprocess.PIPE) as watchers:
+                    assert watchers.stdout is not None
+                    if not watchers.stdout.readline():
+                        raise RuntimeError("the browsers or OPC UA clients found no page")
+                    name = f"{layout}, {watching}"
+                    phases.append(_measure_phase(name, daemon.pid, seconds))
+                    if watchers.poll() is not None:
+                        raise RuntimeError("the browsers or OPC UA clients ended early")
+            daemon.terminate()
             if daemon.wait(timeout=90) != 0:
                 raise RuntimeError((folder / "daemon.log").read_text()[-3000:])
-    url = f"sqlite:///{folder}/data/history.sqlite"
-    samples = read_samples(url, since=since, until=until)
-    late = samples["late_ms"].to_numpy(float)
-    return Load(
-        layout=layout,
-        seconds=round(elapsed, 1),
-        daemon_core_share=spent.pop(daemon.pid) / elapsed,
-        estimator_core_share=sum(spent.values()) / elapsed,
+    return [_as_load(phase, f"sqlite:///{folder}/data/history.sqlite", raised) for phase in phases]
+
+
+def _measure_phase(name: str, daemon: int, seconds: float) -> _Phase:
+    since, begin = datetime.now(UTC), time.monotonic()
+    before = {pid: _cpu(pid) for pid in _family(daemon)}
+    own, everything, loads = [], [], []
+    while time.monotonic() - begin < seconds:
+        time.sleep(1.0)
+        own.append(_pss(daemon))
+        everything.append(sum(map(_pss, _family(daemon))))
+        loads.append(os.getloadavg()[0])
+    elapsed = time.monotonic() - begin
+    spent = {pid: _cpu(pid) - start for pid, start in before.items()}
+    return _Phase(
+        name,
+        since,
+        datetime.now(UTC),
+        elapsed,
+        daemon_core_share=spent.pop(daemon) / elapsed,
+        children_core_share=sum(spent.values()) / elapsed,
         daemon_mb=max(own),
         all_mb=max(everything),
+        loads=loads,
+    )
+
+
+def _as_load(phase: _Phase, url: str, raised: bool) -> Load:
+    samples = read_samples(url, since=phase.since, until=phase.until)
+    late = samples["late_ms"].to_numpy(float)
+    return Load(
+        layout=phase.name,
+        seconds=round(phase.seconds, 1),
+        daemon_core_share=phase.daemon_core_share,
+        children_core_share=phase.children_core_share,
+        daemon_mb=phase.daemon_mb,
+        all_mb=phase.all_mb,
         late_p50_ms=float(np.percentile(late, 50)),
         late_p99_ms=float(np.percentile(late, 99)),
         late_max_ms=float(late.max()),
         samples=len(samples),
         missed=int(read_slots(url)["missed"].sum()),
-        windows_judged=len(read_estimates(url, since=since, until=until)),
-        load_average=float(np.mean(loads)),
-        load_max=max(loads),
+        windows_judged=len(read_estimates(url, since=phase.since, until=phase.until)),
+        load_average=float(np.mean(phase.loads)),
+        load_max=max(phase.loads),
         raised_priority=raised,
     )
 
 
-def _write_site(folder: Path, ports: list[int], loops: int) -> Path:
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def _write_site(folder: Path, ports: list[int], loops: int, page: int, opcua: int | None) -> Path:
     rows = ["tag,table,address,type"]
     for i in range(loops):
         base = REGISTERS_A_LOOP * i
         rows += [f"L{i}.OP,holding,{base},float32", f"L{i}.PV,holding,{base + 2},float32"]
     (folder / "map.csv").write_text("\n".join(rows) + "\n")
-    parts = ['[site]\nname = "load"\n[web]\nport = 0\n']
+    parts = [f'[site]\nname = "load"\n[web]\nport = {page}\n']
+    if opcua is not None:
+        parts.append(f"[opcua_server]\nport = {opcua}\n")
     for number, port in enumerate(ports):
         parts.append(
             f'[devices.plc{number}]\nlink = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\n'
@@ -202,15 +267,21 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=1.0, help="measured, for each layout")
     parser.add_argument("--layout", choices=LAYOUTS, default=None, help="one instead of both")
     parser.add_argument("--out", type=Path, default=None, help="folder for Markdown and JSON")
+    parser.add_argument("--browsers", type=int, default=0, help="that look in a second phase")
+    parser.add_argument("--opcua-clients", type=int, default=0, help="that look in it, too")
     options = parser.parse_args()
+    watching = None
+    if options.browsers or options.opcua_clients:
+        watching = Watching(options.browsers, options.opcua_clients)
     loads = []
     for layout in LAYOUTS if options.layout is None else [options.layout]:
         with tempfile.TemporaryDirectory() as folder:
-            loads.append(measure(layout, 60.0 * options.minutes, Path(folder)))
+            loads += measure(layout, 60.0 * options.minutes, Path(folder), watching)
     text = as_table(loads)
     print(text)
     page = heading("load", __doc__, None) + "\n\n" + text
-    keep(options.out, "load", page, {"loads": [vars(load) for load in loads], "machine": machine()})
+    name = "load" if watching is None else "load_watched"
+    keep(options.out, name, page, {"loads": [vars(load) for load in loads], "machine": machine()})
 
 
 def as_table(loads: Sequence[Load]) -> str:

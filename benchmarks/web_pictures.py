@@ -68,7 +68,8 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
         page.evaluate("scrollTo(0, 0)")
         page.set_viewport_size({"width": 1500, "height": 800})
         page.screenshot(path=images / "web-loop.png")
-        page.set_viewport_size({"width": 1500, "height": 2400})
+        # A picture ends where the window ends: all of the page has to be in it.
+        page.set_viewport_size({"width": 1500, "height": 3600})
         page.wait_for_timeout(1500)
         clip = page.evaluate(
             """() => {

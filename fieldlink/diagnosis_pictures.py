@@ -37,7 +37,15 @@ def diagnosis_figure(recording: Recording, found: Diagnosis, *, title: str) -> F
     lower.set(xlabel="time / s", ylabel="PV")
     for axes in (upper, lower):
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="upper right", ncols=3, fontsize="small")
+            # Above the axes, where it hides no sample.
+            axes.legend(
+                loc="lower right",
+                bbox_to_anchor=(1.0, 1.0),
+                borderaxespad=0.2,
+                ncols=3,
+                fontsize="small",
+                frameon=False,
+            )
         axes.margins(x=0.0)
     swing = found.oscillation
     left = figure.add_subplot(grid[2, 0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,7 +15,7 @@ import typer
 from fieldlink.cli.progress import show_work
 
 if TYPE_CHECKING:
-    from fieldlink.worklist import Finding, ReportedLoop, WorkListSettings
+    from fieldlink.worklist import Finding, PartialReport, ReportedLoop, WorkListSettings
     from fieldlink.worklist.window_samples import WindowSamples
 
 __all__ = ["report"]
@@ -66,13 +67,23 @@ def report(
 ) -> None:
     """Write the work list: what is wrong, what to do, by whom, and the evidence for each loop.
 
-    CSV goes to the screen unless --out is given.
+    CSV goes to the screen unless --out is given. A report of recordings that was ended goes on
+    where it was when the same command is given again.
     """
-    from fieldlink.worklist import AUDIENCES, WorkDocument, format_of, render, write_report
+    from fieldlink.worklist import (
+        AUDIENCES,
+        PartialReport,
+        WorkDocument,
+        format_of,
+        render,
+        write_report,
+    )
 
     chosen = format_of(out, kind)
-    with show_work("reading") as say:
-        title, loops = _loops(sources, limit, op_span, period, _steps(say))
+    path = out or Path(f"fieldlink-report.{chosen}")
+    partial = PartialReport(path) if out is not None or not (as_json or chosen == "csv") else None
+    with show_work("reading") as say, closing(partial) if partial else nullcontext():
+        title, loops = _loops(sources, limit, op_span, period, _steps(say), partial)
     document = WorkDocument(title, datetime.now(UTC), loops, AUDIENCES[audience])
     if as_json:
         typer.echo(json.dumps(document.to_dict(), allow_nan=False))
@@ -81,9 +92,10 @@ def report(
     elif chosen == "csv" and out is None:
         typer.echo(render(document, "csv").decode("utf-8").replace("\r\n", "\n"), nl=False)
         return
-    path = out or Path(f"fieldlink-report.{chosen}")
     with show_work(f"writing {path}"):
         write_report(document, path, chosen)
+    if partial is not None:
+        partial.remove()
     if not as_json:
         for sentence in document.summary:
             typer.echo(sentence)
@@ -96,6 +108,7 @@ def _loops(
     op_span: float | None,
     period: float | None,
     progress: Progress,
+    partial: PartialReport | None,
 ) -> tuple[str, list[ReportedLoop]]:
     """Return a title and the loops of what the user named."""
     from fieldlink.worklist import judge_recordings, list_loops
@@ -120,6 +133,12 @@ def _loops(
         found = list_loops(url, settings=settings, progress=progress)
         return f"Work list of {name}", found
     files = _recordings(sources)
+    before = [file for file in files if partial and partial.find(file, period) is not None]
+    if before:
+        typer.echo(
+            f"going on with an earlier run: {len(before)} of {len(files)} recordings are judged",
+            err=True,
+        )
     workers = max(1, (os.cpu_count() or 1) - 1)
     found = judge_recordings(
         files,
@@ -128,6 +147,7 @@ def _loops(
         workers=workers,
         progress=progress,
         diagnose=_finding,
+        partial=partial,
     )
     what = files[0].name if len(files) == 1 else f"{len(files)} recordings"
     return f"Work list of {what}", found

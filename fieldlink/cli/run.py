@@ -107,11 +107,17 @@ def run(
 
 async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
     from fieldlink.daemon import Daemon, reload_on_hangup, stop_on_signals, supervised
-    from fieldlink.web import web_server
+    from fieldlink.opcua_server.serving import opcua_server
+    from fieldlink.web import live_source, web_server
 
     daemon = Daemon(site, read_only=read_only, watch_files=True)
     with stop_on_signals() as stop, reload_on_hangup(daemon.reload_soon):
-        async with web_server(site, daemon), supervised(daemon):
+        async with (
+            live_source(daemon) as source,
+            web_server(site, daemon, source),
+            opcua_server(site, daemon, source),
+            supervised(daemon),
+        ):
             return await daemon.run(duration, stop)
 
 

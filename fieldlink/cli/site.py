@@ -53,9 +53,10 @@ def _print(console: Console, report: CheckReport) -> None:
         _print_device(console, device)
     for loop in report.loops:
         _print_loop(console, loop)
-    if report.upward:
-        console.print()
-        _print_line(console, ("mqtt", "bold"), f"  {report.upward}")
+    for name, said in (("mqtt", report.upward), ("opcua_server", report.opcua_server)):
+        if said:
+            console.print()
+            _print_line(console, (name, "bold"), f"  {said}")
     for warning in report.warnings:
         _print_line(console, ("warning", "yellow"), f" {warning}")
     counts = (

@@ -59,9 +59,9 @@ class OperatorRequests:
         self._site_runner.journal.order(order.record(round(utc * 1000.0)))
         return order.action.done
 
-    def judge_for_broker(self, loop: str, why: str) -> None:
-        """Judge a loop's window because a message of the broker asks for it."""
-        self.carry_out(Order(loop, Action.ESTIMATE, "MQTT broker", why))
+    def order_for_broker(self, action: Action, loop: str, why: str) -> None:
+        """Carry out an order that came as a message of the broker."""
+        self.carry_out(Order(loop, action, "MQTT broker", why))
 
     def answer(self, request: Mapping[str, object]) -> Mapping[str, object]:
         """Answer a command that came through the control socket."""

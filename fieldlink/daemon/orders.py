@@ -162,7 +162,7 @@ def _check_may_write(loop: LoopRunner, read_only: bool) -> None:
     if loop.writer is None:
         raise OrderError(
             f"loops.{loop.name}.writeback is not enabled in the site file, so nothing is written; "
-            "the page cannot change that"
+            "an order cannot change that"
         )
     if read_only:
         raise OrderError(

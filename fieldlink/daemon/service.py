@@ -19,7 +19,7 @@ from fieldlink.daemon.estimation.judging import WindowJudging
 from fieldlink.daemon.estimation.pool import PoolSettings
 from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.operator_requests import OperatorRequests
-from fieldlink.daemon.orders import Order
+from fieldlink.daemon.orders import Action, Order
 from fieldlink.daemon.reload import FileWatch
 from fieldlink.daemon.reporting.control_socket import control_socket
 from fieldlink.daemon.reporting.scheduled_report import REPORT_LOOK, ScheduledReport
@@ -233,8 +233,8 @@ class Daemon:
             site,
             health=lambda: self._runner.health(store_failing=self._historian.report().failing),
             actions={
-                "withdraw": self._requests.withdraw,
-                "estimate_now": self._requests.judge_for_broker,
+                "withdraw": partial(self._requests.order_for_broker, Action.WITHDRAW),
+                "estimate_now": partial(self._requests.order_for_broker, Action.ESTIMATE),
             },
             tell=self._runner.journal.event,
             defect=self._runner.journal.defect,

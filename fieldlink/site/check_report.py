@@ -93,7 +93,8 @@ class LoopReport:
 class CheckReport:
     """A site in figures, with warnings about what is allowed and yet unwise.
 
-    ``upward`` says what is published where, empty when nothing is.
+    ``upward`` says what is published where, ``opcua_server`` what is served to OPC UA clients; both
+    are empty when nothing is.
     """
 
     name: str
@@ -104,6 +105,7 @@ class CheckReport:
     loops: tuple[LoopReport, ...]
     warnings: tuple[str, ...]
     upward: str = ""
+    opcua_server: str = ""
 
     @property
     def requests_per_scan(self) -> int:
@@ -137,6 +139,7 @@ def check(site: Site) -> CheckReport:
         ),
         warnings=tuple(warnings),
         upward=_upward(site),
+        opcua_server=_opcua_server(site),
     )
 
 
@@ -150,6 +153,16 @@ def _upward(site: Site) -> str:
         f"{', '.join(mqtt.publish)} as {' and '.join(mqtt.formats)} to {mqtt.host}:{mqtt.port} "
         f"({secured}); {commands}"
     )
+
+
+def _opcua_server(site: Site) -> str:
+    server = site.file.opcua_server
+    if server is None:
+        return ""
+    secured = "encrypted" if server.cert is not None else "not encrypted"
+    who = "anonymous clients" if server.username is None else f"user {server.username}"
+    trusted = f", {len(server.trusted)} trusted certificates" if server.trusted else ""
+    return f"read-only on {server.host}:{server.port} ({secured}); {who}{trusted}"
 
 
 def _device(

@@ -24,6 +24,7 @@ from fieldlink.site.device import Address, Device, Model, Seconds
 from fieldlink.site.findings import FindingsTable
 from fieldlink.site.mqtt import MqttSettings
 from fieldlink.site.notify import NotifySettings
+from fieldlink.site.opcua_server import OpcuaServerSettings
 from fieldlink.site.plant import ExternalSettings, PiSettings, PlantSettings, PlantVariables
 
 __all__ = [
@@ -239,3 +240,5 @@ class SiteFile(Model):
     """Why loops swing, diagnosed again and again by the daemon."""
     notify: NotifySettings | None = None
     """Notices of findings and lost devices, over HTTP and by e-mail."""
+    opcua_server: OpcuaServerSettings | None = None
+    """A read-only OPC UA server of loops and devices."""

@@ -26,6 +26,7 @@ from fieldlink.site.mqtt_rules import mqtt_fits
 from fieldlink.site.named_files import find_missing
 from fieldlink.site.notify_rules import notify_fits
 from fieldlink.site.opcua_rules import opcua_fits
+from fieldlink.site.opcua_server_rules import opcua_server_fits
 from fieldlink.site.plant_rules import plant_fits
 from fieldlink.site.toml_source import TomlSource
 
@@ -48,6 +49,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems.extend(_certificates(site, source))
     problems.extend(mqtt_fits(site, source))
     problems.extend(notify_fits(site, source))
+    problems.extend(opcua_server_fits(site, source))
     problems.extend(opcua_fits(site, source))
     problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))

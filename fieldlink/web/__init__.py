@@ -5,6 +5,14 @@ Nothing here decides about writing: orders go to the daemon, whose rules hold.
 
 from fieldlink.web.access import TOKEN_FILE
 from fieldlink.web.metrics import render_metrics
-from fieldlink.web.server import WebError, page_address, store_server, web_server
+from fieldlink.web.server import WebError, live_source, page_address, store_server, web_server
 
-__all__ = ["TOKEN_FILE", "WebError", "page_address", "render_metrics", "store_server", "web_server"]
+__all__ = [
+    "TOKEN_FILE",
+    "WebError",
+    "live_source",
+    "page_address",
+    "render_metrics",
+    "store_server",
+    "web_server",
+]

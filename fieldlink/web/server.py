@@ -23,7 +23,14 @@ from fieldlink.web.app import make_app, make_store_app
 from fieldlink.web.limits import MOST_CONNECTIONS, BoundedListener, QuietLog, TimedProtocol
 from fieldlink.web.source import Source
 
-__all__ = ["WebError", "page_address", "read_token", "store_server", "web_server"]
+__all__ = [
+    "WebError",
+    "live_source",
+    "page_address",
+    "read_token",
+    "store_server",
+    "web_server",
+]
 
 SHORTEST_TOKEN = 20
 """Characters; less can be guessed."""
@@ -44,11 +51,28 @@ class _Server(uvicorn.Server):
 
 
 @asynccontextmanager
-async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
+async def live_source(daemon: Daemon) -> AsyncIterator[Source]:
+    """Give what a running daemon shows, to all who show it, and close it at the end."""
+    source = Source.of_daemon(daemon)
+    try:
+        yield source
+    finally:
+        await asyncio.to_thread(source.close)
+
+
+@asynccontextmanager
+async def web_server(
+    site: Site, daemon: Daemon, source: Source | None = None
+) -> AsyncIterator[int | None]:
     """Answer HTTP while the block runs; gives the port, None when there is no server.
 
     If the port cannot be used, that is logged and the daemon runs without endpoints and pages: the
     plant's data matter more than those who watch.
+
+    Args:
+        site: the site.
+        daemon: the daemon.
+        source: what the pages show, where others show it too; one of their own unless given.
 
     Raises:
         WebError: the token or the certificate cannot be used.
@@ -57,7 +81,10 @@ async def web_server(site: Site, daemon: Daemon) -> AsyncIterator[int | None]:
     if not settings.enabled:
         yield None
         return
-    source = Source.of_daemon(daemon)
+    if source is None:
+        async with live_source(daemon) as own, web_server(site, daemon, own) as port:
+            yield port
+        return
     access = _access_of(site)
     config = _configure(make_app(daemon, source, access), site)
     try:
@@ -113,10 +140,13 @@ async def store_server(url: str, site: Site | None, host: str, port: int) -> Asy
         raise WebError(
             f"{host}:{port} cannot be used: {error.strerror or error}; name another --port"
         ) from error
-    async with _serving(config, listener, source):
-        scheme = "https" if config.is_ssl else "http"
-        shown = f"[{host}]" if ":" in host else host
-        yield f"{scheme}://{shown}:{listener.getsockname()[1]}/"
+    try:
+        async with _serving(config, listener, source):
+            scheme = "https" if config.is_ssl else "http"
+            shown = f"[{host}]" if ":" in host else host
+            yield f"{scheme}://{shown}:{listener.getsockname()[1]}/"
+    finally:
+        await asyncio.to_thread(source.close)
 
 
 def page_address(site: Site, port: int) -> str:
@@ -185,7 +215,6 @@ async def _serving(
         await task
         await reading
         listener.close()
-        await asyncio.to_thread(source.close)
         logging.getLogger("uvicorn.error").removeFilter(quiet)
 
 

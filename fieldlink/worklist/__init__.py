@@ -16,6 +16,7 @@ from fieldlink.worklist.finding import (
 )
 from fieldlink.worklist.from_recordings import judge_recordings
 from fieldlink.worklist.from_store import ReportedLoop, list_loops
+from fieldlink.worklist.partial import PartialReport
 from fieldlink.worklist.row import COLUMNS, WorkItem, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
 from fieldlink.worklist.writing import FORMATS, format_of, render, write_report
@@ -28,6 +29,7 @@ __all__ = [
     "Audience",
     "Cause",
     "Finding",
+    "PartialReport",
     "ReportError",
     "ReportedLoop",
     "WorkDocument",

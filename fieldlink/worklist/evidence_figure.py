@@ -2,26 +2,30 @@
 
 A report has hundreds of them, so one figure is drawn again and again with other data, because
 setting up axes and ticks takes longer than drawing them, and many pictures are shared out to the
-cores.
+cores. On paper, what is the same in all of them (legends, labels) is drawn once; the others are
+drawn over it, with few colours, so that neither writing nor packing them takes long.
 """
 
 from __future__ import annotations
 
 import html
 import io
-import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import cache
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from fieldlink.pictures import MARK, OP, PV, STEM
 from fieldlink.worklist.from_store import ReportedLoop
@@ -29,6 +33,7 @@ from fieldlink.worklist.settings import WorkListSettings
 from fieldlink.worklist.window_samples import WindowSamples
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
@@ -48,36 +53,50 @@ _SIZE = 8.0
 WORTH_PROCESSES = 60
 """Pictures from which several processes draw: starting one takes as long as drawing thirty."""
 
+PART = 10
+"""Pictures that a process draws in one go: about a second, so that the first ones come early."""
+
+DPI = 120
+"""Pixels an inch on paper: letters of eight points are read without effort."""
+
+COLOURS = 128
+"""Of a picture on paper: six colours of lines and letters, and their steps to white."""
+
 
 def draw_svgs(numbered: Sequence[tuple[int, ReportedLoop]]) -> list[str]:
     """Return the pictures as SVG elements of one page, each loop with its number."""
-    return _share_out(_draw_svg_part, numbered)
+    return list(_share_out(_draw_svg_part, numbered))
 
 
-def draw_pngs(loops: Sequence[ReportedLoop]) -> list[bytes]:
-    """Return the pictures as PNG files."""
+def draw_pngs(loops: Sequence[ReportedLoop]) -> Iterator[bytes]:
+    """Yield the pictures as PNG files; while one is used, the next ones are being drawn."""
     return _share_out(_draw_png_part, loops)
 
 
-def _share_out(draw: Callable[[Sequence[T]], list[R]], items: Sequence[T]) -> list[R]:
-    """Draw here, or a part on each core where there is much to draw."""
+def _share_out(draw: Callable[[Sequence[T]], list[R]], items: Sequence[T]) -> Iterator[R]:
+    """Draw here, or on each core where there is much to draw; yield in order."""
     cores = os.cpu_count() or 1
     if cores < 2 or len(items) < WORTH_PROCESSES:
-        return draw(items)
-    size = math.ceil(len(items) / cores)
-    parts = [items[begin : begin + size] for begin in range(0, len(items), size)]
-    with ProcessPoolExecutor(len(parts), get_context("spawn")) as pool:
-        return [picture for part in pool.map(draw, parts) for picture in part]
+        yield from draw(items)
+        return
+    parts = [items[begin : begin + PART] for begin in range(0, len(items), PART)]
+    with ProcessPoolExecutor(min(cores, len(parts)), get_context("spawn")) as pool:
+        for part in pool.map(draw, parts):
+            yield from part
+
+
+@cache
+def _pictures() -> EvidencePictures:
+    """The figures of this process: they are set up once, however many parts it draws."""
+    return EvidencePictures()
 
 
 def _draw_svg_part(numbered: Sequence[tuple[int, ReportedLoop]]) -> list[str]:
-    pictures = EvidencePictures()
-    return [pictures.svg(loop, number) for number, loop in numbered]
+    return [_pictures().svg(loop, number) for number, loop in numbered]
 
 
 def _draw_png_part(loops: Sequence[ReportedLoop]) -> list[bytes]:
-    pictures = EvidencePictures()
-    return [pictures.png(loop) for loop in loops]
+    return [_pictures().png(loop) for loop in loops]
 
 
 class EvidencePictures:
@@ -102,12 +121,13 @@ class EvidencePictures:
 
     def png(self, loop: ReportedLoop) -> bytes:
         """Return the picture as a PNG file for paper."""
-        buffer = io.BytesIO()
-        self.draw(loop).savefig(buffer, format="png", dpi=120)
-        return buffer.getvalue()
+        return self._show(loop).png()
 
     def draw(self, loop: ReportedLoop) -> Figure:
         """Return the figure of a loop; it is another loop's after the next call."""
+        return self._show(loop).figure
+
+    def _show(self, loop: ReportedLoop) -> _Canvas:
         has_course = loop.course is not None and len(loop.course) > 1
         if has_course not in self._canvases:
             self._canvases[has_course] = _Canvas(has_course=has_course)
@@ -115,14 +135,16 @@ class EvidencePictures:
         canvas.show_window(loop.samples)
         if has_course:
             canvas.show_course(loop)
-        return canvas.figure
+        return canvas
 
 
 class _Canvas:
     """The axes with their lines: OP with the stem, PV with SP, PV over OP, and S over time."""
 
     def __init__(self, *, has_course: bool) -> None:
-        self.figure = Figure(figsize=(11.0, 3.4))
+        self.figure = Figure(figsize=(11.0, 3.4), dpi=DPI)
+        self._agg = FigureCanvasAgg(self.figure)
+        self._same: Any = None
         widths = (1.5, 0.75, 1.0) if has_course else (1.5, 0.75)
         grid = self.figure.add_gridspec(
             2, len(widths), width_ratios=widths, left=0.055, right=0.99, top=0.91, bottom=0.14,
@@ -159,6 +181,55 @@ class _Canvas:
             self._course.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
         for axes in self.figure.axes:
             _finish(axes, dates=has_course and axes is self._course)
+
+    def png(self) -> bytes:
+        """Return what is shown as a PNG file."""
+        if self._same is None:
+            self._same = self._draw_same()
+        renderer = self._renderer()
+        renderer.clear()
+        renderer.restore_region(self._same)
+        with self._hidden(self._drawn_once()):
+            self.figure.draw(renderer)
+        picture = Image.fromarray(np.asarray(renderer.buffer_rgba())).convert("RGB")
+        few = picture.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        buffer = io.BytesIO()
+        few.save(buffer, format="PNG", compress_level=1)
+        return buffer.getvalue()
+
+    def _draw_same(self) -> Any:
+        """Draw what is the same in every picture."""
+        renderer = self._renderer()
+        renderer.clear()
+        others = [artist for axes in self.figure.axes for artist in (*axes.lines, *axes.texts)]
+        others += [artist for axes in self.figure.axes for artist in axes.collections]
+        others += [axis for axes in self.figure.axes for axis in (axes.xaxis, axes.yaxis)]
+        with self._hidden(others):
+            self.figure.draw(renderer)
+        return renderer.copy_from_bbox(self.figure.bbox)
+
+    def _renderer(self) -> Any:
+        return self._agg.get_renderer()  # type: ignore[no-untyped-call]
+
+    def _drawn_once(self) -> list[Artist]:
+        found: list[Artist] = [self.figure.patch]
+        for axes in self.figure.axes:
+            found += [axes.patch, *axes.spines.values()]
+            if (legend := axes.get_legend()) is not None:
+                found.append(legend)
+        return found
+
+    @staticmethod
+    @contextmanager
+    def _hidden(artists: Sequence[Artist]) -> Iterator[None]:
+        seen = [artist for artist in artists if artist.get_visible()]
+        for artist in seen:
+            artist.set_visible(False)
+        try:
+            yield
+        finally:
+            for artist in seen:
+                artist.set_visible(True)
 
     def show_window(self, samples: WindowSamples | None) -> None:
         """Show a window; words instead where its samples are gone."""

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from estimator import EstimatorError, Interval
 from fieldlink.errors import FieldlinkError
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.from_store import Diagnose, ReportedLoop
+from fieldlink.worklist.partial import PartialReport
 from fieldlink.worklist.row import Confidence, WorkRow
 from fieldlink.worklist.settings import WorkListSettings
 from fieldlink.worklist.window_samples import WindowSamples, figures_of, interval_of
 
+if TYPE_CHECKING:
+    from fieldlink.site.recording import Recording
+
 __all__ = ["judge_recordings"]
+
+_Job = tuple[Path, float | None]
+"""A recording, and the seconds between its rows where they are given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +47,7 @@ def judge_recordings(
     workers: int = 1,
     progress: Callable[[str, int, int], None] = lambda _name, _done, _all: None,
     diagnose: Diagnose = lambda _name, _samples: None,
+    partial: PartialReport | None = None,
 ) -> list[ReportedLoop]:
     """Judge recordings and return their loops, the most urgent first.
 
@@ -49,39 +59,81 @@ def judge_recordings(
         workers: processes that judge.
         progress: called with a file's name, how many are done, and how many there are.
         diagnose: see `fieldlink.worklist.list_loops`.
+        partial: gives the recordings that an earlier run has judged, and keeps those of this one.
 
     Raises:
         RecordingError: the only file cannot be used; one among others is a row that says so.
         EstimatorError: the only file holds no window of a loop.
     """
     chosen = settings or WorkListSettings()
-    names = _names(files)
-    jobs = [(file, period) for file in files]
+    names = dict(zip(files, _names(files), strict=True))
+    if len(files) == 1:
+        progress(names[files[0]], 0, 1)
+        return [_reported(names[files[0]], _judge((files[0], period)), chosen, diagnose)]
     found = []
-    if len(jobs) == 1:
-        progress(names[0], 0, 1)
-        found.append(_reported(names[0], _judge(jobs[0]), chosen, diagnose))
-    else:
-        with _judging(jobs, workers) as results:
-            for number, (name, judged) in enumerate(zip(names, results, strict=True)):
-                progress(name, number, len(files))
-                if isinstance(judged, str):
-                    found.append(_unusable(name, judged, chosen))
-                else:
-                    found.append(_reported(name, judged, chosen, diagnose))
+    with _judging([(file, period) for file in files], workers, partial) as results:
+        for number, (file, judged) in enumerate(results):
+            progress(names[file], number, len(files))
+            if isinstance(judged, str):
+                found.append(_unusable(names[file], judged, chosen))
+            else:
+                found.append(_reported(names[file], judged, chosen, diagnose))
     return sorted(found, key=lambda loop: (loop.row.urgency, loop.row.tag))
 
 
 @contextmanager
 def _judging(
-    jobs: Sequence[tuple[Path, float | None]], workers: int
-) -> Iterator[Iterable[_Judged | str]]:
-    """Give the results in the order of the jobs, in other processes where there are several."""
-    if workers < 2:
-        yield map(_judge_or_explain, jobs)
+    jobs: Sequence[_Job], workers: int, partial: PartialReport | None
+) -> Iterator[Iterator[tuple[Path, _Judged | str]]]:
+    """Give the results as they come, in other processes where there are several.
+
+    What was judged before comes first; the others are on disk before they are given.
+    """
+    known = [] if partial is None else [(job, partial.find(*job)) for job in jobs]
+    before = [(job, kept) for job, kept in known if kept is not None]
+    left = [job for job in jobs if job not in {job for job, _ in before}]
+
+    def give(results: Iterable[tuple[_Job, _Judged | str]]) -> Iterator[tuple[Path, _Judged | str]]:
+        for job, kept in before:
+            yield job[0], _of_kept(job, kept)
+        for job, judged in results:
+            if partial is not None:
+                partial.keep(*job, _kept(judged))
+            yield job[0], judged
+
+    if workers < 2 or not left:
+        yield give((job, _judge_or_explain(job)) for job in left)
         return
-    with ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn")) as pool:
-        yield pool.map(_judge_or_explain, jobs)
+    with ProcessPoolExecutor(min(workers, len(left)), get_context("spawn")) as pool:
+        futures = {pool.submit(_judge_or_explain, job): job for job in left}
+        try:
+            yield give((futures[done], done.result()) for done in as_completed(futures))
+        except BaseException:
+            # Ctrl-C waits for the windows under way, not for those in the queue.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _kept(judged: _Judged | str) -> dict[str, Any]:
+    """Return a result as plain types."""
+    if isinstance(judged, str):
+        return {"problem": judged}
+    stem = judged.samples.stem
+    return {
+        "document": judged.document,
+        "notes": list(judged.notes),
+        "stem": None if stem is None else stem.tolist(),
+    }
+
+
+def _of_kept(job: _Job, kept: Mapping[str, Any]) -> _Judged | str:
+    """Return a result again; the samples are read from the recording."""
+    if "problem" in kept:
+        return str(kept["problem"])
+    recording = _read(job)
+    stem = None if kept["stem"] is None else np.asarray(kept["stem"], float)
+    samples = WindowSamples(recording.op, recording.pv, recording.sp, stem, recording.period)
+    return _Judged(samples, dict(kept["document"]), tuple(kept["notes"]))
 
 
 def _names(files: Sequence[Path]) -> list[str]:
@@ -93,7 +145,7 @@ def _names(files: Sequence[Path]) -> list[str]:
     ]
 
 
-def _judge_or_explain(job: tuple[Path, float | None]) -> _Judged | str:
+def _judge_or_explain(job: _Job) -> _Judged | str:
     """Judge a recording; a sentence where that cannot be done, because others go on."""
     try:
         return _judge(job)
@@ -109,13 +161,18 @@ def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLo
     return ReportedLoop(row, None, None, None, settings.op_span)
 
 
-def _judge(job: tuple[Path, float | None]) -> _Judged:
-    from estimator import identify
+def _read(job: _Job) -> Recording:
     from fieldlink.site.missing_rows import fill_missing_rows
     from fieldlink.site.recording import read_recording
 
     file, period = job
-    recording = fill_missing_rows(read_recording(file, period=period))
+    return fill_missing_rows(read_recording(file, period=period))
+
+
+def _judge(job: _Job) -> _Judged:
+    from estimator import identify
+
+    recording = _read(job)
     result = identify(
         recording.op,
         recording.pv,

@@ -114,7 +114,7 @@ def test_the_schema_knows_every_key_with_its_meaning() -> None:
     found = schema()
     assert set(found["properties"]) == {
         "site", "devices", "loops", "historian", "estimation", "web", "report", "mqtt", "findings",
-        "notify",
+        "notify", "opcua_server",
     }  # fmt: skip
     assert found["additionalProperties"] is False
     for name, table in found["$defs"].items():

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from asyncua import Client as OpcuaClient
 
+from fieldlink.opcua_server import serving
+from fieldlink.opcua_server.serving import opcua_server
 from fieldlink.site import SiteError, check, load_site
+from fieldlink.store import read_estimates
 from fieldlink.upward import Publishing, UpwardError
+from fieldlink.web import live_source
 from tests.daemon import live
 from tests.links.fake_device import FakeDevice
 from tests.upward.client import Client
@@ -18,9 +24,10 @@ from tests.upward.conftest import until
 from tests.upward.mosquitto import Mosquitto
 
 
-async def test_verdicts_reach_the_broker_and_commands_the_loop(
-    broker_process: Mosquitto, tmp_path: Path
+async def test_verdicts_reach_broker_and_opcua_clients_and_commands_the_loop(
+    broker_process: Mosquitto, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(serving, "EVERY", 0.1)
     device = FakeDevice()
     await device.start()
     site = live.site_for(tmp_path, {"plc": device.port}, estimate_every=1e6)
@@ -28,6 +35,7 @@ async def test_verdicts_reach_the_broker_and_commands_the_loop(
         file.write(
             f'[mqtt]\nhost = "127.0.0.1"\nport = {broker_process.port}\n'
             'formats = ["json"]\ncommands = ["estimate_now", "withdraw"]\n'
+            "[opcua_server]\nport = 0\n"
         )
     site = load_site(tmp_path / "site.toml")
     base = "fieldlink/test/plant/PLC"
@@ -35,6 +43,8 @@ async def test_verdicts_reach_the_broker_and_commands_the_loop(
         live.plant_on(device),
         Client(broker_process.port, "fieldlink/#") as host,
         live.running(site) as daemon,
+        live_source(daemon) as source,
+        opcua_server(site, daemon, source) as server,
     ):
 
         def received(topic: str) -> list[dict[str, Any]]:
@@ -45,7 +55,7 @@ async def test_verdicts_reach_the_broker_and_commands_the_loop(
         await until(lambda: received(f"{base}/command/withdraw/result"), "the answer")
         answer = received(f"{base}/command/withdraw/result")[0]
         assert answer["accepted"] is False
-        assert "writeback is not enabled" in answer["message"]
+        assert answer["message"].endswith("so nothing is written; an order cannot change that")
         await until(lambda: daemon.status().loops["PLC"].filled == 1.0, "a full window")
         host.publish(f"{base}/command/estimate_now", '{"reason": "round trip"}')
         await until(lambda: received(f"{base}/estimate"), "the estimate")
@@ -53,10 +63,36 @@ async def test_verdicts_reach_the_broker_and_commands_the_loop(
             lambda: any(found["event"] == "command.accepted" for found in received(EVENTS)),
             "the event",
         )
-    found = received(f"{base}/estimate")[0]
-    assert found["outcome"] in ("estimated", "refused")
+        assert server is not None
+        await server.listening.wait()
+        found = received(f"{base}/estimate")[0]
+        assert found["outcome"] in ("estimated", "refused")
+        # A machine that misses samples may have a window without a verdict.
+        shown = await shown_to_a_client(server.port, has_verdict=found["verdict"] is not None)
+    assert ("operator.estimate", "MQTT broker: round trip") in [
+        (found["event"], found["message"]) for found in received(EVENTS)
+    ]
+    stored = read_estimates(site.historian_url).iloc[-1]
+    for name, column in (("Verdict", "verdict"), ("Score", "score"), ("StickBand", "stick_band")):
+        assert shown[name] == (None if found["verdict"] is None else stored[column])
+    assert shown["DeviceHealth"] == {"stiction": 4, "no_stiction": 0}.get(stored["verdict"])
+    assert shown["BlockState"] == "not written"
     assert found["loop"] == "PLC"
     await device.stop()
+
+
+async def shown_to_a_client(port: int | None, *, has_verdict: bool) -> dict[str, Any]:
+    """The loop's values in the OPC UA server, once there is a verdict where there will be one."""
+    async with OpcuaClient(f"opc.tcp://127.0.0.1:{port}") as client:
+        verdict = client.get_node("ns=1;s=Loops/PLC/Verdict")
+        while (
+            has_verdict
+            and not (await verdict.read_data_value(raise_on_bad_status=False)).StatusCode.is_good()
+        ):
+            await asyncio.sleep(0.05)
+        names = ("Verdict", "Score", "StickBand", "DeviceHealth", "BlockState")
+        nodes = [client.get_node(f"ns=1;s=Loops/PLC/{name}") for name in names]
+        return dict(zip(names, await client.read_values(nodes), strict=True))
 
 
 EVENTS = "fieldlink/test/events"

@@ -19,7 +19,7 @@ from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
 from fieldlink.store import EventRecord, record_work
 from fieldlink.store.database import open_for_writing
-from fieldlink.worklist import COLUMNS
+from fieldlink.worklist import COLUMNS, PartialReport, judge_recordings
 from tests.cli.conftest import limit_cycle
 
 SITE = """\
@@ -167,7 +167,9 @@ def test_each_reader_gets_a_list_of_its_own(
     assert page.count('<section class="evidence') == evidence
 
 
-def test_recordings_are_judged_and_listed(tmp_path: Path) -> None:
+def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
+    tmp_path: Path,
+) -> None:
     op, pv = limit_cycle()
     rows = [f"{u:.6f},{y:.6f}" for u, y in zip(op, pv, strict=True)]
     (tmp_path / "FC7.csv").write_text("\n".join(["FC7.OUT,FC7.PV", *rows]) + "\n")
@@ -183,6 +185,28 @@ def test_recordings_are_judged_and_listed(tmp_path: Path) -> None:
     assert (second["tag"], second["wrong"]) == ("FC8", "manual")
     assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "undetermined", None)
     assert "'zwei' is not a number" in third["would_determine"][0]
+
+    out = tmp_path / "list.html"
+
+    def end_early(_name: str, done: int, _all: int) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    partial = PartialReport(out)
+    with pytest.raises(KeyboardInterrupt):
+        judge_recordings(sorted(tmp_path.glob("*.csv")), progress=end_early, partial=partial)
+    partial.close()
+    assert not out.exists()
+    with (tmp_path / "list.html.partial").open("a") as file:
+        file.write('{"recording": "cut o')
+    again = run("report", tmp_path, "--json", "--out", out)
+    assert "going on with an earlier run: 2 of 3 recordings are judged" in again.stderr
+    assert json.loads(again.stdout)["loops"] == [first, second, third]
+    assert [path.name for path in tmp_path.glob("list*")] == ["list.html"]
+    partial.keep(tmp_path / "FC7.csv", None, {"problem": "old"})
+    partial.close()
+    (tmp_path / "FC7.csv").touch()
+    assert PartialReport(out).find(tmp_path / "FC7.csv", None) is None
 
 
 @pytest.mark.parametrize(

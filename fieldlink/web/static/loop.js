@@ -206,6 +206,8 @@ function message(canvas, text) {
   context.fillText(text, 20, 40);
 }
 
+// The stem comes with the map: where the valve stood at the window's begin is known by judging it.
+let identified = { estimate: null, stem: [] };
 async function drawPhase(name) {
   const canvas = document.getElementById("phase");
   let found;
@@ -216,7 +218,8 @@ async function drawPhase(name) {
     return message(canvas, "no window has been judged yet");
   }
   if (found.op.length === 0) return message(canvas, "the samples of the judged window are no longer stored");
-  const { context, px, py } = frame(canvas, [...found.op, ...found.stem], found.pv, "OP, stem", "PV");
+  const stem = identified.estimate === found.estimate ? identified.stem : [];
+  const { context, px, py } = frame(canvas, [...found.op, ...stem], found.pv, "OP, stem", "PV");
   const line = (xs, colour) => {
     context.strokeStyle = colour;
     context.lineWidth = 1;
@@ -232,7 +235,7 @@ async function drawPhase(name) {
   };
   line(found.op, COLOUR.op);
   context.fillStyle = COLOUR.stem;
-  found.stem.forEach((x, k) => {
+  stem.forEach((x, k) => {
     if (x != null && found.pv[k] != null) context.fillRect(px(x) - 1.5, py(found.pv[k]) - 1.5, 3, 3);
   });
 }
@@ -259,6 +262,8 @@ async function drawMap(name) {
     await new Promise((done) => setTimeout(done, 1000));
   }
   if (found.state === "failed") return void (note.textContent = found.message);
+  identified = { estimate: found.estimate, stem: found.sticky ? found.stem : [] };
+  await drawPhase(name);
   if (found.cost.length === 0) return void (note.textContent = "this window has no map: it could not be judged");
   const S = found.stick_band, J = found.slip_jump;
   const { context, px, py } = frame(canvas, [0, ...S], J, "stick band S", "slip jump J");
@@ -369,12 +374,13 @@ document.addEventListener("DOMContentLoaded", () => {
   let estimate = holder.dataset.estimate, seen = false;
   const later = (work) => work.catch((error) => console.info(`not drawn: ${error.message}`));
   trend.look(true).then(() => trend.look(true)).catch((error) => console.info(error.message));
-  new IntersectionObserver((entries, observer) => {
+  const watch = new IntersectionObserver((entries, observer) => {
     if (!entries.some((entry) => entry.isIntersecting)) return;
     observer.disconnect();
     seen = true;
     later(drawMap(name));
-  }).observe(document.getElementById("map"));
+  });
+  for (const id of ["phase", "map"]) watch.observe(document.getElementById(id));
   live.listeners.push(async (found) => {
     await trend.look();
     const now = String(found.estimate ?? "");

@@ -28,8 +28,9 @@ def cost_map(
         site: gives the loop's settings of estimation, None where only a store is known.
 
     Returns:
-        ``state``: ``ready`` with ``stick_band``, ``slip_jump``, ``cost`` (rows are S) and the
-        window's ``stem`` and ``pv_model``; ``computing``; or ``failed`` with ``message``.
+        ``state``: ``ready`` with ``stick_band``, ``slip_jump``, ``cost`` (rows are S), the
+        window's ``stem`` and ``pv_model``, and whether the verdict is ``sticky``; ``computing``;
+        or ``failed`` with ``message``.
 
     Raises:
         StoreError: the store cannot be read.
@@ -49,6 +50,7 @@ def cost_map(
     return {
         "state": "ready",
         "estimate": judged["id"],
+        "sticky": judged["verdict"] == "stiction",
         "stick_band": found.stick_band,
         "slip_jump": found.slip_jump,
         "cost": found.cost,

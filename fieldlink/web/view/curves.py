@@ -97,9 +97,17 @@ def stem_of(op: Numbers, judged: Row | None) -> Numbers | None:
 
 
 def phase(rows: list[Row], judged: Row | None) -> dict[str, Numbers]:
-    """Return PV, OP and stem of a window, sample by sample, for PV over OP."""
-    op = [row["op"] for row in rows]
-    return {"op": op, "pv": [row["pv"] for row in rows], "stem": stem_of(op, judged) or []}
+    """Return PV, OP and stem of a window for PV over OP: one value a slot, None for a missing one.
+
+    The stem begins at the first OP; with a stick band near OP's swing that decides its course, and
+    the identified one, which comes with the cost map, is better.
+    """
+    if not rows or judged is None:
+        return {"op": [], "pv": [], "stem": []}
+    by_slot = {row["slot"]: row for row in rows}
+    slots = [by_slot.get(slot) for slot in range(judged["first_slot"], judged["last_slot"] + 1)]
+    op, pv = ([None if row is None else row[name] for row in slots] for name in ("op", "pv"))
+    return {"op": op, "pv": pv, "stem": stem_of(op, judged) or []}
 
 
 def _end(queries: StoreQueries, loop: str, *, live: bool) -> int:

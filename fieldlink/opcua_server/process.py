@@ -1,0 +1,189 @@
+"""The server's process: settings and values come as lines of JSON, what happens goes out as such.
+
+    python -m fieldlink.opcua_server.process
+
+The first line in holds the settings, each line after it a document for `Nodes.show`; a line goes
+out when the server listens or cannot, and for every document taken. The process ends when its
+input does: a daemon that was killed leaves no server behind.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import signal
+import sys
+from datetime import UTC, datetime
+from typing import Any
+from urllib.parse import quote
+
+from asyncua import Server, ua
+from asyncua.common.connection import TransportLimits
+from asyncua.crypto import uacrypto
+from cryptography import x509
+
+from fieldlink.opcua_server.access import BoundedServer, Doorkeeper, ReadOnlyRules
+from fieldlink.opcua_server.nodes import Nodes
+
+__all__ = ["SettingError", "check_keys", "main"]
+
+NICENESS = 10
+"""As the estimator's processes: the daemon's polls go first."""
+
+MEMORY = 600_000_000
+"""Bytes: several times what 500 loops and 20 clients take; a flood ends this process only."""
+
+LONGEST_LINE = 64 * 2**20
+"""Bytes of a document: 5,000 loops have less than a tenth."""
+
+MOST_BYTES = 4 * 2**20
+"""Bytes of a client's request; the largest that reads has some hundred kilobytes."""
+
+CHUNK = 65_535
+"""Bytes of a buffer, the smallest that every client has to accept (Part 6, 7.1.2.3) and more."""
+
+_POLICIES = (
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+)
+
+
+class SettingError(Exception):
+    """A setting cannot be used; says which and why, in a sentence.
+
+    Not a `FieldlinkError`: this process imports nothing of the daemon.
+    """
+
+
+def main() -> None:
+    """Run until the input ends."""
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+    _stand_back()
+    asyncio.run(_serve())
+
+
+def _stand_back() -> None:
+    """Let the daemon go first, and let it decide when this process ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+        os.nice(NICENESS)
+
+
+async def _serve() -> None:
+    reader = asyncio.StreamReader(limit=LONGEST_LINE)
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: asyncio.StreamReaderProtocol(reader), sys.stdin
+    )
+    settings = json.loads(await reader.readline())
+    try:
+        server = await _make_server(settings)
+        nodes = Nodes(server)
+        await nodes.build()
+        await server.start()
+    except SettingError as error:
+        _tell(failed=str(error))
+        return
+    except OSError as error:
+        _tell(failed=error.strerror or str(error))
+        return
+    _tell(port=server.bserver.port)
+    try:
+        while line := await reader.readline():
+            await nodes.show(json.loads(line))
+            _tell(clients=len(server.bserver.clients))
+    finally:
+        await server.stop()
+
+
+def _tell(**what: Any) -> None:
+    print(json.dumps(what), flush=True)
+
+
+async def _make_server(settings: dict[str, Any]) -> Server:
+    trusted = [await _certificate(path, "trusted") for path in settings["trusted"]]
+    uri, cert, key = (settings[name] for name in ("application_uri", "cert", "key"))
+    if cert is not None:
+        await check_keys(cert, key, uri)
+    doorkeeper = Doorkeeper(
+        settings["username"],
+        settings["password"],
+        [uacrypto.der_from_x509(certificate) for certificate in trusted],
+    )
+    server = Server(iserver=BoundedServer(doorkeeper, settings["max_clients"]))
+    await server.init()
+    server.limits = TransportLimits(
+        max_recv_buffer=CHUNK,
+        max_send_buffer=CHUNK,
+        max_chunk_count=MOST_BYTES // CHUNK + 1,
+        max_message_size=MOST_BYTES,
+    )
+    await server.set_application_uri(uri)
+    server.set_server_name(f"fieldlink {settings['site']}")
+    server.application_type = ua.ApplicationType.Server
+    await server.set_build_info(
+        "urn:fieldlink", "fieldlink", "fieldlink", settings["version"], "", datetime.now(UTC)
+    )
+    host = settings["host"]
+    shown = f"[{host}]" if ":" in host else quote(host)
+    server.set_endpoint(f"opc.tcp://{shown}:{settings['port']}/fieldlink")
+    server.socket_address = (host, settings["port"])
+    policies = [ua.SecurityPolicyType.NoSecurity]
+    if cert is not None:
+        policies = list(_POLICIES)
+        await server.load_certificate(cert)
+        await server.load_private_key(key)
+    server.set_security_policy(policies, permission_ruleset=ReadOnlyRules())
+    token = ua.AnonymousIdentityToken
+    server.set_identity_tokens(
+        [token if settings["username"] is None else ua.UserNameIdentityToken]
+    )
+    return server
+
+
+async def check_keys(cert: str, key: str, uri: str) -> None:
+    """Check that certificate and key can be used together by a server with this URI.
+
+    Raises:
+        SettingError: they cannot.
+    """
+    certificate = await _certificate(cert, "cert")
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+        uris = names.value.get_values_for_type(x509.UniformResourceIdentifier)
+    except x509.ExtensionNotFound:
+        uris = []
+    if uri not in uris:
+        found = f"names {uris[0]}" if uris else "names no application URI"
+        raise SettingError(
+            f"opcua_server.cert {cert} {found} and the server is {uri}; make them agree"
+        )
+    try:
+        private = await uacrypto.load_private_key(key)
+    except (OSError, ValueError, TypeError) as error:
+        raise SettingError(
+            f"opcua_server.key {key} cannot be read; give a PEM or DER file without a password"
+        ) from error
+    if private.public_key() != certificate.public_key():
+        raise SettingError(
+            f"opcua_server.key {key} does not belong to {cert}; give the key of that certificate"
+        )
+
+
+async def _certificate(path: str, key: str) -> Any:
+    try:
+        return await uacrypto.load_certificate(path)
+    except (OSError, ValueError) as error:
+        raise SettingError(
+            f"opcua_server.{key} {path} cannot be read; give a certificate as PEM or DER file"
+        ) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,267 @@
+"""The read-only OPC UA server: what clients see, what they are refused, and what ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asyncua import Client, ua
+from asyncua.crypto import security_policies
+from asyncua.ua.uaerrors import UaError
+
+from benchmarks.web_store import fill_store
+from fieldlink.errors import FieldlinkError
+from fieldlink.links.backoff import BackoffSettings
+from fieldlink.opcua_server import serving
+from fieldlink.opcua_server.document import loop_values
+from fieldlink.opcua_server.names import LOOP_VARIABLES
+from fieldlink.opcua_server.process import SettingError, check_keys
+from fieldlink.opcua_server.serving import opcua_server, read_password
+from fieldlink.site import SiteError, check, load_site
+from fieldlink.web import live_source
+from fieldlink.web.analyst import Analyst
+from fieldlink.web.view.fleet_view import FleetView
+from fieldlink.web.view.store_queries import StoreQueries
+from tests.daemon import live
+from tests.links.opcua_certificates import write_certificate
+from tests.upward.conftest import until
+from tests.upward.mosquitto import free_port
+from tests.upward.opcua_process import DEVICE, LOOP, look_from_outside, served
+
+DI = "http://opcfoundation.org/UA/DI/"
+PADIM = "http://opcfoundation.org/UA/PADIM/"
+
+
+async def test_a_foreign_client_reads_and_changes_nothing() -> None:
+    async with served() as server:
+        await server.show({"FC101": LOOP, "U1/T2": LOOP | {"DeviceHealth": [4, "uncertain"]}})
+        nodes = ["Loops/FC101/StickBand", "Loops/FC101/DeviceHealth", "Loops/FC101/DaysToLimit"]
+        nodes += ["Loops/U1%2FT2/DeviceHealth", "Devices/plc/DeviceHealth"]
+        nodes += ["Loops/FC101/SignalSet/SlipJump/AnalogSignal"]
+        found = await look_from_outside(server.address, nodes)
+        # What a client may not write has not changed either.
+        async with Client(server.address) as client:
+            assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 2.5
+        await server.show({"FC101": LOOP | {"StickBand": 3.5}})
+        async with Client(server.address) as client:
+            assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.5
+            loops = await client.get_node("ns=1;s=Loops").get_children()
+            assert [loop.nodeid.Identifier for loop in loops] == ["Loops/FC101"]
+    assert set(found["refused"].values()) == {"BadUserAccessDenied"}
+    assert len(found["refused"]) == 5
+    assert found["namespaces"] == [
+        "http://opcfoundation.org/UA/",
+        "urn:fieldlink:server",
+        DI,
+        PADIM,
+    ]
+    tree = found["tree"]
+    assert set(tree) == {"2:DeviceSet", "1:Loops", "1:Devices", "1:UpdatedAt"}
+    assert set(tree["2:DeviceSet"]) == {"1:FC101", "1:U1/T2", "1:plc"}
+    companion = {"AssetId", "DeviceHealth", "ComponentName"}
+    for names, shown in (
+        (LOOP, tree["1:Loops"]["1:FC101"]),
+        (DEVICE, tree["1:Devices"]["1:plc"]),
+    ):
+        own = {f"{2 if name in companion else 1}:{name}" for name in names}
+        assert set(shown) - {"3:SignalSet"} == own
+    values = found["values"]
+    stick_band = values["Loops/FC101/StickBand"]
+    assert (stick_band["value"], stick_band["status"]) == (2.5, "Good")
+    assert stick_band["time"] == "2023-11-14T22:13:20.000Z"  # the end of its window
+    assert found["reported"] == 2.5
+    assert found["health"][4] == "MAINTENANCE_REQUIRED"
+    health = values["Loops/FC101/DeviceHealth"]
+    assert (health["value"], health["status"], health["type"]) == (4, "Good", "Int32")
+    assert values["Loops/U1%2FT2/DeviceHealth"]["status"] == "Uncertain"
+    assert values["Loops/FC101/DaysToLimit"]["status"] == "BadWaitingForInitialData"
+    assert values["Devices/plc/DeviceHealth"]["value"] == 1
+    assert values["Loops/FC101/SignalSet/SlipJump/AnalogSignal"]["value"] == 1.0
+
+
+def test_what_the_pages_show_becomes_values_of_every_kind(tmp_path: Path) -> None:
+    url = fill_store(
+        tmp_path / "history.sqlite",
+        now_ms=round(time.time() * 1000.0),
+        loops=10,
+        days=5,
+        samples=10,
+        long_samples=10,
+    )
+    queries, analyst = StoreQueries(url), Analyst()
+    view = FleetView(queries, lambda: None, analyst)
+    try:
+        fleet = view.look(None)
+    finally:
+        view.close()
+        analyst.close()
+        queries.close()
+    values = loop_values(fleet)
+    for row in fleet.rows:
+        health = {"stiction": 4, "no_stiction": 0}.get(row["verdict"])
+        doubted = row["uncertain"] and health is not None
+        shown = values[row["name"]]["DeviceHealth"]
+        assert shown == ([health, "uncertain"] if doubted else health)
+    assert {row["verdict"] for row in fleet.rows} == {"stiction", "no_stiction", "not_assessable"}
+    assert any(row["uncertain"] for row in fleet.rows)
+    # Every variable has a value of its type, one that is known or one that is not.
+    types: dict[str, Any] = {"Double": float | int, "String": str, "Boolean": bool}
+    types |= {"DateTime": float, "DeviceHealth": int | list, "UInt32": int}
+    for found in values.values():
+        assert set(found) == {entry.name for entry in LOOP_VARIABLES}
+        for entry in LOOP_VARIABLES:
+            assert isinstance(found[entry.name], types[entry.kind] | None), entry.name
+
+
+async def connect(address: str, folder: Path | None, user: tuple[str, str] | None = None) -> float:
+    """Read a value with a certificate of a folder, or without encryption."""
+    client = Client(address, timeout=20.0)
+    client.application_uri = "urn:fieldlink:client"
+    if folder is not None:
+        await client.set_security(
+            security_policies.SecurityPolicyBasic256Sha256,
+            str(folder / "our.pem"),
+            str(folder / "our.key.pem"),
+            server_certificate=str(folder.parent / "server" / "our.pem"),
+        )
+    if user is not None:
+        client.set_user(user[0])
+        client.set_password(user[1])
+    async with client:
+        return float(await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value())
+
+
+async def test_only_the_trusted_client_with_the_password_is_let_in(tmp_path: Path) -> None:
+    for name, uri in (("server", "server"), ("known", "client"), ("stranger", "client")):
+        (tmp_path / name).mkdir()
+        write_certificate(tmp_path / name, f"urn:fieldlink:{uri}")
+    known, right = tmp_path / "known", ("scada", "a long password")
+    async with served(
+        cert=str(tmp_path / "server" / "our.pem"),
+        key=str(tmp_path / "server" / "our.key.pem"),
+        trusted=[str(known / "our.pem")],
+        username=right[0],
+        password=right[1],
+    ) as server:
+        await server.show({"FC101": LOOP})
+        assert await connect(server.address, known, right) == 2.5
+        for folder, user in (
+            (None, right),
+            (known, None),
+            (known, ("scada", "a wrong password")),
+            (known, ("other", right[1])),
+            (tmp_path / "stranger", right),
+        ):
+            with pytest.raises((UaError, ConnectionError, TimeoutError)):
+                await connect(server.address, folder, user)
+
+
+async def test_a_certificate_that_cannot_be_used_is_one_sentence(tmp_path: Path) -> None:
+    for name in ("mine", "other"):
+        (tmp_path / name).mkdir()
+        write_certificate(tmp_path / name, "urn:mine")
+    cert, key = (str(tmp_path / "mine" / name) for name in ("our.pem", "our.key.pem"))
+    await check_keys(cert, key, "urn:mine")
+    for given, said in (
+        ((cert, key, "urn:x"), "names urn:mine and the server is urn:x; make them agree"),
+        ((cert, cert, "urn:mine"), "cannot be read; give a PEM or DER file without a password"),
+        ((key, key, "urn:mine"), "cannot be read; give a certificate as PEM or DER file"),
+        ((cert, str(tmp_path / "other" / "our.key.pem"), "urn:mine"), "does not belong to"),
+    ):
+        with pytest.raises(SettingError, match=said):
+            await check_keys(*given)
+
+
+async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() -> None:
+    async with served() as server, Client(server.address) as client:
+        await server.show({"FC101": LOOP})
+        flood = [await asyncio.open_connection("127.0.0.1", server.port) for _ in range(40)]
+        for number, (_, writer) in enumerate(flood):
+            # A header that promises gigabytes, nonsense, or nothing at all.
+            writer.write((b"HELF\xff\xff\xff\x7f", b"GET / HTTP/1.1\r\n\r\n", b"")[number % 3])
+        ended = [asyncio.create_task(reader.read()) for reader, _ in flood]
+        await asyncio.wait(ended, return_when=asyncio.FIRST_COMPLETED)
+        # With the client that was there: no more than may be.
+        assert await server.show({"FC101": LOOP | {"StickBand": 3.0}}) <= 5
+        assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.0
+        for _, writer in flood:
+            writer.close()
+        await asyncio.gather(*ended, return_exceptions=True)
+        async with Client(server.address) as other:
+            with pytest.raises(UaError):
+                await other.nodes.objects.add_folder(1, "mine")
+            assert await other.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.0
+
+
+async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "PATIENCE", BackoffSettings(first=0.05, cap=0.1))
+    monkeypatch.setattr(serving, "EVERY", 0.05)
+    monkeypatch.setattr(serving, "END_WITHIN", 60.0)
+    site = live.site_for(tmp_path, {"plc": free_port()}, timeout=0.2)
+    taken = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)
+    port = taken.sockets[0].getsockname()[1]
+    with site.path.open("a") as file:
+        file.write(f"[opcua_server]\nport = {port}\n")
+    site = load_site(site.path)
+    assert check(site).opcua_server == (
+        f"read-only on 127.0.0.1:{port} (not encrypted); anonymous clients"
+    )
+    async with (
+        live.running(site) as daemon,
+        live_source(daemon) as source,
+        opcua_server(site, daemon, source) as server,
+    ):
+        assert server is not None
+        await until(lambda: server.attempts > 1, "another attempt", tries=6000)
+        assert not server.listening.is_set()
+        taken.close()
+        await taken.wait_closed()
+        await asyncio.wait_for(server.listening.wait(), 60.0)
+        await until(lambda: daemon.status().devices["plc"].state.name == "DEMOTED", "demoted")
+        async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
+            health = client.get_node("ns=1;s=Devices/plc/DeviceHealth")
+            while await health.read_value() != 1:
+                await asyncio.sleep(0.05)
+            verdict = await client.get_node("ns=1;s=Loops/PLC/Verdict").read_data_value(
+                raise_on_bad_status=False
+            )
+            assert verdict.StatusCode == ua.StatusCode(ua.StatusCodes.BadWaitingForInitialData)
+        assert server.process is not None
+        server.process.kill()
+        await until(lambda: not server.listening.is_set(), "the end")
+        await asyncio.wait_for(server.listening.wait(), 60.0)
+        async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
+            assert await client.get_node("ns=1;s=Loops/PLC/AssetId").read_value() == "PLC"
+        last = server.process
+    assert last.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("extra", "said"),
+    [
+        ('host = "0.0.0.0"', "lets other machines in"),
+        ('cert = "map.csv"', "cert and key belong together"),
+        ('username = "me"', "username and password_file belong together"),
+        ('trusted = ["map.csv"]', "add its cert and key"),
+        ('password_file = "none"\nusername = "me"', "there is no file"),
+    ],
+)
+def test_a_wrong_table_is_one_sentence(
+    make_site: Callable[..., Any], extra: str, said: str
+) -> None:
+    with pytest.raises(SiteError) as caught:
+        make_site(1, f"[opcua_server]\n{extra}\n")
+    assert said in str(caught.value)
+    assert len(caught.value.problems) == 1
+
+
+def test_a_short_password_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "pw").write_text("short\n")
+    with pytest.raises(FieldlinkError, match="holds 5 characters; give at least 12"):
+        read_password(tmp_path / "pw")
