@@ -23,17 +23,8 @@ from .errors import (
     PlantInputError,
     PlantStepError,
 )
-from .instances import (
-    CoSimulation,
-    EndedError,
-    Instance,
-    StoppedError,
-    describe_refusal,
-    forget_words,
-    is_fatal,
-    last_words,
-    load,
-)
+from .instances import CoSimulation, EndedError, Instance, StoppedError
+from .library import describe_refusal, forget_words, is_fatal, last_words, load
 from .model_exchange import ModelExchange
 from .plant import Piece, Plant, PlantInfo, count_finite_rows, split_columns
 from .variables import VariableAccess
@@ -163,9 +154,10 @@ class InProcessPlant(Plant):
         if inputs:
             self._write(instance, inputs)
         try:
-            instance.advance(self.time, self._period)
+            instance.advance(self._base + self._count * self._period, self._period)
             self._count += 1
-            self._outputs = self._variables.read_outputs(instance.fmu, self.time)
+            now = self._base + self._count * self._period
+            self._outputs = self._variables.read_outputs(instance.fmu, now)
         except EndedError as error:
             self._go_to(error.reached)
             raise self._finished(error) from error

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .arrays import element_names, resolve_shape
 from .errors import PlantInputError, PlantNameError, PlantStepError, nearest
+from .library import call_checked
 
 __all__ = ["LEFT_OUT", "Roles", "VariableAccess", "is_settable"]
 
@@ -97,6 +98,8 @@ class _Group:
     boolean: bool
     references: Any
     values: Any
+    arguments: tuple[Any, ...]
+    """What the function takes after the instance."""
     view: NDArray[Any]
     """The memory of ``values`` as an array."""
     columns: Any
@@ -189,6 +192,8 @@ class VariableAccess:
             given = [i for i, name in enumerate(members) if name in position]
             references = [v.valueReference for v in variables.values()]
             values = (c_type * len(members))()
+            addresses = (_REFERENCES[self._version] * len(references))(*references)
+            sizes = (len(members),) if self._version == 3 else ()
             groups.append(
                 _Group(
                     names=tuple(members),
@@ -196,8 +201,9 @@ class VariableAccess:
                     function=f"fmi{self._version}{action}{function}",
                     real=kind in _REAL,
                     boolean=kind == "Boolean",
-                    references=(_REFERENCES[self._version] * len(references))(*references),
+                    references=addresses,
                     values=values,
+                    arguments=(addresses, len(references), values, *sizes),
                     view=_view(values),
                     columns=_as_slice([position[members[i]] for i in given]),
                     order=tuple(given),
@@ -330,12 +336,7 @@ class VariableAccess:
         )
 
     def _call(self, fmu: Any, group: _Group) -> None:
-        count = len(group.references)
-        function = getattr(fmu, group.function)
-        if self._version == 3:
-            function(fmu.component, group.references, count, group.values, len(group.names))
-        else:
-            function(fmu.component, group.references, count, group.values)
+        call_checked(fmu, group.function, fmu.component, *group.arguments)
 
     def _checked(self, group: _Group, name: str, value: float) -> float | int | bool:
         number = float(value)
