@@ -7,10 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from .catalogue import catalogue, fmu_path
-from .errors import PlantNameError, nearest
+from .errors import PlantInputError, PlantNameError, nearest
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .plant import Plant
+from .ssp_file import Master
 from .system_plant import SystemPlant
 
 __all__ = ["open_plant"]
@@ -27,6 +28,7 @@ def open_plant(
     watch: Sequence[str] = (),
     isolated: bool = True,
     timeout: float = 30.0,
+    master: Master | None = None,
 ) -> Plant:
     """Open a plant; it stands at its start, at rest.
 
@@ -41,6 +43,7 @@ def open_plant(
             becomes a `PlantCrashError`. In this process steps are faster and crashes are fatal.
         timeout: seconds that an isolated plant may take to answer to one message; how many steps a
             message carries follows from how long they take.
+        master: of a system, "gauss-seidel" (None takes it) or "jacobi"; see `SystemPlant`.
 
     Raises:
         PlantNameError: unknown model, parameter or input.
@@ -60,7 +63,10 @@ def open_plant(
             watch=watch,
             isolated=isolated,
             timeout=timeout,
+            master=master,
         )
+    if master is not None:
+        raise PlantInputError(f"{file}: a master is for systems of FMUs (.ssp), this is one FMU")
     if isolated:
         return IsolatedPlant(
             file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout

@@ -22,7 +22,7 @@ from fieldlink.lab.fmu.mapping import FmuMap
 from fieldlink.lab.fmu.recorder import TIME_VARIABLE, RunResult, RunTable, TableFile
 from fieldlink.lab.fmu.signals import SETPOINT, Signals
 from fieldlink.lab.fmu.state_file import load_state, save_state
-from fmu_models import FmuSummary, Plant, PlantEndedError, PlantError, open_plant
+from fmu_models import FmuSummary, Master, Plant, PlantEndedError, PlantError, open_plant
 
 __all__ = ["RunSettings", "run_fmu"]
 
@@ -47,6 +47,7 @@ class RunSettings:
         speed: plant seconds a second; None runs as fast as it can.
         isolated: run the FMU in a process of its own.
         timeout: seconds that one step may take.
+        master: of a system, "gauss-seidel" or "jacobi"; None takes its own.
         table: the rows go there as they are computed.
         load: a state file to begin from.
         save: a state file to write.
@@ -62,6 +63,7 @@ class RunSettings:
     speed: float | None = None
     isolated: bool = True
     timeout: float = 60.0
+    master: Master | None = None
     table: TableFile | None = None
     load: Path | None = None
     save: Path | None = None
@@ -105,6 +107,7 @@ class _Run:
         self.notes = [] if note is None else [note]
         if "time" in self.signals.outputs or "time" in self.signals.inputs:
             self.notes.append(f"the variable called time is the column {TIME_VARIABLE}")
+        self.given: dict[str, float] = {}
         self.late = 0
         self.ended: str | None = None
         self.failure: str | None = None
@@ -113,14 +116,16 @@ class _Run:
     def result(self) -> RunResult:
         begun = time.perf_counter()
         settings = self.settings
+        self.given = self._start_values()
         with open_plant(
             self.fmu.file,
-            parameters=self._start_values(),
+            parameters=self.given,
             period=self.step,
             kind=settings.kind,
             watch=[out.variable for out in self.signals.outputs.values()],
             isolated=settings.isolated,
             timeout=settings.timeout,
+            master=settings.master,
         ) as plant:
             if settings.load is not None:
                 plant.restore(load_state(settings.load, self.fmu.file))
@@ -327,4 +332,6 @@ class _Run:
             failure=self.failure,
             late=self.late,
             seconds=0.0,
+            start_values=self.given,
+            step=self.step,
         )
