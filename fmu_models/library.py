@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections import deque
+from collections.abc import Callable, Sequence
 from ctypes import byref, c_int
 from pathlib import Path
 from typing import Any
@@ -105,13 +106,20 @@ def call_checked(fmu: Any, name: str, *arguments: Any) -> None:
         raise FMICallException(function=name, status=status)
 
 
-def load(description: Any, kind: str, folder: Path) -> Any:
+def load(
+    description: Any,
+    kind: str,
+    folder: Path,
+    intermediate: tuple[Callable[..., None], Sequence[int]] | None = None,
+) -> Any:
     """Load the library of an extracted FMU and instantiate it; return FMPy's object.
 
     Args:
         description: FMPy's model description.
         kind: "co-simulation" or "model exchange".
         folder: where the FMU was extracted.
+        intermediate: FMI 3's callback between the ends of a step, and the value references that it
+            reads; None for none.
 
     Raises:
         PlantFileError: the library cannot be loaded, or refuses to be instantiated.
@@ -152,6 +160,8 @@ def load(description: Any, kind: str, folder: Path) -> Any:
                 loggingOn=True,
                 eventModeUsed=bool(interface.hasEventMode),
                 earlyReturnAllowed=True,
+                intermediateUpdate=None if intermediate is None else intermediate[0],
+                requiredIntermediateVariables=None if intermediate is None else intermediate[1],
             )
         if not fmu.component:  # FMPy does not look at FMI 1's answer
             raise RuntimeError("no instance was returned")

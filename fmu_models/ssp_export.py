@@ -120,7 +120,7 @@ def _wrap(fmu: FmuSummary, component: str, resource: str) -> Any:
             for value, item in v.items:
                 _add(found, "ssc", "Item", name=item, value=str(value))
     used = {v.unit for v in shown}
-    units = [unit for unit in fmu.units if unit.name in used]
+    units = [unit for unit in fmu.units if unit.name in used and unit.dimension]
     if units:
         place = _add(root, "ssd", "Units")
         for unit in units:

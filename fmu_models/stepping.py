@@ -29,6 +29,7 @@ def open_plant(
     isolated: bool = True,
     timeout: float = 30.0,
     master: Master | None = None,
+    intermediate: bool = False,
 ) -> Plant:
     """Open a plant; it stands at its start, at rest.
 
@@ -44,6 +45,8 @@ def open_plant(
         timeout: seconds that an isolated plant may take to answer to one message; how many steps a
             message carries follows from how long they take.
         master: of a system, "gauss-seidel" (None takes it) or "jacobi"; see `SystemPlant`.
+        intermediate: keep the outputs between the ends of a step, where a co-simulation FMU of
+            FMI 3 offers them; `Plant.take_intermediate` returns them.
 
     Raises:
         PlantNameError: unknown model, parameter or input.
@@ -55,6 +58,8 @@ def open_plant(
     """
     file = _file(model)
     if file.suffix == ".ssp":
+        if intermediate:
+            raise PlantInputError(f"{file}: a system keeps no outputs between the ends of a step")
         return SystemPlant(
             file,
             parameters=parameters,
@@ -69,9 +74,22 @@ def open_plant(
         raise PlantInputError(f"{file}: a master is for systems of FMUs (.ssp), this is one FMU")
     if isolated:
         return IsolatedPlant(
-            file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout
+            file,
+            parameters=parameters,
+            period=period,
+            kind=kind,
+            watch=watch,
+            timeout=timeout,
+            intermediate=intermediate,
         )
-    return InProcessPlant(file, parameters=parameters, period=period, kind=kind, watch=watch)
+    return InProcessPlant(
+        file,
+        parameters=parameters,
+        period=period,
+        kind=kind,
+        watch=watch,
+        intermediate=intermediate,
+    )
 
 
 def _file(model: str | Path) -> Path:

@@ -240,6 +240,11 @@ class VariableAccess:
             self._call(fmu, group)
             self._remember(group)
 
+    @property
+    def output_references(self) -> list[int]:
+        """Value references of the outputs and of what is watched."""
+        return [int(r) for group in self._outputs for r in group.references]
+
     def is_whole(self, name: str) -> bool:
         """Whether a variable takes whole numbers only."""
         return self._variables[name].type not in _REAL

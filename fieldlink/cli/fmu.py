@@ -109,6 +109,10 @@ def run(
         Literal["gauss-seidel", "jacobi"] | None,
         typer.Option(help="Of a system: who gets which values; else Gauss-Seidel."),
     ] = None,
+    intermediate: Annotated[
+        Path | None,
+        typer.Option(help="CSV of the outputs between the ends of a step, where FMI 3 has them."),
+    ] = None,
     export: Annotated[
         Path | None, typer.Option(help="Write an .ssp that repeats this run, recordings inside.")
     ] = None,
@@ -152,6 +156,7 @@ def run(
         isolated=not in_process,
         timeout=timeout,
         master=master,
+        intermediate=intermediate,
         table=table,
         load=load_state,
         save=save_state,
@@ -163,6 +168,8 @@ def run(
     if table is not None:
         table.finish(result)
         typer.echo(f"table: {out}")
+    if intermediate is not None:
+        typer.echo(f"between the steps: {intermediate}")
     if export is not None:
         export_system(summary, result, export, master)
         typer.echo(f"system: {export}")

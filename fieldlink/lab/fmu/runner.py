@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.control import LoopController
@@ -48,6 +49,7 @@ class RunSettings:
         isolated: run the FMU in a process of its own.
         timeout: seconds that one step may take.
         master: of a system, "gauss-seidel" or "jacobi"; None takes its own.
+        intermediate: a CSV for the outputs between the ends of a step; None for none.
         table: the rows go there as they are computed.
         load: a state file to begin from.
         save: a state file to write.
@@ -64,6 +66,7 @@ class RunSettings:
     isolated: bool = True
     timeout: float = 60.0
     master: Master | None = None
+    intermediate: Path | None = None
     table: TableFile | None = None
     load: Path | None = None
     save: Path | None = None
@@ -108,6 +111,7 @@ class _Run:
         if "time" in self.signals.outputs or "time" in self.signals.inputs:
             self.notes.append(f"the variable called time is the column {TIME_VARIABLE}")
         self.given: dict[str, float] = {}
+        self.began = False
         self.late = 0
         self.ended: str | None = None
         self.failure: str | None = None
@@ -126,6 +130,7 @@ class _Run:
             isolated=settings.isolated,
             timeout=settings.timeout,
             master=settings.master,
+            intermediate=settings.intermediate is not None,
         ) as plant:
             if settings.load is not None:
                 plant.restore(load_state(settings.load, self.fmu.file))
@@ -231,9 +236,25 @@ class _Run:
                 table.extend(piece)
                 self._write_rows(driven, table, table.rows - 1)
                 self.progress(float(piece.time[-1]))
+            self._write_intermediate(plant)
             done = end
             if done == save_row:
                 self._save(plant)
+
+    def _write_intermediate(self, plant: Plant) -> None:
+        """Put the outputs between the ends of the steps so far on the disk, by variable."""
+        target = self.settings.intermediate
+        if target is None:
+            return
+        piece = plant.take_intermediate()
+        table = pd.DataFrame({"time": piece.time, **piece.columns})
+        try:
+            table.to_csv(
+                target, index=False, header=not self.began, mode="a" if self.began else "w"
+            )
+        except OSError as error:
+            raise FmuError(f"{target}: it cannot be written: {error.strerror}") from error
+        self.began = True
 
     def _stepwise(
         self,
@@ -265,6 +286,7 @@ class _Run:
             for piece in plant.run_pieces(1, inputs, last=last):
                 table.extend(piece)
             self._write_rows(driven, table, table.rows - 1)
+            self._write_intermediate(plant)
             if k + 1 == save_row:
                 self._save(plant)
             if self.settings.speed is not None:
