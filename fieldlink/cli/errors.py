@@ -6,6 +6,19 @@ import typer
 
 __all__ = ["explain"]
 
+_EXTRAS = {
+    "asyncua": "opcua",
+    "casadi": "nlp",
+    "distributed": "dask",
+    "fpdf": "plot",
+    "matplotlib": "plot",
+    "openpyxl": "excel",
+    "paho": "mqtt",
+    "psycopg": "postgresql",
+    "pyarrow": "parquet",
+}
+"""Which extra of the package brings a library that not everybody needs."""
+
 
 def explain(error: Exception) -> bool:
     """Print one of the project's own errors on stderr; say whether it was one.
@@ -17,7 +30,14 @@ def explain(error: Exception) -> bool:
     from fieldlink.printable import as_printable
     from fmu_models import PlantError
 
-    if not isinstance(error, EstimatorError | FieldlinkError | PlantError):
+    if isinstance(error, ModuleNotFoundError) and error.name in _EXTRAS:
+        words = (
+            f"this needs {error.name}, which is not installed; install it with "
+            f"pip install 'fieldlink[{_EXTRAS[error.name]}]'"
+        )
+    elif isinstance(error, EstimatorError | FieldlinkError | PlantError):
+        words = as_printable(str(error), lines=True)
+    else:
         return False
-    typer.secho(f"fieldlink: {as_printable(str(error), lines=True)}", err=True, fg=typer.colors.RED)
+    typer.secho(f"fieldlink: {words}", err=True, fg=typer.colors.RED)
     return True

@@ -130,6 +130,9 @@ def run(
     from fieldlink.lab.fmu.inputs import read_inputs
     from fmu_models import summarise
 
+    if plot is not None:  # before the run: a library that is missing must not cost it
+        from fieldlink.lab.fmu.pictures import run_figure
+        from fieldlink.pictures import save
     if snapshot_at is not None and save_state is None:
         raise typer.BadParameter("needs --save-state FILE", param_hint="--snapshot-at")
     if export is not None and (map_file is not None or export.suffix != ".ssp"):
@@ -174,9 +177,6 @@ def run(
         export_system(summary, result, export, master)
         typer.echo(f"system: {export}")
     if plot is not None:
-        from fieldlink.lab.fmu.pictures import run_figure
-        from fieldlink.pictures import save
-
         save(run_figure(result), plot)
         typer.echo(f"picture: {plot}")
     if result.failure is not None:
