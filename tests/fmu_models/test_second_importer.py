@@ -19,20 +19,23 @@ from fmu_models.example_system import build_example_system
 _PROGRAM = """
 import json, sys
 from ecospy import EcosSimulation, EcosSimulationStructure
-file, period, names, parameters, inputs = json.loads(sys.argv[1])
-with EcosSimulationStructure() as structure:
-    structure.add_model("plant", file)
-    structure.add_parameter_set("start", {f"plant::{k}": v for k, v in parameters.items()})
-    with EcosSimulation(structure=structure, step_size=period) as simulation:
-        simulation.init(parameter_set="start")
-        rows = []
-        for row in inputs:
-            for name, value in row.items():
-                simulation.set_real(f"plant::{name}", value)
-            simulation.step()
-            rows.append([simulation.get_real(f"plant::{name}") for name in names])
-        simulation.terminate()
-print("RESULT" + json.dumps(rows))
+file, period, names, runs, inputs = json.loads(sys.argv[1])
+tables = []
+for parameters in runs:
+    with EcosSimulationStructure() as structure:
+        structure.add_model("plant", file)
+        structure.add_parameter_set("start", {f"plant::{k}": v for k, v in parameters.items()})
+        with EcosSimulation(structure=structure, step_size=period) as simulation:
+            simulation.init(parameter_set="start")
+            rows = []
+            for row in inputs:
+                for name, value in row.items():
+                    simulation.set_real(f"plant::{name}", value)
+                simulation.step()
+                rows.append([simulation.get_real(f"plant::{name}") for name in names])
+            simulation.terminate()
+    tables.append(rows)
+print("RESULT" + json.dumps(tables))
 """
 
 
@@ -63,19 +66,20 @@ def test_ecos_and_fmpy_get_the_same_bits(name: str, version: int) -> None:
     names = [signal for loop in loops for signal in (loop.pv, loop.stem, loop.op_out)]
     # Half of the time OP comes from outside, half of it from the controller inside.
     inside: dict[str, float] = {loop.controller: 1 for loop in loops}
-    for parameters in ({"seed": 3}, {"seed": 4, **inside}):
-        inputs = [{loop.op: 40.0 + k % 9, loop.load: 0.5} for k in range(25) for loop in loops[:1]]
-        request = [str(file), model.period, names, parameters, inputs]
-        done = subprocess.run(
-            [sys.executable, "-c", _PROGRAM, json.dumps(request)],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        line = next(text for text in done.stdout.splitlines() if text.startswith("RESULT"))
-        rows = json.loads(line.removeprefix("RESULT"))
+    runs = ({"seed": 3}, {"seed": 4, **inside})
+    inputs = [{loop.op: 40.0 + k % 9, loop.load: 0.5} for k in range(25) for loop in loops[:1]]
+    request = [str(file), model.period, names, runs, inputs]
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM, json.dumps(request)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    line = next(text for text in done.stdout.splitlines() if text.startswith("RESULT"))
+    tables = json.loads(line.removeprefix("RESULT"))
+    for parameters, rows in zip(runs, tables, strict=True):
         with open_plant(file, parameters=parameters, isolated=False) as plant:
             expected = [[row[signal] for signal in names] for row in plant.steps(inputs)]
         assert rows == expected
