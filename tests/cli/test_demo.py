@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fieldlink.lab.demo import stage
-from fieldlink.lab.demo.scene import DemoError, simulated_scene
+from fieldlink.lab.demo.site_files import DemoError, simulated_scene
 from tests.cli.conftest import Run
 
 

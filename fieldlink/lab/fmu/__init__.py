@@ -1,4 +1,7 @@
-"""Anybody's FMU: map its variables to tags, run it, sweep it, begin one of your own."""
+"""Anybody's FMU: map its variables to tags, run it, sweep it, begin one of your own.
+
+Loading and stepping an FMU is `fmu_models`; serving it as a PLC is `fieldlink.lab.plc`.
+"""
 
 from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.exporting import export_system
