@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.averaging import average, block_of, with_every_sample
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
@@ -108,7 +109,11 @@ def warm_up() -> None:
     identify(op, pv)
 
 
-def _assess(window: Window, request: Request, settings: Settings) -> Identification:
+def _assess(whole: Window, request: Request, settings: Settings) -> Identification:
+    # the paper's criterion and methods are for every sample
+    plain = request.criterion == "arx" or request.method != "search"
+    block = 1 if plain else block_of(whole.u, settings.screening)
+    window = average(whole, block)
     criterion = CRITERIA[request.criterion]
     modelling = criterion.modelling(settings.modelling)
     sign = math.copysign(1.0, request.action) if abs(request.action) > modelling.action_t else 0.0
@@ -118,14 +123,14 @@ def _assess(window: Window, request: Request, settings: Settings) -> Identificat
         reason = Reason(
             ReasonCode.TOO_FEW_MOVES, "OP's moves are too few to move a sticky valve twice"
         )
-        return unassessed(window, (reason,), request.criterion, request.confidence)
+        return unassessed(whole, (reason,), request.criterion, request.confidence)
     evidence, fit = _evidence(case, weighing, request)
     judgement = judge(evidence, fit, case.settings)
     if request.method == "search":
         estimate = criterion.estimate(case, window, weighing, request.confidence)
     else:
         estimate = published_estimate(case, window, weighing.sticky, request.method)
-    return describe(
+    result = describe(
         window,
         estimate,
         judgement,
@@ -136,6 +141,7 @@ def _assess(window: Window, request: Request, settings: Settings) -> Identificat
         case.max_dead_time,
         cost_surface(case, window, weighing.sticky) if request.surface else None,
     )
+    return result if block == 1 else with_every_sample(result, case, whole, weighing.laws[0], block)
 
 
 def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidence, Fit]:

@@ -38,6 +38,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+_AT_ONCE = 4
+"""Terms that one pass adds to a sum, one after the other: the same bits as one a pass, and a
+quarter of the reading and writing."""
 _SPANNED = 1e-9
 """A column of which less than this share (squared) is left is spanned by the others."""
 
@@ -88,25 +91,36 @@ def respond_one(stem: Array, c1: float, c2: float, third: float, gain: float) ->
 def whiten_lanes(signals: Array, taps: Array) -> None:
     """Apply ``1 - taps_1 q^-1 - ...`` to signals ``(n, L)`` in place; the first rows stay."""
     n, lanes = signals.shape
-    for k in range(n - 1, taps.size - 1, -1):
-        for i in range(taps.size):
-            tap = taps[i]
+    count = taps.size
+    for k in range(n - 1, count - 1, -1):
+        now = signals[k]
+        i = 0
+        while i + _AT_ONCE <= count:
+            t0, t1, t2, t3 = taps[i], taps[i + 1], taps[i + 2], taps[i + 3]
+            s0, s1 = signals[k - 1 - i], signals[k - 2 - i]
+            s2, s3 = signals[k - 3 - i], signals[k - 4 - i]
             for j in range(lanes):
-                signals[k, j] -= tap * signals[k - 1 - i, j]
+                now[j] = now[j] - t0 * s0[j] - t1 * s1[j] - t2 * s2[j] - t3 * s3[j]
+            i += _AT_ONCE
+        while i < count:
+            tap, before = taps[i], signals[k - 1 - i]
+            for j in range(lanes):
+                now[j] -= tap * before[j]
+            i += 1
 
 
 @kernel
 def filter_rows(rows: Array, taps: Array, weight: Array) -> Array:
     """Rows ``(m, n)`` through ``1 - taps_1 q^-1 - ...``, times ``weight`` ``(n,)``."""
     m, n = rows.shape
-    out = np.zeros((m, n))
+    out = rows.copy()
     for r in range(m):
+        for i in range(taps.size):
+            tap = taps[i]
+            for k in range(i + 1, n):
+                out[r, k] -= tap * rows[r, k - 1 - i]
         for k in range(n):
-            if weight[k] != 0.0:
-                total = rows[r, k]
-                for i in range(min(taps.size, k)):
-                    total -= taps[i] * rows[r, k - 1 - i]
-                out[r, k] = total * weight[k]
+            out[r, k] = out[r, k] * weight[k] if weight[k] != 0.0 else 0.0
     return out
 
 
@@ -252,11 +266,34 @@ def _sums(
     n, lanes = responses.shape
     out[:] = 0.0
     share[:] = 0.0
+    rows = np.empty(n, dtype=np.int64)
+    count = 0
     for k in range(first, n, stride):
-        w, y = weight[k], target[k]
-        if w == 0.0:
-            continue
-        row = k - late
+        if weight[k] != 0.0:
+            rows[count] = k
+            count += 1
+    b = 0
+    while b + _AT_ONCE <= count:
+        k0, k1, k2, k3 = rows[b], rows[b + 1], rows[b + 2], rows[b + 3]
+        y0, y1, y2, y3 = target[k0], target[k1], target[k2], target[k3]
+        r0, r1 = responses[k0 - late], responses[k1 - late]
+        r2, r3 = responses[k2 - late], responses[k3 - late]
+        p0, p1 = responses[k0 - late - 1], responses[k1 - late - 1]
+        p2, p3 = responses[k2 - late - 1], responses[k3 - late - 1]
+        for j in range(lanes):
+            z0, z1, z2, z3 = r0[j], r1[j], r2[j], r3[j]
+            out[0, j] = out[0, j] + z0 * z0 + z1 * z1 + z2 * z2 + z3 * z3
+            out[1, j] = out[1, j] + z0 * y0 + z1 * y1 + z2 * y2 + z3 * y3
+            out[2, j] = out[2, j] + z0 * p0[j] + z1 * p1[j] + z2 * p2[j] + z3 * p3[j]
+        for c in range(basis.shape[0]):
+            q0, q1, q2, q3 = basis[c, k0], basis[c, k1], basis[c, k2], basis[c, k3]
+            now = share[c]
+            for j in range(lanes):
+                now[j] = now[j] + q0 * r0[j] + q1 * r1[j] + q2 * r2[j] + q3 * r3[j]
+        b += _AT_ONCE
+    while b < count:
+        k = rows[b]
+        y, row = target[k], k - late
         for j in range(lanes):
             z = responses[row, j]
             out[0, j] += z * z
@@ -266,6 +303,7 @@ def _sums(
             q = basis[c, k]
             for j in range(lanes):
                 share[c, j] += q * responses[row, j]
+        b += 1
 
 
 @kernel
@@ -357,12 +395,27 @@ def paired_costs(
 @kernel
 def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
     """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
-    m = design.shape[0]
+    m, n = design.shape
     gram, right = np.empty((m, m)), np.empty(m)
     for i in range(m):
         right[i] = dot(design[i], target)
-        for j in range(i + 1):
-            gram[i, j] = dot(design[i], design[j])
+        own = design[i]
+        j = 0
+        while j + _AT_ONCE <= i + 1:
+            d0, d1, d2, d3 = design[j], design[j + 1], design[j + 2], design[j + 3]
+            t0 = t1 = t2 = t3 = 0.0
+            for k in range(n):
+                x = own[k]
+                t0 += x * d0[k]
+                t1 += x * d1[k]
+                t2 += x * d2[k]
+                t3 += x * d3[k]
+            gram[i, j], gram[i, j + 1], gram[i, j + 2], gram[i, j + 3] = t0, t1, t2, t3
+            j += _AT_ONCE
+        while j <= i:
+            gram[i, j] = dot(own, design[j])
+            j += 1
+        for j in range(i):
             gram[j, i] = gram[i, j]
     return gram, right
 

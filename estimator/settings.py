@@ -26,6 +26,8 @@ class Screening:
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
         min_strokes: strokes of the stem; a single one is a step, which anything explains.
+        enough: rows of a window, and rows of a stroke of OP, beyond which samples are averaged:
+            four strokes of a loop whose dead time (20 rows at most) is a tenth of its cycle.
     """
 
     min_samples: int = 50
@@ -36,6 +38,7 @@ class Screening:
     min_informed: float = 0.5
     min_band: float = 0.02
     min_strokes: int = 2
+    enough: tuple[int, int] = (1000, 25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +94,12 @@ class Searching:
         laws: laws whose valves are looked for; a valve that is likely under one of them is
             refined under the others too.
         seeds: valves of each law that a first look follows.
-        wide, generations, few: first reach (share of S), rounds and candidates of following one.
+        wide, generations: first reach (share of S) and rounds of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
         polished, refined: of all looks, valves of each law whose process is fitted, and those
             refined last.
-        lanes, rounds, turns: candidates and rounds of the last refinement, and how often the noise
-            model follows.
+        lanes: candidates of a round of any refinement.
+        rounds, turns: rounds of the last refinement, and how often the noise model follows.
         swept: other slip jumps and stick bands from which the last refinement is repeated.
         enough: nats of a turn below which it was the last.
     """
@@ -116,7 +119,6 @@ class Searching:
     seeds: int = 5
     wide: float = 0.12
     generations: int = 12
-    few: int = 32
     basins: int = 3
     apart: float = 0.15
     polished: int = 4

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
 from fieldlink.errors import FieldlinkError
+from fieldlink.site.missing_rows import fill_missing_rows
 from fieldlink.site.recording import Recording, read_recording
 
 __all__ = [
@@ -98,7 +99,7 @@ def files_of(paths: Sequence[Path]) -> dict[str, Path]:
 
 def read(path: Path, columns: Columns) -> Recording:
     """Read a recorded loop; PV may be missing."""
-    return read_recording(
+    recording = read_recording(
         path,
         op=columns.op,
         pv=columns.pv,
@@ -108,6 +109,7 @@ def read(path: Path, columns: Columns) -> Recording:
         period=columns.period,
         needs_pv=False,
     )
+    return fill_missing_rows(recording)
 
 
 def diagnose_recording(recording: Recording, *, advice: bool = True) -> Diagnosis:

@@ -69,17 +69,15 @@ class Design:
         self.target: Array = project_out(target, self.basis)
         self.rest = float(dot(self.target, self.target))
 
-    def respond(self, stems: Array, processes: Array) -> Array:
-        """Whitened responses ``(n, L)`` of stems ``(n, L)`` through processes ``(4, L)``."""
-        found: Array = respond(stems, processes[0], processes[1], processes[2], processes[3])
-        whiten_lanes(found, self.taps)
-        return found
+    def single(self, responses: Array, delays: Index, stride: int = 1) -> Array:
+        """Sums of squares ``(D, L)`` with one gain at each of the ``delays``.
 
-    def single(self, stems: Array, processes: Array, delays: Index, stride: int = 1) -> Array:
-        """Sums of squares ``(D, L)`` with one gain at each of the ``delays``."""
+        The ``responses`` ``(n, L)`` are whitened in place.
+        """
         rows = self.rows
+        whiten_lanes(responses, self.taps)
         found: Array = delayed_costs(
-            self.respond(stems, processes),
+            responses,
             rows.weight,
             self.target,
             self.basis,
@@ -96,8 +94,10 @@ class Design:
     ) -> Array:
         """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on."""
         rows = self.rows
+        responses: Array = respond(stems, *processes)
+        whiten_lanes(responses, self.taps)
         found: Array = paired_costs(
-            self.respond(stems, processes),
+            responses,
             rows.weight,
             self.target,
             self.basis,
@@ -119,19 +119,20 @@ def fit_linear(
     Gains of unlike sign, or of a sign that the loop cannot have, are not allowed: the better one of
     the two stays, or none.
     """
-    pair = np.stack([delay(response, dead_time), delay(response, dead_time + 1)])
+    raw = np.vstack([delay(response, dead_time), delay(response, dead_time + 1), columns])
+    design = filter_rows(raw, taps, rows.weight)
+    target = filter_rows(rows.y[None], taps, rows.weight)[0]
+    gram, right = normal_equations(design, target)
     best: LinearFit | None = None
     for used in ((0, 1), (0,), (1,), ()):
-        raw = np.vstack([pair[list(used)], columns])
-        design = filter_rows(raw, taps, rows.weight)
-        target = filter_rows(rows.y[None], taps, rows.weight)[0]
-        solution: Array = solve_spd(*normal_equations(design, target))
+        kept = np.array([*used, *range(2, len(raw))])
+        solution: Array = solve_spd(gram[np.ix_(kept, kept)], right[kept])
         gains = np.zeros(2)
         gains[list(used)] = solution[: len(used)]
         if gains[0] * gains[1] < 0.0 or rows.sign * gains.sum() < 0.0:
             continue
-        residual = rows.y - combine(solution, raw)
-        error = target - combine(solution, design)
+        residual = rows.y - combine(solution, raw[kept])
+        error = target - combine(solution, design[kept])
         fit = LinearFit(gains, solution[len(used) :], float(dot(error, error)), residual)
         if best is None or fit.squares < best.squares:
             best = fit

@@ -26,6 +26,8 @@ _ROUGH_STEPS = (0.1, 0.05)
 """The same before it where the frequency is only that of a peak."""
 _RESOLVED = 0.4
 """Highest frequency of a harmonic over the sampling frequency; one half is the limit (Nyquist)."""
+_FOLLOWED = 4
+"""Waves of PV's own oscillation, of eight, whose process is fitted once more."""
 _HOPE = 8.0
 """Nats a harmonic by which a wave may be behind before its frequency is sharpened."""
 _NEAR = 3
@@ -54,10 +56,8 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
     """
     found: list[Hypothesis] = []
 
-    def tried(nuisance: Nuisance) -> Hypothesis:
-        return case.fit(
-            of.valve, of.poles, of.dead_time, (*of.nuisances, nuisance), of.taps, stem=of.stem
-        )
+    def tried(nuisance: Nuisance, taps: Array | None = None) -> Hypothesis:
+        return _with(case, of, (*of.nuisances, nuisance), taps)
 
     waves = [one for one in of.nuisances if isinstance(one, Sinusoid)]
     if len(waves) < case.settings.modelling.max_sinusoids:
@@ -85,12 +85,15 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
         for taps in (DRIFT, DRIFT_AND_NOISE):
             at = polish(case, None, healthy, (wave,), taps, passes=2)
 
-            def tried(nuisance: Nuisance, at: Hypothesis = at) -> Hypothesis:
-                return case.fit(None, at.poles, at.dead_time, (nuisance,), at.taps, stem=at.stem)
+            def tried(
+                nuisance: Nuisance, taps: Array | None = None, at: Hypothesis = at
+            ) -> Hypothesis:
+                return _with(case, at, (nuisance,), taps)
 
-            sharp = _sharpened(tried, wave, -math.inf, _ROUGH_STEPS)
-            found.append(polish(case, None, sharp, sharp.nuisances, sharp.taps, passes=2))
-    return max(found, key=lambda one: one.likelihood)
+            found.append(_sharpened(tried, wave, -math.inf, _ROUGH_STEPS))
+    found.sort(key=lambda one: -round(one.likelihood, 6))
+    ends = [polish(case, None, one, one.nuisances, one.taps) for one in found[:_FOLLOWED]]
+    return max(ends, key=lambda one: one.likelihood)
 
 
 def _waves_of(case: Case, cycles: float) -> list[Sinusoid]:
@@ -100,28 +103,46 @@ def _waves_of(case: Case, cycles: float) -> list[Sinusoid]:
     return [Sinusoid(cycles, harmonics) for harmonics in waves if max(harmonics) <= most]
 
 
+def _with(
+    case: Case, of: Hypothesis, nuisances: tuple[Nuisance, ...], taps: Array | None
+) -> Hypothesis:
+    """The hypothesis with other nuisances: its noise model fitted anew, or ``taps`` as they are."""
+    return case.fit(
+        of.valve,
+        of.poles,
+        of.dead_time,
+        nuisances,
+        of.taps if taps is None else taps,
+        refit_noise=taps is None,
+        stem=of.stem,
+    )
+
+
 def _sharpened(
-    tried: Callable[[Nuisance], Hypothesis],
+    tried: Callable[..., Hypothesis],
     wave: Sinusoid,
     least: float,
     rough: tuple[float, ...] = (),
 ) -> Hypothesis:
     """The hypothesis with the wave at its best frequency: harmonics tell it sharper than a sine.
 
-    ``rough`` steps (cycles) come first where the frequency is only that of a peak.
+    ``tried`` fits a wave, under a given noise model or with its own. ``rough`` steps (cycles) come
+    first where the frequency is only that of a peak.
     """
     best = tried(wave)
     if not rough and (
         len(wave.harmonics) == 1 or best.likelihood < least - _HOPE * len(wave.harmonics)
     ):
         return best
-    cycles = wave.cycles
+    cycles, held = wave.cycles, best
     for step in (*rough, *_SHARP_STEPS):
         for moved in (cycles - step, cycles + step):
-            found = tried(Sinusoid(moved, wave.harmonics))
-            if found.likelihood > best.likelihood:
-                best, cycles = found, moved
-    return best
+            # the noise model is held: what is compared are frequencies
+            found = tried(Sinusoid(moved, wave.harmonics), best.taps)
+            if found.likelihood > held.likelihood:
+                held, cycles = found, moved
+    found = best if held is best else tried(Sinusoid(cycles, wave.harmonics))
+    return found if found.likelihood > best.likelihood else best
 
 
 def _frequency(case: Case, of: Hypothesis, other: Hypothesis) -> float | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +31,15 @@ class Nuisance(Protocol):
         ...
 
 
+@lru_cache(maxsize=64)
+def _waves(cycles: float, harmonics: tuple[int, ...], n: int) -> Array:
+    """Sine and cosine of every harmonic, ``(2 m, n)``; the fits of one wave ask for it often."""
+    angle = 2.0 * math.pi * cycles / n * np.arange(n)
+    found = np.stack([wave(h * angle) for h in harmonics for wave in (np.sin, np.cos)])
+    found.flags.writeable = False
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class Sinusoid:
     """An oscillation from outside: ``cycles`` in the window, with the given ``harmonics``.
@@ -44,9 +54,7 @@ class Sinusoid:
     def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
         """Sine and cosine of every harmonic."""
         del poles, dead_time
-        n = stem.size
-        angle = 2.0 * math.pi * self.cycles / n * np.arange(n)
-        return np.stack([wave(h * angle) for h in self.harmonics for wave in (np.sin, np.cos)])
+        return _waves(self.cycles, self.harmonics, stem.size)
 
     def price(self, rows: float) -> float:
         """Two sizes a harmonic, and the frequency, which is told ``n^(3/2)`` sharp."""

@@ -7,11 +7,12 @@ from itertools import product
 
 import numpy as np
 
+from estimator.criteria.noise import LOOKS
 from estimator.evidence.hypothesis import Case, Hypothesis, Valve
 from estimator.evidence.nuisances import Nuisance
-from estimator.lanes import Array
+from estimator.lanes import Array, respond
 from estimator.processes.poles import COARSE
-from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Found, descend
+from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
 from estimator.settings import Searching
@@ -23,6 +24,8 @@ _BLOCK = 32
 """Valves of a block: its signals stay in the cache."""
 _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
+_TRIAL = 5
+"""Rounds that every seed of a look is followed; only the best ones go on."""
 _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""
 _SHIFTS = 6
@@ -59,71 +62,98 @@ def _placed(table: Array, first_op: float) -> Array:
 def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[int]:
     """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``."""
     found: list[int] = []
+    near = ~np.isfinite(costs)
     for i in np.argsort(costs, kind="stable"):
-        if not np.isfinite(costs[i]) or len(found) == count:
+        if len(found) == count:
             break
-        if all(abs(bands[i] - bands[j]) > share * max(bands[i], bands[j]) for j in found):
+        if not near[i]:
             found.append(int(i))
+            near |= np.abs(bands - bands[i]) <= share * np.maximum(bands, bands[i])
     return found
 
 
 def simulated_starts(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], taps: Array, law: str
-) -> list[Found]:
-    """The best valves of a law under one noise model, drawn to the bottom of their valleys."""
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], law: str
+) -> list[tuple[Found, Array]]:
+    """The best valves of a law under each noise model of `LOOKS`, each with its noise model.
+
+    They are drawn to the bottom of their valleys.
+    """
     searching = case.settings.searching
-    u = case.rows.u
-    valves = _placed(_table(searching.bands, searching.jumps, searching.starts), float(u[0]))
-    delays = np.array([d for d in searching.delays if d <= case.max_dead_time], dtype=np.int64)
+    valves = _placed(_table(searching.bands, searching.jumps, searching.starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
-    designs = {
-        integrating: case.design(
-            nuisances,
-            taps,
-            near.stem,
-            next(p for p in COARSE if p.integrating is integrating),
-            near.dead_time,
-        )
-        for integrating in (False, True)
-    }
+    looks = [_Look(case, near, nuisances, taps, len(valves)) for taps in LOOKS]
+    _rank(case, looks, valves, law, stride)
+    found = []
+    for look in looks:
+        ways = []
+        for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart):
+            poles = COARSE[look.process[i]]
+            valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
+            start = Found(float(look.cost[i]), valve, poles, int(look.late[i]))
+            design = look.designs[poles.integrating]
+            ways.append(Descent(case, design, start, searching.wide, searching.lanes, stride))
+        for way in ways:
+            way.go_on(_TRIAL)
+        ways.sort(key=lambda way: way.squares)
+        for way in ways[: searching.basins]:
+            way.go_on(searching.generations - _TRIAL)
+        ends = [way.found for way in ways]
+        bands = np.array([end.valve.band for end in ends])
+        squares = np.array([end.squares for end in ends])
+        found += [(ends[i], look.taps) for i in first_apart(bands, squares, searching.basins, 0.05)]
+    return found
+
+
+class _Look:
+    """The ranking of all valves under one noise model: cost, process and dead time of each."""
+
+    def __init__(
+        self,
+        case: Case,
+        near: Hypothesis,
+        nuisances: tuple[Nuisance, ...],
+        taps: Array,
+        valves: int,
+    ) -> None:
+        self.taps = taps
+        self.designs = {
+            integrating: case.design(
+                nuisances,
+                taps,
+                near.stem,
+                next(p for p in COARSE if p.integrating is integrating),
+                near.dead_time,
+            )
+            for integrating in (False, True)
+        }
+        self.cost = np.full(valves, np.inf)
+        self.process = np.zeros(valves, dtype=np.int64)
+        self.late = np.zeros(valves, dtype=np.int64)
+
+
+def _rank(case: Case, looks: list[_Look], valves: Array, law: str, stride: int) -> None:
+    """Fill in every look: a response is computed once for all of them."""
+    longest = case.max_dead_time
+    delays = np.array([d for d in case.settings.searching.delays if d <= longest], dtype=np.int64)
     processes = np.array([p.coefficients for p in COARSE]).T.copy()
-    m = len(valves)
-    cost = np.full(m, np.inf)
-    process = np.zeros(m, dtype=np.int64)
-    late = np.zeros(m, dtype=np.int64)
-    for begin in range(0, m, _BLOCK):
-        block = slice(begin, min(begin + _BLOCK, m))
-        stems = LAWS[law](u, np.ascontiguousarray(valves[block]))
+    for begin in range(0, len(valves), _BLOCK):
+        block = slice(begin, min(begin + _BLOCK, len(valves)))
+        stems = LAWS[law](case.rows.u, np.ascontiguousarray(valves[block]))
         useless = ~case.tells(stems)
         for number, poles in enumerate(COARSE):
             lanes = np.repeat(processes[:, number : number + 1], stems.shape[1], axis=1)
-            costs = designs[poles.integrating].single(stems, lanes, delays, stride)
-            best = costs.argmin(axis=0)
-            least = costs[best, np.arange(costs.shape[1])]
-            least[useless] = np.inf
-            better = least < cost[block]
-            cost[block] = np.where(better, least, cost[block])
-            process[block] = np.where(better, number, process[block])
-            late[block] = np.where(better, delays[best], late[block])
-    ends = []
-    for i in first_apart(valves[:, 0], cost, searching.seeds, searching.apart):
-        poles = COARSE[process[i]]
-        valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
-        start = Found(float(cost[i]), valve, poles, int(late[i]))
-        ends.append(
-            descend(
-                case,
-                designs[poles.integrating],
-                start,
-                searching.wide,
-                searching.generations,
-                searching.few,
-                stride,
-            )
-        )
-    bands = np.array([end.valve.band for end in ends])
-    squares = np.array([end.squares for end in ends])
-    return [ends[i] for i in first_apart(bands, squares, searching.basins, 0.05)]
+            responses = respond(stems, *lanes)
+            for look in looks:
+                design = look.designs[poles.integrating]
+                costs = design.single(responses.copy(), delays, stride)
+                best = costs.argmin(axis=0)
+                least = costs[best, np.arange(costs.shape[1])]
+                least[useless] = np.inf
+                better = least < look.cost[block]
+                look.cost[block] = np.where(better, least, look.cost[block])
+                look.process[block] = np.where(better, number, look.process[block])
+                look.late[block] = np.where(better, delays[best], look.late[block])
 
 
 def one_step_starts(

@@ -15,7 +15,15 @@ from estimator.processes.poles import Poles, Shape, coefficients
 from estimator.search.processes import spread_points
 from estimator.valves.laws import LAWS
 
-__all__ = ["Found", "descend", "moved_valves", "refine_valve", "sweep_jump", "turned_points"]
+__all__ = [
+    "Descent",
+    "Found",
+    "descend",
+    "moved_valves",
+    "refine_valve",
+    "sweep_jump",
+    "turned_points",
+]
 
 LEAST_BAND, WIDEST_BAND = 0.004, 1.1
 """Stick bands that are tried, as shares of OP's span."""
@@ -66,52 +74,77 @@ def descend(
     lanes: int,
     stride: int = 1,
 ) -> Found:
-    """Valve and poles refined together under one noise model.
+    """Valve and poles refined together under one noise model; see `Descent`."""
+    way = Descent(case, design, start, width, lanes, stride)
+    way.go_on(rounds)
+    return way.found
+
+
+class Descent:
+    """Valve and poles on their way down one valley, under one noise model.
 
     Samples of a normal distribution that learns the valley it lies in: its covariance becomes that
     of the best samples around the mean before (rank-mu update of CMA-ES; Hansen, The CMA evolution
     strategy: a tutorial, 2016). Stick band and time constants trade against each other along curved
     valleys, which steps in single parameters do not follow.
     """
-    origin = start.poles
-    if origin.shape is Shape.LAGS:
-        slow = max(origin.slow, 0.2)
-        origin = replace(origin, slow=slow, fast=origin.fast or max(0.15, 0.3 * slow))
-    elif origin.shape is Shape.INTEGRATING:
-        origin = replace(origin, fast=origin.fast or 0.5)
-    valve, law = np.array(start.valve.numbers), start.valve.law
-    middle, root = np.zeros(5), np.diag(width * _WIDTHS)
-    chosen = lanes // 4
-    weight = np.log(chosen + 0.5) - np.log(np.arange(1.0, chosen + 1))
-    weight /= weight.sum()
-    least, best, late = np.inf, np.zeros(5), start.dead_time
-    table = np.zeros((lanes, 5))
-    poles = np.zeros((lanes, 3))
-    for turn in range(rounds):
-        table = middle + turned_points(lanes, 5, turn) @ root.T
-        table[0] = best
-        poles[:, :2] = table[:, 3:]
-        processes = coefficients(origin.shape, origin.moved(poles))
-        stems = LAWS[law](case.rows.u, moved_valves(valve, table))
-        shortest = max(0, late - 1)
-        count = min(3, case.max_dead_time + 1 - shortest)
-        costs = design.paired(stems, processes, shortest, count, stride)
-        of_lane = np.where(case.tells(stems), costs.min(axis=0), np.inf)
-        order = np.argsort(of_lane, kind="stable")[:chosen]
-        top = int(order[0])
-        if not np.isfinite(of_lane[top]):
-            break
-        if of_lane[top] < least * (1.0 - _TIE):
-            least, best = float(of_lane[top]), table[top].copy()
-            late = shortest + int(costs[:, top].argmin())
-        steps = table[order] - middle
-        spread = (steps * weight[:, None]).T @ steps
-        middle = middle + weight @ steps
-        covariance = (1.0 - _LEARNED) * root @ root.T + _LEARNED * spread
-        root = cholesky(covariance + _RIDGE * np.eye(5))
-    band, jump, first = (float(v) for v in moved_valves(valve, best[None])[0])
-    row = origin.moved(np.array([[best[3], best[4], 0.0]]))[0]
-    return Found(least, Valve(band, jump, first, law), origin.of_row(row), late)
+
+    def __init__(
+        self, case: Case, design: Design, start: Found, width: float, lanes: int, stride: int = 1
+    ) -> None:
+        origin = start.poles
+        if origin.shape is Shape.LAGS:
+            slow = max(origin.slow, 0.2)
+            origin = replace(origin, slow=slow, fast=origin.fast or max(0.15, 0.3 * slow))
+        elif origin.shape is Shape.INTEGRATING:
+            origin = replace(origin, fast=origin.fast or 0.5)
+        self.case, self.design, self.stride = case, design, stride
+        self.origin, self.law = origin, start.valve.law
+        self.valve = np.array(start.valve.numbers)
+        self.lanes = lanes
+        self.turn = 0
+        self.middle, self.root = np.zeros(5), np.diag(width * _WIDTHS)
+        self.squares, self.best, self.late = np.inf, np.zeros(5), start.dead_time
+
+    def go_on(self, rounds: int) -> None:
+        """So many rounds more, unless no sample works like a valve."""
+        chosen = self.lanes // 4
+        weight = np.log(chosen + 0.5) - np.log(np.arange(1.0, chosen + 1))
+        weight /= weight.sum()
+        poles = np.zeros((self.lanes, 3))
+        case = self.case
+        for _ in range(rounds):
+            table = self.middle + turned_points(self.lanes, 5, self.turn) @ self.root.T
+            table[0] = self.best
+            poles[:, :2] = table[:, 3:]
+            processes = coefficients(self.origin.shape, self.origin.moved(poles))
+            stems = LAWS[self.law](case.rows.u, moved_valves(self.valve, table))
+            shortest = max(0, self.late - 1)
+            count = min(3, case.max_dead_time + 1 - shortest)
+            costs = self.design.paired(stems, processes, shortest, count, self.stride)
+            of_lane = np.where(case.tells(stems), costs.min(axis=0), np.inf)
+            order = np.argsort(of_lane, kind="stable")[:chosen]
+            top = int(order[0])
+            if not np.isfinite(of_lane[top]):
+                return
+            if of_lane[top] < self.squares * (1.0 - _TIE):
+                self.squares, self.best = float(of_lane[top]), table[top].copy()
+                self.late = shortest + int(costs[:, top].argmin())
+            steps = table[order] - self.middle
+            spread = (steps * weight[:, None]).T @ steps
+            self.middle = self.middle + weight @ steps
+            covariance = (1.0 - _LEARNED) * self.root @ self.root.T + _LEARNED * spread
+            self.root = cholesky(covariance + _RIDGE * np.eye(5))
+            self.turn += 1
+
+    @property
+    def found(self) -> Found:
+        """The best of all rounds."""
+        best = self.best
+        band, jump, first = (float(v) for v in moved_valves(self.valve, best[None])[0])
+        row = self.origin.moved(np.array([[best[3], best[4], 0.0]]))[0]
+        valve = Valve(band, jump, first, self.law)
+        return Found(self.squares, valve, self.origin.of_row(row), self.late)
 
 
 def refine_valve(

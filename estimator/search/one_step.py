@@ -20,6 +20,9 @@ __all__ = ["OneStep", "one_step_costs"]
 BLOCK = 8
 """Samples that a walk skips at once where they stay inside the stick band."""
 
+LATEST = 32
+"""Longest dead time and coefficients of the stem, in samples, that the sums leave room for."""
+
 
 @kernel
 def one_step_costs(
@@ -38,15 +41,18 @@ def one_step_costs(
     """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m,)``.
 
     ``top`` and ``bottom`` are OP's extremes in blocks of eight samples, by which a walk skips.
-    ``sums`` ``(c, n + 1)`` holds, of PV (first row) and the columns beside the stem, the sums from
-    a row to the end; ``counts`` ``(n + 1,)`` the judged rows from a row to the end. ``shifts`` dead
-    times are tried from ``shortest`` on.
+    ``sums`` ``(n + p, c)`` holds, of PV (first) and the columns beside the stem, the sums from a
+    row to the end; ``counts`` ``(n + p,)`` the judged rows from a row to the end. Both are zero
+    from row ``n`` on, for the longest dead time. ``shifts`` dead times are tried from ``shortest``
+    on.
     """
-    n, m, columns = op.size, valves.shape[0], sums.shape[0]
+    n, m, columns = op.size, valves.shape[0], sums.shape[1]
     cost, best = np.full(m, np.inf), np.full(m, shortest)
     at, level = np.empty(n + 1, dtype=np.int64), np.empty(n + 2)
     wide = shifts + 2
-    share = np.empty((columns, wide))
+    flat = sums.ravel()
+    share = np.empty((wide, columns))
+    shared = share.ravel()
     own, next_, second = np.empty(wide), np.empty(wide), np.empty(wide)
     for v in range(m):
         static = 0.5 * (valves[v, 0] + valves[v, 1])
@@ -71,42 +77,45 @@ def one_step_costs(
         if turns < reversals or slips > n // 3:
             continue
         for w in range(wide):
-            d = shortest + w
+            own[w] = level[0] * level[0] * counts[0]
+            next_[w] = second[w] = 0.0
             for c in range(columns):
-                share[c, w] = level[0] * sums[c, 0]
-            energy = level[0] * level[0] * counts[0]
-            late1 = late2 = 0.0
-            for j in range(slips):
-                row = at[j] + d
-                if row >= n:
-                    break
-                step = level[j + 1] - level[j]
-                for c in range(columns):
-                    share[c, w] += step * sums[c, row]
-                energy += (level[j + 1] * level[j + 1] - level[j] * level[j]) * counts[row]
-                # products with the stem one and two samples earlier differ only after a slip
-                new, old = level[j + 1], level[j]
-                here = counts[row] - counts[row + 1]
-                late1 += new * step * here
-                older = level[j - 1] if j > 0 and at[j] == at[j - 1] + 1 else old
-                late2 += new * (new - older) * here
-                if row + 1 < n and not (j + 1 < slips and at[j + 1] == at[j] + 1):
-                    late2 += new * step * (counts[row + 1] - counts[row + 2])
-            own[w] = energy
-            next_[w] = energy - late1
-            second[w] = energy - late2
+                share[w, c] = level[0] * sums[0, c]
+        for j in range(slips):
+            new, old = level[j + 1], level[j]
+            step = new - old
+            row = at[j] + shortest
+            # the rows of all dead times stand one after the other
+            part = flat[row * columns : (row + wide) * columns]
+            for i in range(part.size):
+                shared[i] += step * part[i]
+            more = new * new - old * old
+            # products with the stem one and two samples earlier differ only after a slip
+            older = level[j - 1] if j > 0 and at[j] == at[j - 1] + 1 else old
+            alone = 0.0 if j + 1 < slips and at[j + 1] == at[j] + 1 else 1.0
+            after, twice = new * step, new * (new - older)
+            for w in range(wide):
+                here = counts[row + w] - counts[row + w + 1]
+                then = counts[row + w + 1] - counts[row + w + 2]
+                own[w] += more * counts[row + w]
+                next_[w] += after * here
+                second[w] += twice * here
+                second[w] += alone * after * then
+        for w in range(wide):
+            next_[w] = own[w] - next_[w]
+            second[w] = own[w] - second[w]
         for w in range(shifts):
             g00, g11, g22 = own[w], own[w + 1], own[w + 2]
             g01, g12, g02 = next_[w], next_[w + 1], second[w]
             for c in range(1, columns):
-                a0, a1, a2 = share[c, w], share[c, w + 1], share[c, w + 2]
+                a0, a1, a2 = share[w, c], share[w + 1, c], share[w + 2, c]
                 g00 -= a0 * a0
                 g11 -= a1 * a1
                 g22 -= a2 * a2
                 g01 -= a0 * a1
                 g12 -= a1 * a2
                 g02 -= a0 * a2
-            r0, r1, r2 = share[0, w], share[0, w + 1], share[0, w + 2]
+            r0, r1, r2 = share[w, 0], share[w + 1, 0], share[w + 2, 0]
             small = 1e-6 * own[w]
             if g00 <= small:
                 continue
@@ -145,8 +154,9 @@ class OneStep:
         # the target is orthogonal to the basis: its products with a stem need nothing taken out
         signals = np.vstack([target[None], basis])
         tail = np.cumsum(signals[:, ::-1], axis=1)[:, ::-1]
-        self.sums = np.ascontiguousarray(np.hstack([tail, np.zeros((len(signals), 1))]))
-        self.counts = np.append(np.cumsum(rows.weight[::-1])[::-1], 0.0)
+        beyond = LATEST + 1
+        self.sums = np.ascontiguousarray(np.vstack([tail.T, np.zeros((beyond, len(signals)))]))
+        self.counts = np.append(np.cumsum(rows.weight[::-1])[::-1], np.zeros(beyond))
         self.rest = float(target @ target)
         self.rows = rows
         blocks = -(-n // BLOCK)
@@ -157,7 +167,13 @@ class OneStep:
     def costs(
         self, valves: Array, shortest: int, shifts: int, reversals: int = 2
     ) -> tuple[Array, Index]:
-        """Cost and dead time of every valve; see :func:`one_step_costs`."""
+        """Cost and dead time of every valve; see :func:`one_step_costs`.
+
+        Raises:
+            ValueError: a dead time beyond `LATEST` samples is asked for.
+        """
+        if shortest + shifts > LATEST:
+            raise ValueError(f"dead times and coefficients up to {LATEST} samples have sums")
         found: tuple[Array, Index] = one_step_costs(
             self.rows.u,
             self.top,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.criteria.noise import LOOKS
 from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.evidence.nuisances import Nuisance
 from estimator.processes.poles import Poles, Shape
@@ -45,8 +44,7 @@ def _starts(
     """The valves of one law that one of the looks takes for likely."""
     starts = [
         case.fit(start.valve, start.poles, start.dead_time, nuisances, taps)
-        for taps in LOOKS
-        for start in simulated_starts(case, near, nuisances, taps, law)
+        for start, taps in simulated_starts(case, near, nuisances, law)
     ]
     if law == "he":
         for valve, dead_time in one_step_starts(case, near, nuisances):

@@ -61,11 +61,12 @@ def identify(
 ) -> None:
     """Identify the valve of one recorded loop: verdict, stick band, slip jump, process."""
     import estimator
+    from fieldlink.site.missing_rows import fill_missing_rows
     from fieldlink.site.recording import read_recording
 
     recording = read_recording(file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period)
     rows = _window(window, len(recording.op))
-    cut = recording.cut(rows)
+    cut = fill_missing_rows(recording.cut(rows))
     with show_work(f"judging {len(cut)} samples"):
         result = estimator.identify(
             cut.op,

@@ -111,10 +111,11 @@ def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLo
 
 def _judge(job: tuple[Path, float | None]) -> _Judged:
     from estimator import identify
+    from fieldlink.site.missing_rows import fill_missing_rows
     from fieldlink.site.recording import read_recording
 
     file, period = job
-    recording = read_recording(file, period=period)
+    recording = fill_missing_rows(read_recording(file, period=period))
     result = identify(
         recording.op,
         recording.pv,

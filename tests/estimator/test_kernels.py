@@ -174,7 +174,7 @@ def test_many_candidates_cost_what_each_costs_alone(taps: Array) -> None:
     table = np.array([[6.0, 0.0, 0.0], [12.0, 3.0, 0.8], [0.7, 0.0, 0.0]])
     process = coefficients(Shape.LAGS, table)
     paired = design.paired(stems, process, 2, 4)
-    single = design.single(stems, process, np.array([0, 5]))
+    single = design.single(respond(stems, *process), np.array([0, 5]))
     target = _whitened(rows.y, taps, rows)
     columns = [_whitened(c, taps, rows) for c in rows.shared]
     for lane in range(3):

@@ -1,0 +1,97 @@
+"""Rows that a recording lacks by its own clock: short gaps become bad samples, long ones cut it.
+
+A logger that stood still leaves no row, and the rows around the gap would count as neighbours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldlink.site.recording import Recording
+
+__all__ = ["LONGEST_FILLED", "fill_missing_rows"]
+
+LONGEST_FILLED = 30
+"""Missing rows in a gap that are filled with bad samples. Over a longer gap PV forgets what it was:
+a judgement looks back 30 rows (`estimator.settings.Modelling.memory`)."""
+_LACKS = 0.75
+"""Share of a period by which two intervals in a row are too long when a row is missing: a stamp
+that is merely late makes the next interval short."""
+
+Floats = NDArray[np.float64]
+
+
+def fill_missing_rows(recording: Recording) -> Recording:
+    """The recording with a bad sample for every missing row.
+
+    Where more than `LONGEST_FILLED` rows in a row are missing, only the longest part between such
+    gaps is kept. Without a usable clock, or where a given period contradicts it, nothing changes.
+    """
+    if recording.time is None or not recording.irregular or len(recording) < 2:
+        return recording
+    rows = np.arange(len(recording), dtype=np.float64)
+    known = ~np.isnan(recording.time)
+    seconds = np.interp(rows, rows[known], recording.time[known])
+    steps = np.diff(seconds)
+    if abs(float(np.median(steps)) / recording.period - 1.0) > 0.05:
+        return recording
+    missing = _missing(steps / recording.period)
+    if not missing.any():
+        return recording
+    edges = np.flatnonzero(missing > LONGEST_FILLED) + 1
+    bounds = [0, *edges.tolist(), len(recording)]
+    first, last = max(pairwise(bounds), key=lambda part: part[1] - part[0])
+    notes = []
+    if edges.size:
+        longest = float(steps[missing > LONGEST_FILLED].max())
+        notes.append(
+            f"rows {first + 1} to {last} of {len(recording)} are used, the longest part without a "
+            f"long gap (the longest is {longest:g} s); put another part into a file of its own"
+        )
+        recording = recording.cut(slice(first, last))
+    inside = missing[first : last - 1]
+    filled = int(inside.sum())
+    if filled:
+        notes.append(f"{filled} missing rows are taken for bad samples")
+    return _spread(recording, inside, (*recording.notes, *notes))
+
+
+def _missing(intervals: Floats) -> NDArray[np.int64]:
+    """Missing rows in each interval, counted in periods."""
+    early = np.concatenate([[1.0], intervals[:-1]])
+    late = np.concatenate([intervals[1:], [1.0]])
+    lacks = intervals + np.minimum(early, late) - 2.0 >= _LACKS
+    found = np.where(lacks, np.rint(intervals) - 1.0, 0.0)
+    return np.maximum(found, 0.0).astype(np.int64)
+
+
+def _spread(recording: Recording, missing: NDArray[np.int64], notes: tuple[str, ...]) -> Recording:
+    at = np.concatenate([[0], np.cumsum(missing + 1)])
+    size = int(at[-1]) + 1
+
+    def placed(values: Floats) -> Floats:
+        found = np.full(size, np.nan)
+        found[at] = values
+        return found
+
+    auto = None
+    if recording.auto is not None:
+        # the mode of a missing row is that of the row before
+        before = np.searchsorted(at, np.arange(size), side="right") - 1
+        auto = recording.auto[before]
+    time = recording.time
+    if time is not None:
+        time = np.interp(np.arange(size), at[~np.isnan(time)], time[~np.isnan(time)])
+    return replace(
+        recording,
+        op=placed(recording.op),
+        pv=placed(recording.pv),
+        sp=None if recording.sp is None else placed(recording.sp),
+        auto=auto,
+        time=time,
+        notes=notes,
+    )
