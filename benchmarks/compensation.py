@@ -37,7 +37,7 @@ from benchmarks.compensation_pictures import draw_figure3, draw_tradeoff
 from benchmarks.compensation_verdicts import Judgement, judge
 from benchmarks.report import keep, machine, table
 from fieldlink.lab.study.closed_loop import Trace
-from fieldlink.lab.study.rig import Setup
+from fieldlink.lab.study.controllers import Setup
 from loop_model import LoopModel
 
 HEADER = (

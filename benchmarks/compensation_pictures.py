@@ -20,7 +20,7 @@ from benchmarks.compensation_cases import (
     play,
 )
 from benchmarks.compensation_verdicts import dominated
-from fieldlink.lab.study.rig import Setup
+from fieldlink.lab.study.controllers import Setup
 from fieldlink.pictures import OP, PV, STEM
 
 __all__ = ["draw_figure3", "draw_points", "draw_tradeoff"]

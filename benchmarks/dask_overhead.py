@@ -3,7 +3,7 @@
     python -m benchmarks.dask_overhead [--windows 120 480] [--samples 200] [--out docs/benchmarks]
 
 The command `fieldlink assess` is run with two workers on the local pool and on a Dask cluster of
-this machine, on fleets of two sizes (made as in `benchmarks.assess_fleet`). A cluster costs something
+this machine, on fleets of two sizes (as in `benchmarks.assess_fleet`). A cluster costs something
 once, to start, and something for each window. Two sizes tell the two apart: a straight line through
 both gives the seconds at the start and the seconds a window, and with them the overhead at 2,000
 windows. Seconds are processor seconds of all processes; what else the machine does is not in them.

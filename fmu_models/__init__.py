@@ -17,6 +17,8 @@ from .errors import (
     PlantTimeoutError,
 )
 from .plant import Piece, Plant, PlantInfo
+from .ssp_export import RunExport, export_run
+from .ssp_file import Master
 from .stepping import open_plant
 from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
 from .sweep import Sweep, SweepRun, run_sweep
@@ -26,6 +28,7 @@ __all__ = [
     "CatalogueModel",
     "FmuSummary",
     "LoopVariables",
+    "Master",
     "Piece",
     "Plant",
     "PlantBuildError",
@@ -39,12 +42,14 @@ __all__ = [
     "PlantNameError",
     "PlantStepError",
     "PlantTimeoutError",
+    "RunExport",
     "Sweep",
     "SweepRun",
     "UnitDefinition",
     "VariableSummary",
     "catalogue",
     "collect_windows",
+    "export_run",
     "fmu_path",
     "open_plant",
     "run_sweep",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 import struct
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -15,7 +14,6 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from numpy.typing import ArrayLike, NDArray
 
-from .archive import MODEL_EXCHANGE, extract_fmu, read_description
 from .errors import (
     PlantClosedError,
     PlantEndedError,
@@ -23,25 +21,14 @@ from .errors import (
     PlantInputError,
     PlantStepError,
 )
-from .instances import (
-    CoSimulation,
-    EndedError,
-    Instance,
-    StoppedError,
-    describe_refusal,
-    forget_words,
-    is_fatal,
-    last_words,
-    load,
-)
-from .model_exchange import ModelExchange
+from .instances import EndedError, Instance, StoppedError
+from .library import describe_refusal, forget_words, is_fatal, last_words
+from .opening import load_fmu
 from .plant import Piece, Plant, PlantInfo, count_finite_rows, split_columns
-from .variables import VariableAccess
+from .snapshots import pack_snapshot, unpack_snapshot
 
 __all__ = ["InProcessPlant"]
 
-_SNAPSHOT_HEAD = struct.Struct("<4sqdd")
-_SNAPSHOT_MARK = b"FLP2"
 _ROWS = 4096
 """Steps whose outputs wait in memory before they are yielded."""
 _PIECE_SECONDS = 0.1
@@ -59,6 +46,7 @@ class InProcessPlant(Plant):
         kind: "co-simulation" or "model exchange"; None takes the first that it offers.
         watch: names of further variables that come back with the outputs.
         folder: where to extract; None makes a temporary folder that `close` removes.
+        intermediate: keep the outputs between the ends of a step, for `take_intermediate`.
 
     Raises:
         PlantError: what `open_plant` says.
@@ -73,52 +61,29 @@ class InProcessPlant(Plant):
         kind: str | None = None,
         watch: Sequence[str] = (),
         folder: Path | None = None,
+        intermediate: bool = False,
     ) -> None:
-        self._instance: Instance | None = None
         self._failure: str | None = None
         self._fatal = False
         self._ended = False
         self._count = 0
-        description, kind = read_description(file, kind)
-        sizes = {v.name for v in description.modelVariables if v.causality == "structuralParameter"}
-        structural = {name: value for name, value in parameters.items() if name in sizes}
-        self._variables = VariableAccess(description, watch, structural)
-        self._base = _start_time(description)
-        roles = self._variables.roles
-        interface = (
-            description.modelExchange if kind == "model exchange" else description.coSimulation
-        )
-        self._info = PlantInfo(
-            name=description.modelName,
-            fmi_version=description.fmiVersion,
+        loaded = load_fmu(
+            file,
+            parameters=parameters,
+            period=period,
             kind=kind,
-            period=_period(description, period, file),
-            inputs=roles.inputs,
-            tunable=roles.tunable,
-            outputs=(*roles.outputs, *self._variables.watched),
-            parameters=(*roles.parameters, *self._variables.structural),
-            can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
-            can_vary_step=kind == MODEL_EXCHANGE
-            or bool(interface.canHandleVariableCommunicationStepSize),
+            watch=watch,
+            folder=folder,
+            intermediate=intermediate,
         )
+        self._info, self._variables, self._base = loaded.info, loaded.variables, loaded.start_time
         self._period = self._info.period
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
-        if folder is None:
-            self._folder = tempfile.TemporaryDirectory(
-                prefix="fieldlink-fmu-", ignore_cleanup_errors=True
-            )
-            folder = Path(self._folder.name)
+        self._folder, self._log = loaded.folder, loaded.intermediate
+        self._instance: Instance | None = loaded.instance
+        structural = loaded.structural
         try:
-            extract_fmu(file, folder)
-            fmu = load(description, kind, folder)
-            version = int(description.fmiVersion[0])
-            if kind == "model exchange":
-                self._instance = ModelExchange(fmu, version, description, self._info.period)
-            else:
-                event_mode = version == 3 and bool(interface.hasEventMode)
-                self._instance = CoSimulation(fmu, version, event_mode=event_mode)
             rest = {name: value for name, value in parameters.items() if name not in structural}
-            self._begin(self._instance, structural, rest)
+            self._begin(loaded.instance, structural, rest)
         except BaseException:
             self.close()
             raise
@@ -163,9 +128,10 @@ class InProcessPlant(Plant):
         if inputs:
             self._write(instance, inputs)
         try:
-            instance.advance(self.time, self._period)
+            instance.advance(self._base + self._count * self._period, self._period)
             self._count += 1
-            self._outputs = self._variables.read_outputs(instance.fmu, self.time)
+            now = self._base + self._count * self._period
+            self._outputs = self._variables.read_outputs(instance.fmu, now)
         except EndedError as error:
             self._go_to(error.reached)
             raise self._finished(error) from error
@@ -346,6 +312,12 @@ class InProcessPlant(Plant):
         """Return what `step` returns for each of ``inputs``."""
         return [self.step(values) for values in inputs]
 
+    def take_intermediate(self) -> Piece:
+        """Return the outputs between the ends of steps since this was called last."""
+        if self._log is None:
+            return super().take_intermediate()
+        return self._log.take()
+
     def snapshot(self) -> bytes:
         """Return the plant's whole state."""
         instance = self._alive()
@@ -357,27 +329,16 @@ class InProcessPlant(Plant):
             raise PlantStepError(
                 f"plant {self._info.name} could not save its state: {error}{last_words()}"
             ) from error
-        return self._head() + content
-
-    def _head(self) -> bytes:
-        return _SNAPSHOT_HEAD.pack(_SNAPSHOT_MARK, self._count, self._base, self._period)
+        return pack_snapshot(self._count, self._base, self._period, content)
 
     def restore(self, snapshot: bytes) -> None:
         """Go back to a state that `snapshot` returned."""
         instance = self._opened()
         self._check_can_restore()
-        head = snapshot[: _SNAPSHOT_HEAD.size]
-        if len(head) < _SNAPSHOT_HEAD.size or head[:4] != _SNAPSHOT_MARK:
-            raise PlantInputError(f"plant {self._info.name}: these bytes are no snapshot")
-        _mark, count, base, period = _SNAPSHOT_HEAD.unpack(head)
-        if period != self._info.period:
-            raise PlantInputError(
-                f"plant {self._info.name}: the snapshot was taken at a period of {period:g} s, "
-                f"the plant has {self._info.period:g} s; open it with that period"
-            )
+        count, base, state = unpack_snapshot(self._info.name, self._period, snapshot)
         forget_words()
         try:
-            instance.restore(snapshot[_SNAPSHOT_HEAD.size :])
+            instance.restore(state)
         except (FMICallException, struct.error) as error:
             raise PlantInputError(
                 f"plant {self._info.name} cannot restore this snapshot{last_words()}"
@@ -432,19 +393,3 @@ def _changed_rows(count: int, columns: Mapping[str, NDArray[np.float64]]) -> lis
         changed[0] = True
     result: list[bool] = changed.tolist()
     return result
-
-
-def _start_time(description: Any) -> float:
-    experiment = description.defaultExperiment
-    return float(experiment.startTime) if experiment and experiment.startTime else 0.0
-
-
-def _period(description: Any, wanted: float | None, file: Path) -> float:
-    experiment = description.defaultExperiment
-    if wanted is None and experiment and experiment.stepSize:
-        wanted = float(experiment.stepSize)
-    if wanted is None:
-        raise PlantError(f"{file}: the FMU names no step size; give the period in seconds")
-    if not 0.0 < wanted < float("inf"):
-        raise PlantInputError(f"{file}: the period must be a positive number; got {wanted:g}")
-    return wanted

@@ -1,8 +1,7 @@
-"""One FMU instance of any version: load, start, advance, save. Here: co-simulation.
+"""One FMU instance of any version: start, advance, save. Here: co-simulation.
 
 `Instance` hides what differs between FMI 1, 2 and 3 and between co-simulation, where the solver is
-inside (this module), and model exchange, where it is ours (`fmu_models.model_exchange`). What an
-FMU says through its logger is kept for the next error message (`last_words`).
+inside (this module), and model exchange, where it is ours (`fmu_models.model_exchange`).
 
 A step of co-simulation may come in parts: FMI 2 may discard the rest of a step, FMI 3 may return
 early, at an event. The rest is computed from the time that was reached, after event mode where the
@@ -13,85 +12,22 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable
-from ctypes import byref, c_int
-from pathlib import Path
+from ctypes import byref
 from typing import Any
 
-from fmpy import calloc, fmi1, fmi2, fmi3, free
+from fmpy import fmi1, fmi2, fmi3
 from fmpy.fmi1 import FMICallException
-from fmpy.logging import addLoggerProxy
 
-from .errors import PlantFileError
+from .library import call_checked
 
-__all__ = [
-    "CoSimulation",
-    "EndedError",
-    "Instance",
-    "StoppedError",
-    "describe_refusal",
-    "forget_words",
-    "is_fatal",
-    "last_words",
-    "load",
-]
+__all__ = ["CoSimulation", "EndedError", "Instance", "StoppedError"]
 
-# FMPy's logger of FMI 1 and 2 is one pointer for the whole process: it must be a function that
-# lives as long as the process, so what the FMUs say is kept here for the next error message.
-_said: deque[str] = deque(maxlen=5)
-_WARNING, _DISCARD, _FATAL = 1, 2, 4
+_DISCARD = 2
 _MAX_PARTS = 10_000
 """Parts of one step; an FMU that returns early more often than that makes no progress."""
 _MAX_EVENT_ITERATIONS = 1000
-# FMPy declares these as returning text and would read a status as an address.
-_STATUS_FUNCTIONS = [
-    f"fmi1{name}"
-    for name in (
-        *("InitializeSlave", "DoStep", "CancelStep", "GetStatus", "GetRealStatus"),
-        *("GetIntegerStatus", "GetBooleanStatus", "GetStringStatus"),
-        *("SetRealInputDerivatives", "GetRealOutputDerivatives"),
-    )
-]
-
-
-def _note(status: int, text: bytes) -> None:
-    """Keep a warning or worse; what else an FMU logs explains no failure."""
-    if status >= _WARNING:
-        _said.append(" ".join(text.decode("utf-8", "replace").split()))
-
-
-def _listen2(_environment: Any, _name: bytes, status: int, _category: bytes, text: bytes) -> None:
-    _note(status, text)
-
-
-def _listen3(_environment: Any, status: int, _category: bytes, text: bytes) -> None:
-    _note(status, text)
-
-
-def _callbacks(module: Any, version: int) -> Any:
-    callbacks = getattr(module, f"fmi{version}CallbackFunctions")()
-    callbacks.logger = getattr(module, f"fmi{version}CallbackLoggerTYPE")(_listen2)
-    callbacks.allocateMemory = getattr(module, f"fmi{version}CallbackAllocateMemoryTYPE")(calloc)
-    callbacks.freeMemory = getattr(module, f"fmi{version}CallbackFreeMemoryTYPE")(free)
-    addLoggerProxy(byref(callbacks))
-    return callbacks
-
-
-_callbacks1 = _callbacks(fmi1, 1)
-_callbacks2 = _callbacks(fmi2, 2)
-
-
-def last_words() -> str:
-    """Return what the FMU said since `forget_words`, as the end of a message."""
-    return f": {' / '.join(_said)}" if _said else ""
-
-
-def forget_words() -> None:
-    """Begin a call whose messages count."""
-    _said.clear()
 
 
 class StoppedError(Exception):
@@ -108,16 +44,6 @@ class EndedError(Exception):
     def __init__(self, reached: float) -> None:
         super().__init__(f"the FMU ended the simulation at {reached:g} s")
         self.reached = reached
-
-
-def is_fatal(error: BaseException) -> bool:
-    """Whether FMI forbids every further call of the FMU after this."""
-    return isinstance(error, FMICallException) and error.status >= _FATAL
-
-
-def describe_refusal(error: BaseException) -> str:
-    """Return FMPy's words about a refused call, with what the FMU said, as one line."""
-    return f"{str(error).rstrip('.')}{last_words()}"
 
 
 class Instance(ABC):
@@ -200,6 +126,11 @@ class CoSimulation(Instance):
     def __init__(self, fmu: Any, version: int, *, event_mode: bool = False) -> None:
         super().__init__(fmu, version)
         self._event_mode = event_mode
+        self._event, self._terminate, self._early = (fmi3.fmi3Boolean() for _ in range(3))
+        self._last = fmi3.fmi3Float64()
+        self._answers = tuple(
+            byref(answer) for answer in (self._event, self._terminate, self._early, self._last)
+        )
 
     def _initialise(self, start_time: float) -> None:
         if self.version == 1:
@@ -249,7 +180,7 @@ class CoSimulation(Instance):
     def _part(self, time: float, size: float, goal: float) -> float:
         """Step on; return the second that was reached, ``goal`` as a rule."""
         try:
-            answer = self.fmu.doStep(time, size)
+            self._do_step(time, size)
         except FMICallException as error:
             if error.status != _DISCARD:
                 raise
@@ -262,15 +193,25 @@ class CoSimulation(Instance):
             return reached
         if self.version < 3:
             return goal
-        event, terminate, early, last = answer
-        reached = last if early and last < goal else goal
-        if terminate:
+        reached = goal
+        if self._early and self._last.value < goal:
+            reached = self._last.value
+        if self._terminate:
             raise EndedError(reached)
-        if self._event_mode and event:
+        if self._event_mode and self._event:
             self.fmu.enterEventMode()
             self._update_discrete(reached)
             self.fmu.enterStepMode()
-        return float(reached)
+        return reached
+
+    def _do_step(self, time: float, size: float) -> None:
+        fmu = self.fmu
+        if self.version == 3:
+            call_checked(fmu, "fmi3DoStep", fmu.component, time, size, True, *self._answers)
+        elif self.version == 2:
+            call_checked(fmu, "fmi2DoStep", fmu.component, time, size, fmi2.fmi2True)
+        else:
+            fmu.doStep(time, size)
 
     def _reached_before_discard(self, time: float, size: float) -> float | None:
         """Return the second up to which a discarded step was computed; None for no progress.
@@ -292,61 +233,3 @@ class CoSimulation(Instance):
             if ended:
                 raise EndedError(max(time, reached))
         return reached if time + 1e-12 * max(abs(time), size) < reached < time + size else None
-
-
-def load(description: Any, kind: str, folder: Path) -> Any:
-    """Load the library of an extracted FMU and instantiate it; return FMPy's object.
-
-    Args:
-        description: FMPy's model description.
-        kind: "co-simulation" or "model exchange".
-        folder: where the FMU was extracted.
-
-    Raises:
-        PlantFileError: the library cannot be loaded, or refuses to be instantiated.
-    """
-    version = int(description.fmiVersion[0])
-    exchange = kind == "model exchange"
-    interface = description.modelExchange if exchange else description.coSimulation
-    module = {1: fmi1, 2: fmi2, 3: fmi3}[version]
-    cls = getattr(module, f"FMU{version}{'Model' if exchange else 'Slave'}")
-    forget_words()
-    try:
-        # FMPy changes the working directory to load the library, and stays there on failure.
-        with contextlib.chdir(os.curdir):
-            fmu = cls(
-                guid=description.guid,
-                modelIdentifier=interface.modelIdentifier,
-                unzipDirectory=str(folder),
-                instanceName=description.modelName,
-            )
-    except Exception as error:  # FMPy raises nothing narrower
-        raise PlantFileError(
-            f"plant {description.modelName}: its library cannot be loaded: {error}; it is damaged, "
-            "incomplete, or needs a library that this machine lacks"
-        ) from error
-    if version == 1 and not exchange:
-        for name in _STATUS_FUNCTIONS:
-            fmu._functions[name].restype = c_int
-    try:
-        if version == 1:
-            fmu.instantiate(functions=_callbacks1, loggingOn=True)
-        elif version == 2:
-            fmu.instantiate(callbacks=_callbacks2, loggingOn=True)
-        elif exchange:
-            fmu.instantiate(logMessage=_listen3, loggingOn=True)
-        else:
-            fmu.instantiate(
-                logMessage=_listen3,
-                loggingOn=True,
-                eventModeUsed=bool(interface.hasEventMode),
-                earlyReturnAllowed=True,
-            )
-        if not fmu.component:  # FMPy does not look at FMI 1's answer
-            raise RuntimeError("no instance was returned")
-    except Exception as error:  # as above
-        fmu.freeLibrary()
-        raise PlantFileError(
-            f"plant {description.modelName}: the FMU refused to be instantiated{last_words()}"
-        ) from error
-    return fmu

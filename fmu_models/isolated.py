@@ -43,6 +43,7 @@ class IsolatedPlant(Plant):
         watch: names of further variables that come back with the outputs.
         timeout: seconds that one step may take, or the answer to another request, before the
             process is ended.
+        intermediate: keep the outputs between the ends of a step, for `take_intermediate`.
 
     Raises:
         PlantError: what `open_plant` says.
@@ -57,6 +58,7 @@ class IsolatedPlant(Plant):
         kind: str | None = None,
         watch: Sequence[str] = (),
         timeout: float = 30.0,
+        intermediate: bool = False,
     ) -> None:
         if os.name != "posix":
             raise PlantError(
@@ -81,6 +83,7 @@ class IsolatedPlant(Plant):
             "period": None if period is None else float(period),
             "kind": kind,
             "watch": list(watch),
+            "intermediate": intermediate,
         }
         try:
             answer = self._ask("open", request)
@@ -219,6 +222,14 @@ class IsolatedPlant(Plant):
         table = self._shared.table[first:end]
         return Piece(
             moments, {name: table[:, i].copy() for i, name in enumerate(self._info.outputs)}
+        )
+
+    def take_intermediate(self) -> Piece:
+        """Return the outputs between the ends of steps since this was called last."""
+        moments, columns = self._ask("intermediate")
+        return Piece(
+            np.array(moments, dtype=np.float64),
+            {name: np.array(values, dtype=np.float64) for name, values in columns.items()},
         )
 
     def snapshot(self) -> bytes:

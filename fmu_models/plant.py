@@ -136,6 +136,17 @@ class Plant(ABC):
             PlantError: as `step` does.
         """
 
+    def take_intermediate(self) -> Piece:
+        """Return the outputs between the ends of steps since this was called last.
+
+        Raises:
+            PlantInputError: the plant was not opened with ``intermediate``.
+        """
+        raise PlantInputError(
+            f"plant {self.info.name}: outputs between the ends of a step are not kept; open it "
+            "with intermediate=True"
+        )
+
     @abstractmethod
     def snapshot(self) -> bytes:
         """Return the plant's whole state, time included.

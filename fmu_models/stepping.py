@@ -7,10 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from .catalogue import catalogue, fmu_path
-from .errors import PlantNameError, nearest
+from .errors import PlantInputError, PlantNameError, nearest
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .plant import Plant
+from .ssp_file import Master
 from .system_plant import SystemPlant
 
 __all__ = ["open_plant"]
@@ -27,6 +28,8 @@ def open_plant(
     watch: Sequence[str] = (),
     isolated: bool = True,
     timeout: float = 30.0,
+    master: Master | None = None,
+    intermediate: bool = False,
 ) -> Plant:
     """Open a plant; it stands at its start, at rest.
 
@@ -41,6 +44,9 @@ def open_plant(
             becomes a `PlantCrashError`. In this process steps are faster and crashes are fatal.
         timeout: seconds that an isolated plant may take to answer to one message; how many steps a
             message carries follows from how long they take.
+        master: of a system, "gauss-seidel" (None takes it) or "jacobi"; see `SystemPlant`.
+        intermediate: keep the outputs between the ends of a step, where a co-simulation FMU of
+            FMI 3 offers them; `Plant.take_intermediate` returns them.
 
     Raises:
         PlantNameError: unknown model, parameter or input.
@@ -52,6 +58,8 @@ def open_plant(
     """
     file = _file(model)
     if file.suffix == ".ssp":
+        if intermediate:
+            raise PlantInputError(f"{file}: a system keeps no outputs between the ends of a step")
         return SystemPlant(
             file,
             parameters=parameters,
@@ -60,12 +68,28 @@ def open_plant(
             watch=watch,
             isolated=isolated,
             timeout=timeout,
+            master=master,
         )
+    if master is not None:
+        raise PlantInputError(f"{file}: a master is for systems of FMUs (.ssp), this is one FMU")
     if isolated:
         return IsolatedPlant(
-            file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout
+            file,
+            parameters=parameters,
+            period=period,
+            kind=kind,
+            watch=watch,
+            timeout=timeout,
+            intermediate=intermediate,
         )
-    return InProcessPlant(file, parameters=parameters, period=period, kind=kind, watch=watch)
+    return InProcessPlant(
+        file,
+        parameters=parameters,
+        period=period,
+        kind=kind,
+        watch=watch,
+        intermediate=intermediate,
+    )
 
 
 def _file(model: str | Path) -> Path:

@@ -23,7 +23,7 @@ from .archive import (
     platforms,
 )
 from .arrays import element_names, resolve_shape
-from .variables import LEFT_OUT, is_settable
+from .variable_types import LEFT_OUT, is_settable
 
 __all__ = ["FmuSummary", "UnitDefinition", "VariableSummary", "summarise"]
 

@@ -1,9 +1,13 @@
 """A system of FMUs as one plant: the master that steps its components and carries values between.
 
-Gauss-Seidel: a component gets what those before it in `SystemStructure.order` have just computed,
-and what those after it computed in the step before. All take the same step. For a control loop that
-names the controller first, then the valve, then the process, this is a controller that reads PV, a
-valve that follows its OP and a process that moves on under the stem.
+All components take the same step. Two masters:
+
+- Gauss-Seidel: a component gets what those before it in `SystemStructure.order` have just computed,
+  and what those after it computed in the step before. For a control loop that names the controller
+  first, then the valve, then the process, this is a controller that reads PV, a valve that follows
+  its OP and a process that moves on under the stem.
+- Jacobi: every component gets what the others computed in the step before, so the order does not
+  matter and isolated components step side by side. Each connection delays by one step.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +27,7 @@ from .errors import (
     PlantEndedError,
     PlantError,
     PlantFileError,
+    PlantInputError,
     PlantNameError,
     PlantStepError,
     nearest,
@@ -29,12 +35,16 @@ from .errors import (
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .plant import Piece, Plant, PlantInfo, split_columns
-from .ssp_file import Link, read_system
+from .ssp_file import Link, Master, read_system
+from .ssp_starts import resolve_starts
+from .summary import FmuSummary, summarise
 
 __all__ = ["SystemPlant", "extract_components"]
 
 _PIECE_SECONDS = 0.1
 """Of the wall clock, after which rows are yielded."""
+_WAIT = 1.0
+"""Seconds of one look at a component that steps; how long it may take is its own timeout."""
 
 
 def extract_components(file: Path, sources: Mapping[str, str], folder: Path) -> dict[str, Path]:
@@ -64,7 +74,9 @@ class SystemPlant(Plant):
     Args:
         file: the ``.ssp``.
         parameters: start values by ``component.variable``, or inputs of the system by name.
-        period: seconds a step; None takes the shortest that one of the FMUs recommends.
+        period: seconds a step; None takes that of the recorded run that the archive is an export
+            of, else the shortest that one of the FMUs recommends.
+        master: "gauss-seidel" or "jacobi"; None takes that of the recorded run, else Gauss-Seidel.
         kind: of every FMU; None takes the first that each offers.
         watch: further variables, ``component.variable``.
         isolated: run each FMU in a process of its own.
@@ -84,8 +96,15 @@ class SystemPlant(Plant):
         watch: Sequence[str] = (),
         isolated: bool = True,
         timeout: float = 30.0,
+        master: Master | None = None,
     ) -> None:
+        if master is not None and master not in get_args(Master):
+            raise PlantInputError(
+                f"{file}: there is no master {master!r}; choose {' or '.join(get_args(Master))}"
+            )
         self._structure = read_system(file)
+        self._master: Master = master or self._structure.master or "gauss-seidel"
+        self._latest: dict[str, dict[str, float]] = {}
         self._plants: dict[str, Plant] = {}
         self._failure: str | None = None
         self._ended = False
@@ -94,15 +113,19 @@ class SystemPlant(Plant):
         )
         try:
             files = extract_components(file, self._structure.sources, Path(self._folder.name))
-            step = period if period is not None else _shortest_step(file, files)
-            own = {name: parameters[name] for name in self._structure.inputs if name in parameters}
-            self._inputs = dict.fromkeys(self._structure.inputs, 0.0) | own
+            parts = {component: summarise(fmu) for component, fmu in files.items()}
+            step = period or self._structure.step or _shortest_step(file, parts)
+            names = (*self._structure.inputs, *self._structure.parameters)
+            own = {name: parameters[name] for name in names if name in parameters}
+            self._inputs = self._system_starts() | own
             given = self._by_component({n: v for n, v in parameters.items() if n not in own})
             inner = [name for name in watch if name not in self._structure.outputs]
             wanted = self._by_component(dict.fromkeys(inner, 0.0))
             for component in self._structure.order():
-                starts = self._structure.parameters.get(component, {}) | given.get(component, {})
-                starts |= self._fed(component, self._inputs)
+                starts, _ = resolve_starts(self._structure, component, parts[component])
+                starts |= self._given_by(self._structure.parameter_links[component])
+                starts |= self._given_by(self._structure.links[component])
+                starts |= given.get(component, {})
                 self._plants[component] = _open(
                     files[component],
                     starts,
@@ -112,6 +135,7 @@ class SystemPlant(Plant):
                     isolated,
                     timeout,
                 )
+                self._latest[component] = self._plants[component].outputs()
         except BaseException:
             self.close()
             raise
@@ -125,7 +149,10 @@ class SystemPlant(Plant):
             inputs=tuple(self._structure.inputs),
             tunable=tuple(f"{c}.{n}" for c, info in infos.items() for n in info.tunable),
             outputs=(*self._structure.outputs, *outputs),
-            parameters=tuple(f"{c}.{n}" for c, info in infos.items() for n in info.parameters),
+            parameters=(
+                *self._structure.parameters,
+                *(f"{c}.{n}" for c, info in infos.items() for n in info.parameters),
+            ),
             can_restore=False,
             can_vary_step=all(info.can_vary_step for info in infos.values()),
         )
@@ -147,14 +174,30 @@ class SystemPlant(Plant):
             found.setdefault(component, {})[name[len(component) + 1 :]] = value
         return found
 
-    def _value(self, link: Link, inputs: Mapping[str, float]) -> float | None:
-        """Return what a link brings now; None while its component is not open."""
+    def _system_starts(self) -> dict[str, float]:
+        """Return the start values of the system's own inputs and parameters, where it has some.
+
+        An input that nothing gives leaves its components at their own start values; one that goes
+        straight to an output begins at 0.
+        """
+        structure = self._structure
+        straight = {link.name for link in structure.outputs.values() if not link.component}
+        values = dict.fromkeys(straight, 0.0)
+        for name, start in structure.starts.get("", {}).items():
+            try:
+                values[name] = start.number(structure.unit_of.get(("", name)), {})
+            except PlantInputError as error:
+                raise PlantFileError(f"{structure.file}: {name}: {error}") from error
+        return values
+
+    def _value(self, link: Link) -> float | None:
+        """Return what a link brings now; None while nothing has given it."""
         if not link.component:
-            return link.convert(inputs[link.name])
-        plant = self._plants.get(link.component)
-        if plant is None:
+            given = self._inputs.get(link.name)
+            return None if given is None else link.convert(given)
+        found = self._latest.get(link.component)
+        if found is None:
             return None
-        found = plant.outputs()
         if link.name not in found:
             raise PlantNameError(
                 f"system {self._structure.name}: {link.component} has no output {link.name!r}; "
@@ -162,11 +205,8 @@ class SystemPlant(Plant):
             )
         return link.convert(found[link.name])
 
-    def _fed(self, component: str, inputs: Mapping[str, float]) -> dict[str, float]:
-        pairs = {
-            name: self._value(link, inputs)
-            for name, link in self._structure.links[component].items()
-        }
+    def _given_by(self, links: Mapping[str, Link]) -> dict[str, float]:
+        pairs = {name: self._value(link) for name, link in links.items()}
         return {name: value for name, value in pairs.items() if value is not None}
 
     @property
@@ -182,15 +222,12 @@ class SystemPlant(Plant):
     def outputs(self) -> dict[str, float]:
         """Return the outputs of the system, and of every component."""
         self._alive()
-        found = {
+        own = self._given_by(self._structure.outputs)
+        return own | {
             f"{c}.{name}": value
-            for c, plant in self._plants.items()
-            for name, value in plant.outputs().items()
+            for c, values in self._latest.items()
+            for name, value in values.items()
         }
-        own = {
-            name: self._value(link, self._inputs) for name, link in self._structure.outputs.items()
-        }
-        return {name: value for name, value in own.items() if value is not None} | found
 
     def step(self, inputs: Mapping[str, float]) -> dict[str, float]:
         """Apply inputs, step every component once, return all outputs."""
@@ -209,16 +246,41 @@ class SystemPlant(Plant):
         self._inputs |= {n: float(v) for n, v in inputs.items() if n in self._structure.inputs}
         tuned = self._by_component({n: v for n, v in inputs.items() if n in self._info.tunable})
         try:
-            for component, plant in self._plants.items():
-                fed = tuned.get(component, {}) | self._fed(component, self._inputs)
-                if last is None:
-                    plant.step(fed)
-                else:
-                    list(plant.run_pieces(1, fed, last=last))
+            if self._master == "jacobi":
+                self._step_side_by_side(tuned, last)
+            else:
+                self._step_in_turn(tuned, last)
         except PlantError as error:
             self._failure = f"system {self._structure.name}: {error}"
             self._ended = isinstance(error, PlantEndedError)
             raise type(error)(self._failure) from error
+
+    def _step_in_turn(self, tuned: Mapping[str, Mapping[str, float]], last: float | None) -> None:
+        for component, plant in self._plants.items():
+            fed = {**tuned.get(component, {}), **self._given_by(self._structure.links[component])}
+            self._latest[component] = _step_once(plant, fed, last)
+
+    def _step_side_by_side(
+        self, tuned: Mapping[str, Mapping[str, float]], last: float | None
+    ) -> None:
+        fed = {
+            component: {**tuned.get(component, {}), **self._given_by(links)}
+            for component, links in self._structure.links.items()
+        }
+        at_work: dict[str, IsolatedPlant] = {}
+        after: dict[str, dict[str, float]] = {}
+        for component, plant in self._plants.items():
+            if isinstance(plant, IsolatedPlant) and last is None:
+                plant.begin_step(fed[component])
+                at_work[component] = plant
+            else:
+                after[component] = _step_once(plant, fed[component], last)
+        for component, isolated in at_work.items():
+            found = None
+            while found is None:  # an overdue step raises
+                found = isolated.finish_step(_WAIT)
+            after[component] = found
+        self._latest = {component: after[component] for component in self._plants}
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Return what `step` returns for each of ``inputs``."""
@@ -277,13 +339,18 @@ class SystemPlant(Plant):
         self._folder.cleanup()
 
 
-def _shortest_step(file: Path, files: Mapping[str, Path]) -> float:
-    from .summary import summarise
-
-    steps = [step for fmu in files.values() if (step := summarise(fmu).step_size)]
+def _shortest_step(file: Path, parts: Mapping[str, FmuSummary]) -> float:
+    steps = [part.step_size for part in parts.values() if part.step_size]
     if not steps:
         raise PlantError(f"{file}: none of its FMUs names a step size; give the period in seconds")
     return min(steps)
+
+
+def _step_once(plant: Plant, inputs: Mapping[str, float], last: float | None) -> dict[str, float]:
+    if last is None:
+        return plant.step(inputs)
+    (piece,) = plant.run_pieces(1, inputs, last=last)
+    return {name: float(column[-1]) for name, column in piece.columns.items()}
 
 
 def _open(

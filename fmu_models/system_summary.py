@@ -6,12 +6,14 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from .ssp_file import read_system
+from .ssp_file import SystemStructure, read_system
+from .ssp_starts import resolve_starts
 from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
 from .system_plant import extract_components
 
 __all__ = ["summarise_system"]
 
+_WORDS = {"true": "1", "false": "0"}
 _SHOWN = ("parameter", "output", "local")
 
 
@@ -28,23 +30,37 @@ def summarise_system(file: Path) -> FmuSummary:
     with tempfile.TemporaryDirectory(prefix="fieldlink-ssp-") as folder:
         files = extract_components(file, structure.sources, Path(folder))
         parts = {component: summarise(fmu) for component, fmu in files.items()}
-    variables = [_variable(name, "input", unit) for name, unit in structure.inputs.items()] + [
+    variables = [
+        _variable(name, "input", unit, _input_start(structure, parts, name))
+        for name, unit in structure.inputs.items()
+    ]
+    variables += [_variable(name, "parameter", "") for name in structure.parameters]
+    variables += [
         _variable(name, "output", _unit_of(parts, link.component, link.name))
         for name, link in structure.outputs.items()
     ]
     units: dict[str, UnitDefinition] = {}
-    warnings = [f"one step goes through {', then '.join(structure.order())} (Gauss-Seidel)"]
+    order = ", then ".join(structure.order())
+    warnings = [
+        f"the master is Jacobi, as in the recorded run: {order} step side by side"
+        if structure.master == "jacobi"
+        else f"one step goes through {order} (Gauss-Seidel)"
+    ]
+    unknown = list(structure.ignored)
     for component, part in parts.items():
         links = structure.links[component]
-        given = structure.parameters.get(component, {})
+        given, ignored = resolve_starts(structure, component, part)
+        unknown += ignored
         for v in part.variables:
             role = v.causality if v.causality in _SHOWN else "local"
             start = f"{given[v.name]:g}" if v.name in given else v.start
             variables.append(replace(v, name=f"{component}.{v.name}", causality=role, start=start))
-            if v.causality == "input" and v.name not in links:
+            if v.causality == "input" and v.name not in links and v.name not in given:
                 warnings.append(f"input {component}.{v.name} is fed by nothing")
         units |= {unit.name: unit for unit in part.units}
         warnings += [f"{component}: {text}" for text in part.warnings]
+    if unknown:
+        warnings.append(f"start values for names that do not exist: {', '.join(unknown)}")
     steps = [part.step_size for part in parts.values() if part.step_size]
     stops = [part.stop_time for part in parts.values() if part.stop_time is not None]
     return FmuSummary(
@@ -61,7 +77,7 @@ def summarise_system(file: Path) -> FmuSummary:
         extracted_bytes=sum(part.bytes for part in parts.values()),
         start_time=structure.start or 0.0,
         stop_time=structure.stop if structure.stop is not None else max(stops, default=None),
-        step_size=min(steps, default=None),
+        step_size=structure.step or min(steps, default=None),
         tolerance=None,
         can_restore=False,
         states=sum(part.states for part in parts.values()),
@@ -76,18 +92,41 @@ def _unit_of(parts: dict[str, FmuSummary], component: str, name: str) -> str:
     return found.unit if found is not None else ""
 
 
-def _variable(name: str, causality: str, unit: str) -> VariableSummary:
+def _input_start(structure: SystemStructure, parts: dict[str, FmuSummary], name: str) -> str:
+    """Return at which value an input of the system stands where nobody gives it one.
+
+    It is that of the system, else that of the first component that it feeds.
+    """
+    given = structure.starts.get("", {}).get(name)
+    if given is not None:
+        return f"{given.number(structure.unit_of.get(('', name)), {}):g}"
+    for component, links in structure.links.items():
+        for variable, link in links.items():
+            if (link.component, link.name) != ("", name):
+                continue
+            starts, _ = resolve_starts(structure, component, parts[component])
+            described = parts[component].variable(variable)
+            own = described.start if described is not None else ""
+            inside = starts.get(variable, float(_WORDS.get(own, own)) if own else None)
+            value = None if inside is None else link.invert(inside)
+            if value is not None:
+                return f"{value:g}"
+    straight = any(not o.component and o.name == name for o in structure.outputs.values())
+    return "0" if straight else ""
+
+
+def _variable(name: str, causality: str, unit: str, start: str = "") -> VariableSummary:
     return VariableSummary(
         name=name,
         type="Real",
         causality=causality,
         variability="continuous",
         unit=unit,
-        start="0" if causality == "input" else "",
+        start=start,
         low="",
         high="",
         description="of the system",
-        settable=causality == "input",
+        settable=causality != "output",
         scalar=True,
         items=(),
         shape=(),

@@ -7,72 +7,29 @@ array is a name of its own, ``y[1]`` or ``y[2,3]``, counted from 1 with the last
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from ctypes import sizeof
 from dataclasses import dataclass
 from math import isfinite
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from fmpy import fmi1, fmi2, fmi3
 from numpy.typing import NDArray
 
 from .arrays import element_names, resolve_shape
 from .errors import PlantInputError, PlantNameError, PlantStepError, nearest
+from .library import call_checked
+from .variable_types import (
+    FUNCTIONS,
+    LEFT_OUT,
+    REAL_TYPES,
+    REFERENCE_TYPES,
+    describe_range,
+    is_settable,
+    list_starts,
+    view_memory,
+)
 
-__all__ = ["LEFT_OUT", "Roles", "VariableAccess", "is_settable"]
-
-LEFT_OUT = {
-    "String": "because a table of numbers has no place for strings",
-    "Binary": "because a table of numbers has no place for binary data",
-    "Clock": "because a clock has ticks, no value; what its ticks change is recorded",
-}
-"""Types of variables that are no columns, and why."""
-
-# Version of FMI -> type in the model description -> (get and set function, type in C).
-_TYPES: dict[int, dict[str, tuple[str, Any]]] = {
-    1: {
-        "Real": ("Real", fmi1.fmi1Real),
-        "Integer": ("Integer", fmi1.fmi1Integer),
-        "Enumeration": ("Integer", fmi1.fmi1Integer),
-        "Boolean": ("Boolean", fmi1.fmi1Boolean),
-    },
-    2: {
-        "Real": ("Real", fmi2.fmi2Real),
-        "Integer": ("Integer", fmi2.fmi2Integer),
-        "Enumeration": ("Integer", fmi2.fmi2Integer),
-        "Boolean": ("Boolean", fmi2.fmi2Boolean),
-    },
-    3: {
-        **{
-            kind: (kind, getattr(fmi3, f"fmi3{kind}"))
-            for kind in (
-                *("Float64", "Float32", "Int64", "Int32", "Int16", "Int8"),
-                *("UInt64", "UInt32", "UInt16", "UInt8", "Boolean"),
-            )
-        },
-        "Enumeration": ("Int64", fmi3.fmi3Int64),
-    },
-}
-_REFERENCES = {
-    1: fmi1.fmi1ValueReference,
-    2: fmi2.fmi2ValueReference,
-    3: fmi3.fmi3ValueReference,
-}
-_REAL = ("Real", "Float64", "Float32")
-
-
-def is_settable(variable: Any) -> bool:
-    """Whether a variable (FMPy's) can be set before the start, in every version of FMI."""
-    if variable.causality in ("parameter", "input"):
-        return True
-    if variable.causality in ("independent", "structuralParameter", "calculatedParameter"):
-        return False
-    if variable.variability == "constant":
-        return False
-    if variable.initial is None:  # FMI 1 has no such attribute: what has a start value
-        return variable.start is not None
-    return variable.initial in ("exact", "approx")
+__all__ = ["Roles", "VariableAccess"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +54,8 @@ class _Group:
     boolean: bool
     references: Any
     values: Any
+    arguments: tuple[Any, ...]
+    """What the function takes after the instance."""
     view: NDArray[Any]
     """The memory of ``values`` as an array."""
     columns: Any
@@ -127,7 +86,7 @@ class VariableAccess:
         structural: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         self._version = int(description.fmiVersion[0])
-        self._types = _TYPES[self._version]
+        self._types = FUNCTIONS[self._version]
         self._variables: dict[str, Any] = {}
         self._elements: dict[str, tuple[str, ...]] = {}
         for v in description.modelVariables:
@@ -149,7 +108,7 @@ class VariableAccess:
             name: start
             for v in description.modelVariables
             if v.dimensions and v.type in self._types
-            for name, start in zip(self._elements[v.name], _starts(v), strict=False)
+            for name, start in zip(self._elements[v.name], list_starts(v), strict=False)
         }
         self.structural = tuple(self._where(lambda v: v.causality == "structuralParameter"))
         self._may_set: dict[bool, frozenset[str]] = {
@@ -189,16 +148,19 @@ class VariableAccess:
             given = [i for i, name in enumerate(members) if name in position]
             references = [v.valueReference for v in variables.values()]
             values = (c_type * len(members))()
+            addresses = (REFERENCE_TYPES[self._version] * len(references))(*references)
+            sizes = (len(members),) if self._version == 3 else ()
             groups.append(
                 _Group(
                     names=tuple(members),
                     given=tuple(members[i] for i in given),
                     function=f"fmi{self._version}{action}{function}",
-                    real=kind in _REAL,
+                    real=kind in REAL_TYPES,
                     boolean=kind == "Boolean",
-                    references=(_REFERENCES[self._version] * len(references))(*references),
+                    references=addresses,
                     values=values,
-                    view=_view(values),
+                    arguments=(addresses, len(references), values, *sizes),
+                    view=view_memory(values),
                     columns=_as_slice([position[members[i]] for i in given]),
                     order=tuple(given),
                     places=_as_slice(given),
@@ -234,9 +196,14 @@ class VariableAccess:
             self._call(fmu, group)
             self._remember(group)
 
+    @property
+    def output_references(self) -> list[int]:
+        """Value references of the outputs and of what is watched."""
+        return [int(r) for group in self._outputs for r in group.references]
+
     def is_whole(self, name: str) -> bool:
         """Whether a variable takes whole numbers only."""
-        return self._variables[name].type not in _REAL
+        return self._variables[name].type not in REAL_TYPES
 
     def write_structural(self, fmu: Any, values: Mapping[str, float]) -> None:
         """Set structural parameters; the FMU stands in configuration mode."""
@@ -330,12 +297,7 @@ class VariableAccess:
         )
 
     def _call(self, fmu: Any, group: _Group) -> None:
-        count = len(group.references)
-        function = getattr(fmu, group.function)
-        if self._version == 3:
-            function(fmu.component, group.references, count, group.values, len(group.names))
-        else:
-            function(fmu.component, group.references, count, group.values)
+        call_checked(fmu, group.function, fmu.component, *group.arguments)
 
     def _checked(self, group: _Group, name: str, value: float) -> float | int | bool:
         number = float(value)
@@ -352,7 +314,7 @@ class VariableAccess:
         if whole != number or not fits:
             raise PlantInputError(
                 f"plant {self._model}: {name} = {number:g} cannot be set; it must be "
-                + ("0 or 1" if group.boolean else f"a whole number from {_range_of(c_type)}")
+                + ("0 or 1" if group.boolean else f"a whole number from {describe_range(c_type)}")
             )
         return whole
 
@@ -371,30 +333,6 @@ class VariableAccess:
             f"plant {self._model}: {name!r} is {variable.causality} ({variable.variability}) and "
             f"cannot be set; {nearest(name, allowed)}"
         )
-
-
-def _starts(variable: Any) -> list[float]:
-    """Return the start values of an array's elements; those that are not given are zero."""
-    words = {"true": 1.0, "false": 0.0}
-    given = [words[t] if t in words else float(t) for t in (variable.start or "").split()]
-    size = int(np.prod(variable.shape)) if variable.shape else 0
-    return given + [0.0] * max(0, size - len(given))
-
-
-def _range_of(c_type: Any) -> str:
-    """Return the range of an integer type of C, in words."""
-    bits = 8 * sizeof(c_type)
-    signed = c_type(-1).value < 0
-    low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
-    return f"{low} to {high}"
-
-
-def _view(values: Any) -> NDArray[Any]:
-    """Return the memory of a C array as a NumPy array; FMI 1's booleans are bytes."""
-    if values._type_ is fmi1.fmi1Boolean:
-        return np.frombuffer(values, dtype=np.uint8)
-    array: NDArray[Any] = np.ctypeslib.as_array(values)
-    return array
 
 
 def _as_slice(columns: list[int]) -> slice | list[int]:

@@ -49,6 +49,7 @@ def serve(connection: Connection, folder: Path, memory: int) -> None:
                     kind=argument["kind"],
                     watch=argument["watch"],
                     folder=folder,
+                    intermediate=argument["intermediate"],
                 )
                 rows = SharedRows(memory, len(plant.info.outputs))
                 os.close(memory)
@@ -86,6 +87,10 @@ def _answer(plant: InProcessPlant, action: str, argument: Any) -> Any:
             return plant.step(argument)
         case "outputs":
             return plant.outputs()
+        case "intermediate":
+            piece = plant.take_intermediate()
+            columns = {name: values.tolist() for name, values in piece.columns.items()}
+            return [piece.time.tolist(), columns]
         case "snapshot":
             return base64.b64encode(plant.snapshot()).decode("ascii")
         case "restore":

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.panel import Panel
 
     from fieldlink.lab.demo.outcome import DemoOutcome
-    from fieldlink.lab.demo.stage import Course, Performance
+    from fieldlink.lab.demo.running import Course, Performance
 
 __all__ = ["demo"]
 
@@ -49,8 +49,8 @@ def demo(
     from fieldlink.daemon import configure_logging
     from fieldlink.lab.demo.outcome import DemoOutcome
     from fieldlink.lab.demo.report import write_report
-    from fieldlink.lab.demo.scene import recorded_scene, simulated_scene
-    from fieldlink.lab.demo.stage import perform
+    from fieldlink.lab.demo.running import perform
+    from fieldlink.lab.demo.site_files import recorded_scene, simulated_scene
 
     configure_logging(logging.WARNING)
     if recording is None:

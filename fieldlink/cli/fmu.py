@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from fieldlink.cli.fmu_progress import FmuProgress
+from fieldlink.cli.fmu_sweep import sweep
+from fieldlink.cli.fmu_tables import print_result, print_summary
+
 if TYPE_CHECKING:
-    from fieldlink.lab.fmu import FmuMap, RunResult
+    from fieldlink.lab.fmu import FmuMap
     from fmu_models import FmuSummary
 
 __all__ = ["app"]
 
 app = typer.Typer(no_args_is_help=True, help="Look at FMUs and run them; sweep the plants.")
 
-_MOST_ROWS = 40
-_CATALOGUE_STEPS = 2000
+app.command("sweep")(sweep)
 FmuFile = Annotated[Path, typer.Argument(metavar="FMU", help="An .fmu file, or a plant's name.")]
 
 
@@ -47,60 +48,7 @@ def info(
     if as_json:
         typer.echo(json.dumps(dataclasses.asdict(summary) | {"file": str(summary.file)}))
         return
-    _print_summary(summary, every)
-
-
-def _print_summary(summary: FmuSummary, every: bool) -> None:
-    from rich.console import Console
-    from rich.panel import Panel
-    from rich.table import Table
-
-    console = Console()
-    console.print(
-        Panel(summary.description or "(no description)", title=summary.name, expand=False)
-    )
-    stop = "not given" if summary.stop_time is None else f"{summary.stop_time:g} s"
-    step = "not given" if summary.step_size is None else f"{summary.step_size:g} s"
-    here = "" if summary.runs_here else "  [red](not this machine)[/red]"
-    facts = Table(box=None, show_header=False, pad_edge=False)
-    for name, value in (
-        ("FMI", f"{summary.fmi_version}, {', '.join(summary.kinds)}"),
-        ("exported by", summary.tool or "-"),
-        ("libraries for", (", ".join(summary.platforms) or "none") + here),
-        ("sources", "yes" if summary.has_sources else "no"),
-        ("size", f"{summary.bytes / 1024:.0f} kB, {summary.extracted_bytes / 1024:.0f} kB open"),
-        ("experiment", f"{summary.start_time:g} s to {stop}, step {step}"),
-        ("snapshots", "yes" if summary.can_restore else "no"),
-        ("variables", f"{len(summary.variables)}, {summary.states} continuous states"),
-    ):
-        facts.add_row(name, value)
-    console.print(facts)
-    console.print(_variables_table(summary, every))
-    hidden = sum(v.causality == "local" for v in summary.variables)
-    if hidden and not every:
-        console.print(f"and {hidden} local variables: --all shows them", style="dim")
-    for warning in summary.warnings:
-        console.print(f"[yellow]note[/yellow] {warning}", highlight=False)
-
-
-def _variables_table(summary: FmuSummary, every: bool) -> Any:
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(header_style="bold", box=None, pad_edge=False)
-    for column in ("variable", "role", "type", "unit", "start", "range", "what"):
-        table.add_column(column, overflow="fold")
-    for v in summary.variables:
-        if v.causality in ("local", "independent") and not every:
-            continue
-        what = v.description
-        if v.items:
-            what += " (" + ", ".join(f"{value} {name}" for value, name in v.items) + ")"
-        bounds = f"{v.low or '…'} to {v.high or '…'}" if v.low or v.high else ""
-        role = f"{v.variability} {v.causality}" if v.causality == "parameter" else v.causality
-        cells = (v.name, role, v.type, v.unit, v.start, bounds, what.strip())
-        table.add_row(*map(escape, cells))
-    return table
+    print_summary(summary, every)
 
 
 def _start_values(pairs: list[str], summary: FmuSummary) -> dict[str, float]:
@@ -163,15 +111,41 @@ def run(
         ),
     ] = False,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
+    master: Annotated[
+        Literal["gauss-seidel", "jacobi"] | None,
+        typer.Option(help="Of a system: who gets which values; else Gauss-Seidel."),
+    ] = None,
+    intermediate: Annotated[
+        Path | None,
+        typer.Option(help="CSV of the outputs between the ends of a step, where FMI 3 has them."),
+    ] = None,
+    export: Annotated[
+        Path | None, typer.Option(help="Write an .ssp that repeats this run, recordings inside.")
+    ] = None,
 ) -> None:
     """Run an FMU: its own default experiment, or as map, inputs and options say."""
-    from fieldlink.lab.fmu import FmuMap, RunSettings, TableFile, load_map, run_fmu
+    from fieldlink.lab.fmu import (
+        FmuMap,
+        RunSettings,
+        TableFile,
+        export_system,
+        load_map,
+        run_fmu,
+    )
     from fieldlink.lab.fmu.experiment import choose_stop
     from fieldlink.lab.fmu.inputs import read_inputs
     from fmu_models import summarise
 
+    if plot is not None:  # before the run: a library that is missing must not cost it
+        from fieldlink.lab.fmu.pictures import run_figure
+        from fieldlink.pictures import save
     if snapshot_at is not None and save_state is None:
         raise typer.BadParameter("needs --save-state FILE", param_hint="--snapshot-at")
+    if export is not None and (map_file is not None or export.suffix != ".ssp"):
+        raise typer.BadParameter(
+            "takes a file that ends in .ssp, and no --map: a system has variables, no tags",
+            param_hint="--export",
+        )
     summary = summarise(_file(fmu))
     mapping = FmuMap() if map_file is None else load_map(map_file, summary)
     chosen = _start_values(start_values or [], summary)
@@ -190,21 +164,25 @@ def run(
         speed=speed,
         isolated=not in_process,
         timeout=timeout,
+        master=master,
+        intermediate=intermediate,
         table=table,
         load=load_state,
         save=save_state,
         save_at=snapshot_at,
     )
-    with _Progress(summary.name, choose_stop(summary, stop)) as progress:
+    with FmuProgress(summary.name, choose_stop(summary, stop)) as progress:
         result = run_fmu(summary, mapping, settings, progress)
-    _print_result(result)
+    print_result(result)
     if table is not None:
         table.finish(result)
         typer.echo(f"table: {out}")
+    if intermediate is not None:
+        typer.echo(f"between the steps: {intermediate}")
+    if export is not None:
+        export_system(summary, result, export, master)
+        typer.echo(f"system: {export}")
     if plot is not None:
-        from fieldlink.lab.fmu.pictures import run_figure
-        from fieldlink.pictures import save
-
         save(run_figure(result), plot)
         typer.echo(f"picture: {plot}")
     if result.failure is not None:
@@ -226,163 +204,6 @@ def _drivable(
     return {
         tag: words_of(summary.variable(entry.variable)) for tag, entry in signals.inputs.items()
     }
-
-
-class _Progress:
-    """The second that was reached: a live line on a terminal, else a line every half minute."""
-
-    _SECONDS = 30.0
-
-    def __init__(self, name: str, stop: float | None = None) -> None:
-        self._name = name
-        self._of = "" if stop is None else f" of {stop:g} s"
-        self._status: Any = None
-        self._shown = time.monotonic()
-
-    def __enter__(self) -> _Progress:
-        if sys.stderr.isatty():
-            from rich.console import Console
-
-            self._status = Console(stderr=True).status(f"{self._name}: starting")
-            self._status.start()
-        return self
-
-    def __call__(self, moment: float) -> None:
-        self._show(f"{self._name}: {moment:g} s{self._of}")
-
-    def count(self, done: int, of: int) -> None:
-        """Show how many runs are done."""
-        self._show(f"{self._name}: {done} of {of} runs")
-
-    def _show(self, text: str) -> None:
-        if self._status is not None:
-            self._status.update(text)
-        elif time.monotonic() > self._shown + self._SECONDS:
-            self._shown = time.monotonic()
-            typer.echo(text, err=True)
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-
-def _print_result(result: RunResult) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    from fieldlink.cli.tables import number
-
-    console = Console()
-    for note in result.notes:
-        console.print(f"[yellow]note[/yellow] {escape(note)}", highlight=False)
-    table = Table(header_style="bold", box=None, pad_edge=False, title=result.model)
-    for column in ("tag", "unit", "at the start", "at the end", "lowest", "highest"):
-        table.add_column(column)
-    for tag, values in list(result.columns.items())[:_MOST_ROWS]:
-        numbers = (values[0], values[-1], values.min(), values.max())
-        table.add_row(escape(tag), result.units[tag], *map(number, map(float, numbers)))
-    console.print(table)
-    span = result.time[-1] - result.time[0]
-    late = f", {result.late} steps late" if result.late else ""
-    console.print(
-        f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
-    )
-    if result.ended is not None:
-        console.print(f"ended in order at {result.time[-1]:g} s: {escape(result.ended)}")
-
-
-@app.command("sweep")
-def sweep(
-    fmu: FmuFile,
-    out: Annotated[Path, typer.Option(help="The table, one row a run: .csv or .parquet.")],
-    grid: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=V[,V...]", help="Values to combine."),
-    ] = None,
-    random: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=LOW:HIGH", help="Draw the value evenly from a range, for each run."
-        ),
-    ] = None,
-    latin: Annotated[
-        bool, typer.Option("--latin", help="Draw --random values as a Latin hypercube.")
-    ] = False,
-    runs: Annotated[int, typer.Option(min=1, help="Runs for each combination of values.")] = 1,
-    steps: Annotated[
-        int | None, typer.Option(min=1, help="Samples of a run; else 2000, or the experiment's.")
-    ] = None,
-    step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
-    kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the whole sweep.")] = 1,
-    loop: Annotated[int, typer.Option(min=1, help="Loop of a plant that has several.")] = 1,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=0, help="Runs side by side; 0 runs them one by one, one a core unless given."
-        ),
-    ] = None,
-    signals: Annotated[
-        bool, typer.Option("--signals", help="Keep the signals too (Parquet).")
-    ] = False,
-    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
-) -> None:
-    """Run a plant, or any FMU, many times; goes on where it was interrupted."""
-    from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
-    from fmu_models import Sweep, catalogue, summarise
-
-    ours = str(fmu) in catalogue and not fmu.exists()
-    values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}
-    if ours:
-        count, period = steps or _CATALOGUE_STEPS, step
-    else:
-        count, period = plan_steps(summarise(fmu), steps, step)
-    plan = Sweep(
-        str(fmu),
-        steps=count,
-        grid={name: many for name, many in values.items() if len(many) > 1},
-        fixed={name: many[0] for name, many in values.items() if len(many) == 1},
-        random={name: _range_of(text) for name, text in _pairs(random or [], "--random")},
-        runs=runs,
-        seed=seed,
-        loop=loop - 1,
-        design="latin" if latin else "random",
-        period=period,
-        kind=kind,
-        timeout=timeout,
-    )
-    with _Progress(fmu.stem) as progress:
-        failed = sweep_to_file(plan, out, signals=signals, workers=workers, progress=progress.count)
-    typer.echo(f"{plan.count} runs, {len(failed)} failed: {out}")
-    for number, error in failed[:_MOST_ROWS]:
-        typer.echo(f"  run {number}: {error}", err=True)
-    if len(failed) > _MOST_ROWS:
-        typer.echo(f"  and {len(failed) - _MOST_ROWS} more in the column error", err=True)
-    if failed:
-        raise typer.Exit(1)
-
-
-def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
-    pairs = [text.partition("=") for text in texts]
-    for text, (name, sign, value) in zip(texts, pairs, strict=True):
-        if not (name and sign and value):
-            raise typer.BadParameter(f"{text!r} is not NAME=VALUES", param_hint=option)
-    return [(name, value) for name, _, value in pairs]
-
-
-def _list_of(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
-    try:
-        return tuple(float(part) for part in text.split(separator))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} are not numbers", param_hint=option) from None
-
-
-def _range_of(text: str) -> tuple[float, float]:
-    bounds = _list_of(text, "--random", ":")
-    if len(bounds) != 2:
-        raise typer.BadParameter(f"{text!r} is not LOW:HIGH", param_hint="--random")
-    return bounds[0], bounds[1]
 
 
 @app.command("new")

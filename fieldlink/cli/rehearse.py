@@ -83,6 +83,9 @@ def _runs(
 
     from fieldlink.lab.rehearse import rehearse as run_scenario
 
+    if report is not None:  # before the run: a library that is missing must not cost it
+        from fieldlink.lab.rehearse.report import write_report
+
     defects = (inject, *(file.scenario.scenario.defects if self_test else ()))
     done = []
     for defect in defects:
@@ -99,8 +102,6 @@ def _runs(
         if not as_json:
             _print(run, console)
         if report is not None:
-            from fieldlink.lab.rehearse.report import write_report
-
             several = file.name if defect is None else f"{file.name}-{defect}"
             written = write_report(run, report / several)
             if not as_json:

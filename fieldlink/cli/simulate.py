@@ -84,7 +84,7 @@ def simulate(
     controller under study gets the loop. All runs have the same noise.
     """
     from compensator import CompensatorError
-    from fieldlink.lab.study.rig import CONTROLLERS
+    from fieldlink.lab.study.controllers import CONTROLLERS
     from fieldlink.lab.study.simulation import Simulation, SimulationError
     from fieldlink.lab.study.simulation import simulate as run
 

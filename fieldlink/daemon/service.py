@@ -219,7 +219,7 @@ class Daemon:
         return self._requests.answer(request)
 
     def _put(self, record: Record) -> object:
-        """Hand a record to the store and to whoever the site file wants told; never waits."""
+        """Hand a record to the store and to the receivers that the site file names; never waits."""
         if self._publishing is not None:
             self._publishing.put(record)
         if self._notifying is not None:

@@ -93,7 +93,7 @@ class OpenFinding:
         Args:
             utc_ms: the moment.
             message: what is new.
-            followed: after a trial: what became of the others.
+            followed: after a trial: how the others swing.
         """
         document: dict[str, object] = {
             "evidence": list(self.evidence),

@@ -18,7 +18,7 @@ __all__ = ["Receiver", "receivers_of"]
 
 
 class Receiver(Protocol):
-    """Whoever takes notices."""
+    """A receiver of notices."""
 
     @property
     def where(self) -> str:

@@ -16,6 +16,7 @@ from fieldlink.registers.codes import (
     Verdict,
     describe_ack,
 )
+from fieldlink.registers.columns import read_back
 from fieldlink.registers.decoder import BlockDecoder, pack_payload, unpack_payload
 from fieldlink.registers.exchange import (
     Bank,
@@ -87,6 +88,7 @@ __all__ = [
     "next_seq",
     "pack_payload",
     "plan_reads",
+    "read_back",
     "split_commit",
     "unpack_payload",
 ]

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
@@ -78,6 +78,8 @@ class Table(StrEnum):
 class DataType(StrEnum):
     """What a tag's registers hold."""
 
+    __hash__ = str.__hash__  # as fast as a string's: each reading looks up its type
+
     INT16 = "int16"
     UINT16 = "uint16"
     INT32 = "int32"
@@ -104,7 +106,7 @@ class DataType(StrEnum):
     @property
     def is_bcd(self) -> bool:
         """Whether each four bits hold a decimal digit."""
-        return self in (DataType.BCD16, DataType.BCD32)
+        return _CODECS[self].is_bcd
 
     @property
     def format_code(self) -> str:
@@ -114,7 +116,7 @@ class DataType(StrEnum):
     @property
     def is_float(self) -> bool:
         """Whether the type can hold fractions and NaN."""
-        return self in (DataType.FLOAT32, DataType.FLOAT64)
+        return _CODECS[self].is_float
 
     @property
     def modulus(self) -> float:
@@ -136,6 +138,16 @@ class _Codec:
     registers: int
     low: float
     high: float
+    is_bcd: bool = False
+    number: struct.Struct = field(init=False)
+    """The number as big-endian bytes, compiled once: every reading of every tag goes through it."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "number", struct.Struct(f">{self.code}"))
+
+    @property
+    def is_float(self) -> bool:
+        return self.code in "fd"
 
 
 _FLOAT32_MAX = (2.0 - 2.0**-23) * 2.0**127
@@ -150,9 +162,15 @@ _CODECS: dict[DataType, _Codec] = {
     DataType.FLOAT32: _Codec("f", 2, -_FLOAT32_MAX, _FLOAT32_MAX),
     DataType.FLOAT64: _Codec("d", 4, -1.7976931348623157e308, 1.7976931348623157e308),
     DataType.BOOL: _Codec("H", 1, 0, 1),
-    DataType.BCD16: _Codec("H", 1, 0, 9999),
-    DataType.BCD32: _Codec("I", 2, 0, 99_999_999),
+    DataType.BCD16: _Codec("H", 1, 0, 9999, is_bcd=True),
+    DataType.BCD32: _Codec("I", 2, 0, 99_999_999, is_bcd=True),
     DataType.STRING: _Codec("H", 1, 0, 0),
+}
+
+# Words of registers from the bytes of a number, by byte order and count.
+_REGISTERS: dict[Order, dict[int, struct.Struct]] = {
+    "big": {count: struct.Struct(f">{count}H") for count in (1, 2, 4)},
+    "little": {count: struct.Struct(f"<{count}H") for count in (1, 2, 4)},
 }
 
 ORDERS: Mapping[str, tuple[Order, Order]] = {
@@ -192,11 +210,14 @@ def decode(
         )
     if data_type is DataType.BOOL:
         return _as_words(words, "big", "big")[0] != 0
-    ordered = _as_words(words, word_order, byte_order)
-    value: int | float = struct.unpack(
-        f">{codec.code}", struct.pack(f">{codec.registers}H", *ordered)
-    )[0]
-    return _from_bcd(int(value)) if data_type.is_bcd else value
+    registers = _REGISTERS[byte_order][codec.registers]
+    try:
+        packed = registers.pack(*(words if word_order == "big" else words[::-1]))
+    except struct.error:
+        _require_words(words)
+        raise
+    value: int | float = codec.number.unpack(packed)[0]
+    return _from_bcd(int(value)) if codec.is_bcd else value
 
 
 def encode(
@@ -218,10 +239,10 @@ def encode(
         if value not in (0, 1):
             raise RegisterValueError(f"{value!r} is not a bool; write 0 or 1")
         return [int(value)]
-    if data_type.is_float:
+    if codec.is_float:
         if math.isfinite(value) and not codec.low <= value <= codec.high:
             raise RegisterValueError(f"{value!r} does not fit {data_type} (at most {codec.high:g})")
-        packed = struct.pack(f">{codec.code}", value)
+        packed = codec.number.pack(value)
     else:
         if not math.isfinite(value):
             raise RegisterValueError(f"{value!r} does not fit {data_type}; use a float type")
@@ -230,9 +251,11 @@ def encode(
             raise RegisterValueError(
                 f"{value!r} does not fit {data_type} ({codec.low} to {codec.high})"
             )
-        packed = struct.pack(f">{codec.code}", int(str(whole), 16) if data_type.is_bcd else whole)
-    words = struct.unpack(f">{codec.registers}H", packed)
-    return _as_words(words, word_order, byte_order)
+        packed = codec.number.pack(int(str(whole), 16) if codec.is_bcd else whole)
+    words = list(_REGISTERS[byte_order][codec.registers].unpack(packed))
+    if word_order == "little":
+        words.reverse()
+    return words
 
 
 def decode_text(words: Sequence[int], *, byte_order: Order = "big") -> str:
@@ -288,11 +311,15 @@ def _from_bcd(word: int) -> int | float:
     return int(digits) if digits.isdecimal() else math.nan
 
 
-def _as_words(words: Sequence[int], word_order: Order, byte_order: Order) -> list[int]:
-    """Reorder between device order and big-endian order; the mapping is its own inverse."""
+def _require_words(words: Sequence[int]) -> None:
     for word in words:
         if not 0 <= word <= 0xFFFF:
             raise RegisterValueError(f"{word!r} is not a register value (0 to 65535)")
+
+
+def _as_words(words: Sequence[int], word_order: Order, byte_order: Order) -> list[int]:
+    """Reorder between device order and big-endian order; the mapping is its own inverse."""
+    _require_words(words)
     ordered = list(words) if word_order == "big" else list(reversed(words))
     if byte_order == "little":
         ordered = [(word >> 8) | ((word & 0xFF) << 8) for word in ordered]

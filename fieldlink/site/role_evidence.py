@@ -5,7 +5,7 @@
 OP is a percentage, so it stays in 0 to 100, and it moves first: PV follows through valve and
 process. While a controller is at work, OP moves with every change of PV in the same sample, because
 it is computed from PV; so "first" is asked of steps that begin while the other signal is at rest,
-and where there are none, of which signal the other one is computed from. What is not clear is said
+and where there are none, of which signal the other one is computed from. What is not clear is left
 to be unclear: a person decides.
 """
 
@@ -26,7 +26,7 @@ LOWEST, HIGHEST = -5.0, 105.0
 tells a broken wire from 3.6 and 21 mA, -2.5 % and 106 %)."""
 
 FEWEST = 50
-"""Samples below which nothing is said: fewer hold one movement of a loop or none."""
+"""Samples below which no role is told: fewer hold one movement of a loop or none."""
 
 EXACT = 0.1
 """Share of a signal's changes left unexplained by the other's present and last values, up to which

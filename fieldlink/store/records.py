@@ -204,7 +204,7 @@ class DiagnosisRecord(Record):
         loop: its name.
         utc_ms: when the diagnosis came.
         window_begin_ms, window_end_ms: stamps of the window's first and last slot.
-        outcome: what became of the request, in the words of an estimate's outcome.
+        outcome: the outcome of the request, in the words of an estimate's outcome.
         compensated: whether a block may have been in force during the window.
         message: why there is no diagnosis; empty where there is one.
         cause, weight: the heaviest cause; None without a diagnosis.

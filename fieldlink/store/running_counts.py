@@ -10,7 +10,7 @@ __all__ = ["RunningCounts"]
 
 
 class RunningCounts:
-    """What became of the records so far; see `StoreReport` for the meaning of each count."""
+    """Counts of the records so far; see `StoreReport` for the meaning of each count."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -49,7 +49,7 @@ class PartialReport:
             if self._open is None:
                 begin = not self._known
                 self._open = self._file.open("w" if begin else "a", encoding="utf-8")
-                # After a line that was cut off, the next one begins anew.
+                # After a line that was cut off, the next one starts again.
                 self._open.write(json.dumps(self._head) + "\n" if begin else "\n")
             line = {"recording": _key(recording, period), "result": result}
             self._open.write(json.dumps(line) + "\n")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldlink.lab.demo import stage
-from fieldlink.lab.demo.scene import DemoError, simulated_scene
+from fieldlink.lab.demo import running
+from fieldlink.lab.demo.site_files import DemoError, simulated_scene
 from tests.cli.conftest import Run
 
 
@@ -68,9 +68,9 @@ def test_a_recording_goes_through_real_registers(
 def test_a_demo_that_comes_to_no_end_says_so_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(stage, "PATIENCE", 1.0)
+    monkeypatch.setattr(running, "PATIENCE", 1.0)
     with pytest.raises(DemoError, match=r"no parameter block .* within 1 s; .* try again"):
-        stage.perform(simulated_scene(tmp_path, seed=1), lambda _: None)
+        running.perform(simulated_scene(tmp_path, seed=1), lambda _: None)
     assert multiprocessing.active_children() == []
     assert "Traceback" not in capfd.readouterr().err
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +30,21 @@ def test_the_step_test_finds_lag_and_gain(mini_fmus: dict[str, Path]) -> None:
     assert slow.gain == pytest.approx(1.0, rel=0.02)
 
 
-def test_an_integrating_process_is_seen() -> None:
+def test_an_integrating_process_is_seen(tmp_path: Path) -> None:
     level = LoopWish("op", "pv", op_start=50.0)
-    response = respond(summarise(fmu_path("level")), level)
-    assert response.integrates
-    gain, integral_time = response.tune()
-    assert gain * response.gain > 0.0
-    assert integral_time > response.period
+    fmu = summarise(fmu_path("level"))
+    # Without a step of its own there is nothing to scale the scan by: no lag, no dead time.
+    for described in (fmu, replace(fmu, step_size=None)):
+        response = respond(described, level)
+        assert response.integrates
+        gain, integral_time = response.tune()
+        assert gain * response.gain > 0.0
+        assert integral_time > response.period > 0.1
+        file = tmp_path / f"{described.step_size}.toml"
+        write_scenario(described, level, response, file)
+        steps = [value for _, value in load_scenario(file).scenario.setpoint]
+        # What 4 % of OP does to PV in five scans at least: the controller has to answer.
+        assert max(steps) - min(steps) >= 4.0 * abs(response.gain) * 5.0 * response.period * 0.99
 
 
 def test_the_loop_is_identified_and_compensated(mini_fmus: dict[str, Path], tmp_path: Path) -> None:

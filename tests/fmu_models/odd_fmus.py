@@ -43,6 +43,7 @@ _VARIABLES = """
 def _description(events: bool, experiment: str) -> str:
     capabilities = 'canGetAndSetFMUState="true" canSerializeFMUState="true"'
     more = 'hasEventMode="true" mightReturnEarlyFromDoStep="true"' if events else ""
+    more += ' providesIntermediateUpdate="true"'
     return (
         '<?xml version="1.0"?><fmiModelDescription fmiVersion="3.0" modelName="odd" '
         'instantiationToken="{odd}" generationTool="by hand">'

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import fmpy
+import fmpy.simulation
 import numpy as np
+import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+from fieldlink.cli.fmu import app
 from fmu_models import PlantEndedError, PlantInputError, PlantNameError, open_plant, summarise
 
 Odd = dict[str, Path]
@@ -104,3 +109,64 @@ def test_whole_numbers_that_do_not_fit_are_refused_in_words(odd: Odd) -> None:
             PlantInputError, match=rf"mode = 1\.5 cannot be set; it must be {words}$"
         ):
             plant.step({"mode": 1.5})
+
+
+@pytest.mark.parametrize("isolated", [True, False])
+def test_outputs_between_the_ends_of_a_step_are_those_that_fmpy_sees(
+    odd: Odd, tmp_path: Path, isolated: bool
+) -> None:
+    with open_plant(odd["events"], period=1.0, intermediate=True, isolated=isolated) as plant:
+        plant.run(3, {})
+        first = plant.take_intermediate()
+        plant.step({})
+        second = plant.take_intermediate()
+        assert plant.take_intermediate().time.size == 0
+    moments, x = _between_the_steps_by_fmpy(odd["events"], tmp_path, stop=4.0)
+    np.testing.assert_array_equal(np.concatenate([first.time, second.time]), moments)
+    np.testing.assert_array_equal(np.concatenate([first.columns["x"], second.columns["x"]]), x)
+    crossing = np.log(2.0)  # where x passes 0.5, between two steps
+    assert first.columns["x"][0] == 0.5
+    np.testing.assert_allclose(first.time[:2], [crossing, 0.7], rtol=1e-12)
+    with open_plant(odd["events"]) as plant, pytest.raises(PlantInputError, match="are not kept"):
+        plant.take_intermediate()
+    with pytest.raises(PlantInputError, match="offers no outputs between the ends of a step"):
+        open_plant(odd["plain"], kind="model exchange", intermediate=True)
+
+
+def _between_the_steps_by_fmpy(
+    file: Path, folder: Path, stop: float
+) -> tuple[list[float], list[float]]:
+    """Return moments and x of the callbacks under ``fmpy.simulate_fmu``, at steps of 1 s."""
+    moments: list[float] = []
+    values: list[float] = []
+    description = fmpy.read_model_description(str(file))
+    reference = next(v.valueReference for v in description.modelVariables if v.name == "x")
+
+    def listen(_e: object, time: float, *_flags: object) -> None:
+        moments.append(time)
+        values.extend(fmu.getFloat64([reference]))
+
+    unzipped = fmpy.extract(str(file), str(folder))
+    fmu = fmpy.simulation.instantiate_fmu(
+        unzipped, description, "CoSimulation", early_return_allowed=True, event_mode_used=True,
+        intermediate_update=listen, required_intermediate_variables=[reference],
+    )  # fmt: skip
+    fmpy.simulate_fmu(
+        unzipped, model_description=description, fmi_type="CoSimulation", stop_time=stop,
+        output_interval=1.0, early_return_allowed=True, use_event_mode=True, fmu_instance=fmu,
+    )  # fmt: skip
+    fmu.freeInstance()
+    return moments, values
+
+
+def test_the_outputs_between_the_steps_go_into_a_file(odd: Odd, tmp_path: Path) -> None:
+    between = tmp_path / "between.csv"
+    done = CliRunner().invoke(
+        app,
+        ["run", str(odd["plain"]), "--step", "1", "--stop", "3", "--intermediate", str(between)],
+    )
+    assert done.exit_code == 0, done.output
+    table = pd.read_csv(between)
+    assert table["time"].is_monotonic_increasing
+    np.testing.assert_allclose(table["x"][0], 0.5, rtol=1e-12)
+    assert set(table["time"]) >= {1.0, 2.0, 3.0}

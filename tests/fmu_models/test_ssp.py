@@ -11,7 +11,15 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
-from fmu_models import PlantEndedError, PlantFileError, PlantNameError, open_plant, summarise
+from fmu_models import (
+    Master,
+    PlantEndedError,
+    PlantFileError,
+    PlantInputError,
+    PlantNameError,
+    open_plant,
+    summarise,
+)
 from fmu_models.example_system import build_example_system
 
 Minis = dict[str, Path]
@@ -57,13 +65,13 @@ def connection(start: str, end: str, more: str = "") -> str:
 
 def write(
     file: Path, fmu: Path, elements: str, connections: str, *, own: str = "",
-    bindings: str = "", extra: dict[str, str] | None = None,
+    bindings: str = "", extra: dict[str, str] | None = None, enumerations: str = "",
 ) -> Path:  # fmt: skip
     text = (
         f'<ssd:SystemStructureDescription name="two" version="1.0"{_NAMES}>'
         f'<ssd:System name="two"><ssd:Connectors>{own}</ssd:Connectors>{bindings}'
         f"<ssd:Elements>{elements}</ssd:Elements>"
-        f"<ssd:Connections>{connections}</ssd:Connections></ssd:System>{UNITS}"
+        f"<ssd:Connections>{connections}</ssd:Connections></ssd:System>{enumerations}{UNITS}"
         '<ssd:DefaultExperiment startTime="0" stopTime="4"/></ssd:SystemStructureDescription>'
     )
     with zipfile.ZipFile(file, "w") as archive:
@@ -238,6 +246,142 @@ def test_files_that_are_no_systems(tmp_path: Path, mini_fmus: Minis) -> None:
     missing = write(tmp_path / "missing.ssp", mini_fmus["fmi2"], elements, CHAIN, own=OWN)
     with pytest.raises(PlantFileError, match=r"its FMU resources/no\.fmu is not in the archive"):
         open_plant(missing, period=1.0)
+
+
+def values(*parameters: str) -> str:
+    inside = "".join(
+        f'<ssv:Parameter name="{name}">{value}</ssv:Parameter>'
+        for name, _, value in (text.partition("=") for text in parameters)
+    )
+    return (
+        f'<ssv:ParameterSet{_NAMES} version="1.0" name="p"><ssv:Parameters>{inside}'
+        "</ssv:Parameters></ssv:ParameterSet>"
+    )
+
+
+def binding(*parameters: str, mapping: str = "", attributes: str = "") -> str:
+    inside = f"<ssd:ParameterValues>{values(*parameters)}</ssd:ParameterValues>"
+    if mapping:
+        inside += (
+            f'<ssd:ParameterMapping><ssm:ParameterMapping{_NAMES} version="1.0">{mapping}'
+            "</ssm:ParameterMapping></ssd:ParameterMapping>"
+        )
+    return f"<ssd:ParameterBinding{attributes}>{inside}</ssd:ParameterBinding>"
+
+
+def bound(*bindings: str) -> str:
+    return f"<ssd:ParameterBindings>{''.join(bindings)}</ssd:ParameterBindings>"
+
+
+def entry(source: str, target: str, change: str) -> str:
+    return f'<ssm:MappingEntry source="{source}" target="{target}">{change}</ssm:MappingEntry>'
+
+
+def table(kind: str, *pairs: tuple[str, str]) -> str:
+    entries = "".join(f'<ssc:MapEntry source="{a}" target="{b}"/>' for a, b in pairs)
+    return f"<ssc:{kind}MappingTransformation>{entries}</ssc:{kind}MappingTransformation>"
+
+
+def test_start_values_by_the_rules_of_the_schema(mini_fmus: Minis, tmp_path: Path) -> None:
+    """Outer systems win, later bindings win, prefixes come before mappings, unknown names go."""
+    outside = bound(
+        binding(
+            'first.gauge=<ssv:Integer value="7"/>',
+            'first.speed=<ssv:Enumeration value="quick"/>',
+            'nobody.knows=<ssv:Real value="1"/>',
+            'level=<ssv:Real value="9"/>',
+            mapping=entry("first.gauge", "second.mode", table("Integer", ("7", "2"), ("8", "1")))
+            + entry("first.speed", "first.mode", table("Enumeration", ("quick", "fast"))),
+        ),
+        binding('mode=<ssv:Real value="1"/>', attributes=' prefix="nobody."'),
+    )
+    slow = binding('mode=<ssv:Enumeration value="slow"/>')
+    inflow = binding('tank.inflow[1]=<ssv:Real value="250" unit="mm"/>')
+    file = write(
+        tmp_path / "starts.ssp", mini_fmus["fmi2"],
+        tank("first", "m", more=bound(slow, inflow)) + tank("second", more=bound(slow)),
+        connection("second/tank.h", "level"), own=connector("level", "output", "m"),
+        bindings=outside,
+    )  # fmt: skip
+    summary = summarise(file)
+    starts = {v.name: v.start for v in summary.variables}
+    assert (starts["first.mode"], starts["second.mode"]) == ("2", "2")
+    assert starts["first.tank.inflow[1]"] == "0.25"  # its connector is in m
+    assert any("nobody.mode" in text for text in summary.warnings)
+    with open_plant(file, period=0.5, isolated=False) as plant:
+        end = plant.run(60, {})
+    np.testing.assert_allclose(end["first.tank.h"][-1], 0.5, rtol=1e-6)
+
+
+def test_tables_and_enumerations_of_connections(mini_fmus: Minis, tmp_path: Path) -> None:
+    """A mode of the system in words feeds the tanks' modes; one that is not in the table fails."""
+    choice = (
+        '<ssd:Connector name="choice" kind="input"><ssc:Enumeration name="Own"/></ssd:Connector>'
+    )
+    mode = '<ssd:Connector name="mode" kind="input"><ssc:Enumeration name="Mode"/></ssd:Connector>'
+    enumerations = (
+        '<ssd:Enumerations><ssc:Enumeration name="Own"><ssc:Item name="slow" value="10"/>'
+        '<ssc:Item name="fast" value="20"/></ssc:Enumeration><ssc:Enumeration name="Mode">'
+        '<ssc:Item name="single" value="1"/><ssc:Item name="double" value="2"/>'
+        "</ssc:Enumeration></ssd:Enumerations>"
+    )
+    words = table("Enumeration", ("slow", "single"), ("fast", "double"))
+    inflow, level = connector("tank.inflow[1]", "input"), connector("tank.h", "output", "m")
+    file = write(
+        tmp_path / "tables.ssp", mini_fmus["fmi2"], component("first", inflow, level, mode),
+        connection("feed", "first/tank.inflow[1]") + connection("first/tank.h", "level")
+        + connection("choice", "first/mode", words),
+        own=OWN + choice, enumerations=enumerations,
+    )  # fmt: skip
+    assert next(v.start for v in summarise(file).variables if v.name == "choice") == "10"
+    with open_plant(file, period=0.5, parameters={"feed": 1.0}, isolated=False) as plant:
+        table_ = plant.run(60, {"choice": 20.0})
+        np.testing.assert_allclose(table_["level"][-1], 2.0, rtol=1e-6)
+        with pytest.raises(PlantInputError, match="has no entry for 3, only for 10, 20"):
+            plant.step({"choice": 3.0})
+
+
+def test_jacobi_gives_everybody_the_values_of_the_step_before(
+    mini_fmus: Minis, tmp_path: Path
+) -> None:
+    file = write(
+        tmp_path / "two.ssp", mini_fmus["fmi2"], tank("first") + tank("second"), CHAIN, own=OWN
+    )
+    tables = [
+        _run(file, master, isolated)
+        for master, isolated in (("jacobi", True), ("jacobi", False), ("gauss-seidel", False))
+    ]
+    np.testing.assert_array_equal(tables[0]["level"], tables[1]["level"])
+    np.testing.assert_array_equal(tables[0]["first.tank.h"], tables[2]["first.tank.h"])
+    # The second tank is fed one step later, so its whole answer is.
+    np.testing.assert_allclose(tables[0]["level"][1:], tables[2]["level"][:-1], atol=1e-12)
+    with pytest.raises(PlantInputError, match="a master is for systems"):
+        open_plant(mini_fmus["fmi2"], master="jacobi")
+
+
+def _run(file: Path, master: Master, isolated: bool) -> dict[str, np.ndarray]:
+    with open_plant(file, period=0.1, isolated=isolated, master=master) as plant:
+        return plant.run(20, {"feed": 2.0})
+
+
+def test_a_run_is_exported_as_a_system_that_repeats_it(mini_fmus: Minis, tmp_path: Path) -> None:
+    system = write(
+        tmp_path / "two.ssp", mini_fmus["fmi2"], tank("first") + tank("second"), CHAIN, own=OWN
+    )
+    for source, given in ((system, ["feed=2", "first.mode=fast"]), (mini_fmus["fmi2"], ["mode=2"])):
+        exported, again = tmp_path / "run.ssp", tmp_path / "again.csv"
+        options = [text for pair in given for text in ("--set", pair)]
+        first = ["run", str(source), "--step", "0.25", "--stop", "3", "--in-process", *options]
+        if source is system:
+            first += ["--master", "jacobi"]
+        done = CliRunner().invoke(app, [*first, "--export", str(exported)])
+        assert done.exit_code == 0, done.output
+        with zipfile.ZipFile(exported) as archive:
+            kept = pd.read_csv(archive.open("extra/fieldlink/run.csv"))
+        done = CliRunner().invoke(app, ["run", str(exported), "--in-process", "--out", str(again)])
+        assert done.exit_code == 0, done.output
+        repeated = pd.read_csv(again)
+        pd.testing.assert_frame_equal(repeated[kept.columns], kept, check_exact=True)
 
 
 def test_the_shipped_example_is_the_loop_in_one_fmu(tmp_path: Path) -> None:

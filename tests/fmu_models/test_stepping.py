@@ -244,9 +244,13 @@ class _NanFmu:
 
     component = None
 
-    def fmi3GetFloat64(self, _c: object, _r: object, count: int, values: object, _n: int) -> None:  # noqa: N802
+    def __init__(self) -> None:
+        self._functions = {"fmi3GetFloat64": self._put_nan}
+
+    def _put_nan(self, _c: object, _r: object, count: int, values: object, _n: int) -> int:
         for i in range(count):
             values[i] = float("nan")  # type: ignore[index]
+        return 0
 
 
 def test_nan_in_an_output_is_an_error() -> None:

@@ -18,23 +18,46 @@ MakeSite = Callable[..., Site]
 TAGS = ["FC101.OP", "FC101.PV", "FC101.SCAN"]
 
 
+SLOW_LOOP = """
+[loops.TC1]
+device = "plc"
+op = "TC1.OP"
+pv = "TC1.PV"
+period = 3.0
+[loops.TC1.plant]
+fmu = "example2"
+controller = "pi"
+pi = { gain = 0.5, integral_time = 20.0 }
+seed = 4
+setpoint = [[0.0, 50.0], [40.0, 55.0]]
+"""
+SLOW_TAGS = "TC1.OP,holding,20,int16,,,\nTC1.PV,input,4,float64,,,\n"
+
+
 def test_a_batch_is_what_a_client_reads_after_every_scan(make_site: MakeSite) -> None:
-    site = make_site()
-    expected: dict[str, list[float]] = {tag: [] for tag in TAGS}
+    site = make_site(registers=MAP + SLOW_TAGS, more=SLOW_LOOP)
+    names = [*TAGS, "FC101.SP", "FC101.MODE", "TC1.OP", "TC1.PV"]
+    expected: dict[str, list[float]] = {tag: [] for tag in names}
     with VirtualPlc(site, "plc") as plc:
         for _ in range(300):
             plc.scan()
-            for name in TAGS:
+            for name in names:
                 tag = site.maps["plc"][name]
                 words = plc.image.read(tag.table, tag.address, tag.count)
                 expected[name].append(tag.decode(words).value)
     with BatchedPlc(site, "plc") as batched:
-        parts = [batched.record(count, TAGS) for count in (1, 199, 100)]
+        parts = [batched.record(count, names) for count in (1, 199, 100)]
         assert batched.scan_period == 1.0
         assert batched.failures() == {}
-    for name in TAGS:
+        image = {n: site.maps["plc"][n] for n in names}
+        for name, tag in image.items():
+            if tag.table is Table.HOLDING:
+                left = tag.decode(batched.read(tag.table, tag.address, tag.count)).value
+                assert left == expected[name][-1]
+    for name in names:
         np.testing.assert_array_equal(np.concatenate([p[name] for p in parts]), expected[name])
     assert np.ptp(expected["FC101.PV"]) > 1.0
+    assert np.ptp(expected["TC1.OP"]) >= 1.0
 
 
 def test_writes_between_batches_and_refusals(make_site: MakeSite) -> None:

@@ -14,7 +14,7 @@ from fieldlink.daemon.windows.pipeline import LoopCounts
 from fieldlink.lab.rehearse.expected import Expectation
 from fieldlink.lab.rehearse.judge import judge
 from fieldlink.lab.rehearse.outcome import RunCourse, Window, track_of
-from fieldlink.lab.rehearse.stage import Trend
+from fieldlink.lab.rehearse.simulated_site import Trend
 from fieldlink.store import EventRecord, WritebackRecord
 
 ADAPTER: TypeAdapter[Expectation] = TypeAdapter(Expectation)

@@ -15,7 +15,7 @@ import httpx
 import pytest
 
 from fieldlink.lab.demo.plc_process import PlcProcess
-from fieldlink.lab.demo.scene import simulated_scene
+from fieldlink.lab.demo.site_files import simulated_scene
 
 PATIENCE = 100.0
 """Seconds for what happens by itself on a machine that has other work."""

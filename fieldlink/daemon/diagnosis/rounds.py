@@ -232,7 +232,7 @@ class DiagnosisRounds:
         )
 
     async def _repairs(self) -> dict[str, Repair]:
-        """Return the newest repair of each loop, whoever noted it."""
+        """Return the newest repair of each loop, from any author."""
         if self._url is None:
             return {}
         try:

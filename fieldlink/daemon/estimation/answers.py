@@ -1,4 +1,4 @@
-"""What comes back from a worker: a value, or what became of the request instead."""
+"""What comes back from a worker: a value, or the outcome of a request without one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Answer(Generic[T]):
 
 
 class Worker(Protocol):
-    """Whoever does work: a pool of processes, or the caller's own thread."""
+    """What does the work: a pool of processes, or the caller's own thread."""
 
     async def call(self, work: Callable[[A], T], task: A) -> Answer[T]:
         """Have something done; never raises for what the task or a worker does."""

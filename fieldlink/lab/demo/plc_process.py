@@ -15,7 +15,7 @@ from pathlib import Path
 import structlog
 
 from fieldlink.errors import FieldlinkError
-from fieldlink.lab.demo.scene import DEVICE, DemoError
+from fieldlink.lab.demo.site_files import DEVICE, DemoError
 from fieldlink.lab.plc import PlcServer, Truth, serve
 from fieldlink.site import load_site
 

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 from estimator import identify
 from fieldlink.lab.demo.outcome import DemoOutcome, phases
-from fieldlink.lab.demo.scene import DEVICE, DemoError, Scene
-from fieldlink.lab.demo.stage import Performance
+from fieldlink.lab.demo.running import Performance
+from fieldlink.lab.demo.site_files import DEVICE, DemoError, Scene
 from fieldlink.pictures import MARK, MODEL, OP, PV, STEM, identification_figure, save, svg
 from fieldlink.store import read_samples, read_writebacks
 

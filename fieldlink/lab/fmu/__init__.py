@@ -1,6 +1,10 @@
-"""Anybody's FMU: map its variables to tags, run it, sweep it, begin one of your own."""
+"""Anybody's FMU: map its variables to tags, run it, sweep it, begin one of your own.
+
+Loading and stepping an FMU is `fmu_models`; serving it as a PLC is `fieldlink.lab.plc`.
+"""
 
 from fieldlink.lab.fmu.errors import FmuError
+from fieldlink.lab.fmu.exporting import export_system
 from fieldlink.lab.fmu.mapping import FmuMap, load_map
 from fieldlink.lab.fmu.recorder import RunResult, TableFile
 from fieldlink.lab.fmu.runner import RunSettings, run_fmu
@@ -14,6 +18,7 @@ __all__ = [
     "RunSettings",
     "TableFile",
     "conversion",
+    "export_system",
     "load_map",
     "run_fmu",
 ]

@@ -103,7 +103,10 @@ def respond(fmu: FmuSummary, wish: LoopWish) -> StepResponse:
         span = (fmu.stop_time or fmu.start_time + 1000.0) - fmu.start_time
         step = span / 500.0
         rough = _measure(fmu, wish, op, step)
-        step = round_to_125((rough.lag + rough.dead_time) / _SAMPLES_A_LAG)
+        delay = rough.lag + rough.dead_time
+        if not rough.integrates or rough.dead_time > step:  # else there is no time to scale by
+            step = delay / _SAMPLES_A_LAG
+        step = round_to_125(step)
     return _measure(fmu, wish, op, step)
 
 
@@ -179,7 +182,8 @@ def _describe(
     if integrates:
         half = rise.size // 2
         slope, offset = np.polyfit(time[half:], rise[half:], 1)
-        late = max(0.0, -offset / slope)
+        late = -offset / slope
+        late = late if late > 1e-6 * step else 0.0  # the rest is rounding
         return StepResponse(start, float(slope), late, late, True, step, op)
     final = float(rise[-1])
     share = rise / final
@@ -206,7 +210,8 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
     lags = max(response.lag + response.dead_time, 4.0 * period)
     window = round(min(max(_WINDOW_LAGS * lags / period, _LEAST_WINDOW), _MOST_WINDOW))
     seconds = window * period
-    moved = response.start + 4.0 * response.gain * (response.lag if response.integrates else 1.0)
+    reach = max(response.lag, 5.0 * period) if response.integrates else 1.0
+    moved = response.start + 4.0 * response.gain * reach
     begin = 20.0 * period
     rows = {
         "start": response.start,

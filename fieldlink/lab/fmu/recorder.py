@@ -43,6 +43,8 @@ class RunResult:
         failure: why it failed before the stop time; None when it did not.
         late: steps of a paced run that were not done by the next one's deadline.
         seconds: that the run took.
+        start_values: that the FMU was given, by variable, in its own unit.
+        step: seconds.
     """
 
     model: str
@@ -55,6 +57,8 @@ class RunResult:
     failure: str | None
     late: int
     seconds: float
+    start_values: Mapping[str, float]
+    step: float
 
     def frame(self) -> pd.DataFrame:
         """Return it as a table, time first."""

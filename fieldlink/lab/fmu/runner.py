@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.control import LoopController
@@ -22,7 +23,7 @@ from fieldlink.lab.fmu.mapping import FmuMap
 from fieldlink.lab.fmu.recorder import TIME_VARIABLE, RunResult, RunTable, TableFile
 from fieldlink.lab.fmu.signals import SETPOINT, Signals
 from fieldlink.lab.fmu.state_file import load_state, save_state
-from fmu_models import FmuSummary, Plant, PlantEndedError, PlantError, open_plant
+from fmu_models import FmuSummary, Master, Plant, PlantEndedError, PlantError, open_plant
 
 __all__ = ["RunSettings", "run_fmu"]
 
@@ -47,6 +48,8 @@ class RunSettings:
         speed: plant seconds a second; None runs as fast as it can.
         isolated: run the FMU in a process of its own.
         timeout: seconds that one step may take.
+        master: of a system, "gauss-seidel" or "jacobi"; None takes its own.
+        intermediate: a CSV for the outputs between the ends of a step; None for none.
         table: the rows go there as they are computed.
         load: a state file to begin from.
         save: a state file to write.
@@ -62,6 +65,8 @@ class RunSettings:
     speed: float | None = None
     isolated: bool = True
     timeout: float = 60.0
+    master: Master | None = None
+    intermediate: Path | None = None
     table: TableFile | None = None
     load: Path | None = None
     save: Path | None = None
@@ -105,6 +110,8 @@ class _Run:
         self.notes = [] if note is None else [note]
         if "time" in self.signals.outputs or "time" in self.signals.inputs:
             self.notes.append(f"the variable called time is the column {TIME_VARIABLE}")
+        self.given: dict[str, float] = {}
+        self.began = False
         self.late = 0
         self.ended: str | None = None
         self.failure: str | None = None
@@ -113,14 +120,17 @@ class _Run:
     def result(self) -> RunResult:
         begun = time.perf_counter()
         settings = self.settings
+        self.given = self._start_values()
         with open_plant(
             self.fmu.file,
-            parameters=self._start_values(),
+            parameters=self.given,
             period=self.step,
             kind=settings.kind,
             watch=[out.variable for out in self.signals.outputs.values()],
             isolated=settings.isolated,
             timeout=settings.timeout,
+            master=settings.master,
+            intermediate=settings.intermediate is not None,
         ) as plant:
             if settings.load is not None:
                 plant.restore(load_state(settings.load, self.fmu.file))
@@ -226,9 +236,25 @@ class _Run:
                 table.extend(piece)
                 self._write_rows(driven, table, table.rows - 1)
                 self.progress(float(piece.time[-1]))
+            self._write_intermediate(plant)
             done = end
             if done == save_row:
                 self._save(plant)
+
+    def _write_intermediate(self, plant: Plant) -> None:
+        """Put the outputs between the ends of the steps so far on the disk, by variable."""
+        target = self.settings.intermediate
+        if target is None:
+            return
+        piece = plant.take_intermediate()
+        table = pd.DataFrame({"time": piece.time, **piece.columns})
+        try:
+            table.to_csv(
+                target, index=False, header=not self.began, mode="a" if self.began else "w"
+            )
+        except OSError as error:
+            raise FmuError(f"{target}: it cannot be written: {error.strerror}") from error
+        self.began = True
 
     def _stepwise(
         self,
@@ -260,6 +286,7 @@ class _Run:
             for piece in plant.run_pieces(1, inputs, last=last):
                 table.extend(piece)
             self._write_rows(driven, table, table.rows - 1)
+            self._write_intermediate(plant)
             if k + 1 == save_row:
                 self._save(plant)
             if self.settings.speed is not None:
@@ -327,4 +354,6 @@ class _Run:
             failure=self.failure,
             late=self.late,
             seconds=0.0,
+            start_values=self.given,
+            step=self.step,
         )

@@ -4,8 +4,8 @@
         table = plc.record(10_000, ["FC101.OP", "FC101.PV"])   # read after every scan
 
 Controllers, registers and FMUs sit in that one process, so no message stands between a controller
-and its plant. What is read comes through the register image after each scan, rounded and in the
-ranges of the wire, as a client with the same scan would read it. A client that writes does so
+and its plant. What comes back is what a client with the same scan would read, rounded and in the
+ranges of the wire. A client that writes does so
 between two batches. A crash or an endless step of an FMU ends that process, not this one.
 """
 
@@ -21,7 +21,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from time import monotonic
 from types import TracebackType
 from typing import Any, Self
 
@@ -31,6 +30,7 @@ from numpy.typing import NDArray
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc.build import ANSWER_WITHIN, PlcError
 from fieldlink.lab.plc.image import RequestRefusedError
+from fieldlink.lab.plc.readings import ScanReader
 from fieldlink.lab.plc.virtual import VirtualPlc
 from fieldlink.registers import Table
 from fieldlink.site import Site
@@ -230,19 +230,10 @@ def _record(
                 f"device {plc.device}: its register map has no tag {name!r}, it has "
                 f"{', '.join(tags)}"
             )
-    chosen = [tags[name] for name in names]
-    places = [(tag.table, tag.address, tag.count) for tag in chosen]
-    decoders = [tag.decode for tag in chosen]
-    read, scan = plc.image.read, plc.scan
+    reader = ScanReader(plc, site, [tags[name] for name in names])
     done = 0
     while done < count:
-        rows: list[list[float]] = []
-        until = monotonic() + _PIECE_SECONDS
-        while done < count and (not rows or monotonic() < until):
-            scan()
-            rows.append(
-                [decode(read(*place)).value for decode, place in zip(decoders, places, strict=True)]
-            )
-            done += 1
-        _tell(connection, {"rows": len(rows)})
-        connection.send_bytes(np.array(rows, dtype=np.float64).tobytes())
+        table = reader.scan(count - done, _PIECE_SECONDS)
+        _tell(connection, {"rows": len(table)})
+        connection.send_bytes(table.tobytes())
+        done += len(table)

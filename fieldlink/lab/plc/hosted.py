@@ -13,7 +13,7 @@ from fieldlink.lab.plc.truth import CycleRecord, TruthLog
 from fieldlink.registers import ReaderState
 from fieldlink.site import Loop
 
-__all__ = ["HostedLoop", "exact_period"]
+__all__ = ["HostedLoop", "exact_period", "manual_value"]
 
 SETTLE = 1.0
 """Seconds that who asks for the truth waits for a plant at work."""
@@ -22,6 +22,11 @@ SETTLE = 1.0
 def exact_period(loop: Loop) -> Fraction:
     """Return a loop's period in seconds as written, to the microsecond, without rounding."""
     return Fraction(loop.period).limit_denominator(1_000_000)
+
+
+def manual_value(loop: Loop) -> float:
+    """Return what a loop's mode tag shows in manual: the least value that is not automatic."""
+    return next(float(v) for v in range(256) if v not in loop.auto_values)
 
 
 class HostedLoop:
@@ -58,10 +63,11 @@ class HostedLoop:
         self._late_automatic = False
         self.late = 0
         self._stem_comes = False
+        self._record: CycleRecord | None = None
         self.program = program
         self._tags = tags
         self._auto_values = loop.auto_values
-        self._manual_value = next(float(v) for v in range(256) if v not in loop.auto_values)
+        self._manual_value = manual_value(loop)
         self._compensate = loop.plant is not None and loop.plant.compensate
         steps = loop.plant.setpoint if loop.plant is not None else ()
         self._profile = SetpointProfile(steps or ((0.0, program.pv),))
@@ -91,17 +97,26 @@ class HostedLoop:
                 self.failure, self._stands = str(error), True
 
     def end(self) -> None:
-        """End the cycle, after the plant was stepped, and bring the registers up to date."""
-        record = self._standing_still()
+        """End the cycle, after the plant was stepped; the tags know of it after `show`."""
+        record = None
         if not self._stands:
             try:
                 record = self.program.end()
             except LoopFailedError as error:
                 self.failure = str(error)
+        if record is None:
+            record = self._standing_still()
         plant = self.program.plant
         self._stem_comes = not self._stands and plant is not None and plant.is_at_work
         self.log.add(record)
+        self._record = record
         self.cycles += 1
+
+    def show(self) -> None:
+        """Bring the tags up to date with the cycle that ended last."""
+        record = self._record
+        if record is None:
+            return
         self._show("op", record.op)
         self._show("pv", record.pv)
         self._show("sp", record.sp)

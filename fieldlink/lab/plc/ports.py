@@ -8,7 +8,15 @@ from collections.abc import Sequence
 from fieldlink.lab.plc.image import RegisterImage
 from fieldlink.registers import BlockReader, ExchangeLayout, ReaderState, Refusal, Table, Tag
 
-__all__ = ["ExchangePort", "TagPort"]
+__all__ = ["ExchangePort", "TagPort", "counter_modulus"]
+
+
+def counter_modulus(tag: Tag) -> int | None:
+    """Return where a counter in a tag's registers begins again at 0; None for a float."""
+    if tag.data_type.is_float:
+        return None
+    low, high = tag.data_type.bounds
+    return int(high) - max(0, int(low)) + 1
 
 
 class TagPort:
@@ -18,8 +26,8 @@ class TagPort:
         self._image = image
         self._tag = tag
         self._written = False
-        low, high = tag.data_type.bounds
-        self._modulus = None if tag.data_type.is_float else int(high) - max(0, int(low)) + 1
+        self._is_float = tag.data_type.is_float
+        self._modulus = counter_modulus(tag)
         image.define(
             tag.table,
             tag.address,
@@ -43,13 +51,14 @@ class TagPort:
 
         NaN goes into a float as it is; integers have no such value and keep what they hold.
         """
-        if math.isnan(value) and not self._tag.data_type.is_float:
+        tag = self._tag
+        if not self._is_float and math.isnan(value):
             return
-        if self._tag.bit is not None:
-            word = self._image.get(self._tag.table, self._tag.address, 1)[0]
-            self._put([self._tag.with_bit(word, value != 0.0)])
+        if tag.bit is not None:
+            word = self._image.get(tag.table, tag.address, 1)[0]
+            self._put([tag.with_bit(word, value != 0.0)])
             return
-        self._put(self._tag.encode(value, clamp=True))
+        self._image.put(tag.table, tag.address, tag.encode(value, clamp=True))
 
     def count(self, number: int) -> None:
         """Store a counter, which begins again at 0 behind the largest number of its type."""

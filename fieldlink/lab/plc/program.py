@@ -7,8 +7,7 @@ runs a controller on a plant. A third kind is one more class with these members.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from compensator import Supervisor
 from fieldlink.errors import FieldlinkError
@@ -24,8 +23,7 @@ class LoopFailedError(FieldlinkError):
     """What stands behind a loop has failed; the loop stops, the rest of the PLC goes on."""
 
 
-@dataclass(frozen=True, slots=True)
-class Commands:
+class Commands(NamedTuple):
     """What the operator and Fieldlink ask of a cycle.
 
     Attributes:

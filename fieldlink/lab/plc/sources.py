@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from compensator import Controller, OpLimits, Supervisor, WithdrawReason
 from fieldlink.compensate.offers import uncertainty_of
@@ -34,8 +34,7 @@ class ClientState(IntEnum):
     MANUAL = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """OP, whether the loop is in automatic, and the status to show (None for none)."""
 
     op: float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,7 @@ CAPACITY = 200_000
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class CycleRecord:
+class CycleRecord(NamedTuple):
     """One control cycle k: PV read, OP computed from it and applied, the stem it led to.
 
     Attributes:
@@ -70,14 +70,17 @@ class TruthLog:
 
     def add(self, record: CycleRecord) -> None:
         """Take in the next cycle."""
-        signals = (record.op, record.pv, record.sp, record.stem)
-        for signal, value in zip(self._signals, signals, strict=True):
-            signal.append(value)
-        for flags, flag in zip(self._flags, (record.automatic, record.compensated), strict=True):
-            flags.append(flag)
+        op, pv, sp, stem = self._signals
+        op.append(record.op)
+        pv.append(record.pv)
+        sp.append(record.sp)
+        stem.append(record.stem)
+        automatic, compensated = self._flags
+        automatic.append(record.automatic)
+        compensated.append(record.compensated)
         self._cycles += 1
         # Now and then, because what is deleted at the front moves all the rest.
-        if len(self._signals[0]) > self._capacity + self._capacity // 4:
+        if len(op) > self._capacity + self._capacity // 4:
             for signal in self._signals:
                 del signal[: -self._capacity]
             for flags in self._flags:
@@ -87,11 +90,11 @@ class TruthLog:
         """Set the stem of the last cycle, which became known after it."""
         self._signals[3][-1] = stem
 
-    def arrays(self) -> Truth:
-        """Return what is kept, as copies."""
-        kept = min(self._cycles, self._capacity)
-        last = slice(-kept, None) if kept else slice(0)
-        op, pv, sp, stem = (np.array(column[last]) for column in self._signals)
-        automatic, compensated = (np.array(column[last], bool) for column in self._flags)
+    def arrays(self, last: int | None = None) -> Truth:
+        """Return what is kept, or the ``last`` cycles of it, as copies."""
+        kept = min(self._cycles, self._capacity if last is None else last)
+        rows = slice(-kept, None) if kept else slice(0)
+        op, pv, sp, stem = (np.array(column[rows]) for column in self._signals)
+        automatic, compensated = (np.array(column[rows], bool) for column in self._flags)
         first = self._cycles - kept
         return Truth(np.arange(first, self._cycles), op, pv, sp, stem, automatic, compensated)

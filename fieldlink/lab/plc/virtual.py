@@ -104,6 +104,7 @@ class VirtualPlc:
             if supervisor is not None:
                 supervisor.restore(memory)
         self._period = scan_period(site, device)
+        self._numerator, self._denominator = self._period.as_integer_ratio()
         self._due = [(loop, int(loop.period / self._period)) for loop in self._loops.values()]
 
     @property
@@ -131,11 +132,15 @@ class VirtualPlc:
         """Cycles in which a loop stood still because its plant had not answered, by loop."""
         return {name: loop.late for name, loop in self._loops.items()}
 
-    def scan(self) -> None:
-        """Run one control cycle of every loop whose period has passed."""
+    def scan(self, *, show: bool = True) -> None:
+        """Run one control cycle of every loop whose period has passed.
+
+        Args:
+            show: whether the tags show it at once; otherwise they wait for `show`.
+        """
         scans = self.scans
         due = [loop for loop, every in self._due if scans % every == 0]
-        moment = scans * self._period.numerator / self._period.denominator
+        moment = scans * self._numerator / self._denominator
         plants = [loop.program.plant for loop in due if loop.program.plant is not None]
         for plant in plants:
             plant.finish(0.0)  # what came late since the scan before
@@ -144,13 +149,20 @@ class VirtualPlc:
         step_all(plants, self._patience)
         for loop in due:
             loop.end()
+            if show:
+                loop.show()
         self.scans += 1
 
-    def truth(self, loop: str) -> Truth:
-        """Return what really happened in a loop, for judging."""
+    def show(self) -> None:
+        """Bring the tags up to date, where scans did not show theirs."""
+        for loop in self._loops.values():
+            loop.show()
+
+    def truth(self, loop: str, *, last: int | None = None) -> Truth:
+        """Return what really happened in a loop, for judging; ``last`` is the number of cycles."""
         hosted = self._loops[loop]
         hosted.settle()
-        return hosted.log.arrays()
+        return hosted.log.arrays(last)
 
     def block(self, loop: str) -> ReaderState | None:
         """Return what the loop's last cycle made of its parameter block; None without an area."""

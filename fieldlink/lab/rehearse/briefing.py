@@ -8,6 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldlink.lab.rehearse.load import ScenarioFile
 from fieldlink.lab.rehearse.models import Disable, Manual, Points, Repair, Scenario
@@ -17,6 +18,9 @@ from fmu_models import FmuSummary, catalogue, fmu_path, summarise
 
 __all__ = ["describe_scene", "find_unit", "list_findings", "list_site_work"]
 
+_SETTLING = 0.1
+"""Part of a window that is left out after a change of hands or of the set-point, when PV is
+compared: a window holds several cycles, so this is longer than one loop takes to settle."""
 _NETWORK = {
     "drop": "polls without an answer",
     "late": "polls that get the cycle before",
@@ -24,6 +28,22 @@ _NETWORK = {
     "write_flipped": "blocks of which a bit changes on the way",
     "write_torn": "blocks of which half arrives",
     "restart": "a PLC that is off, and starts with empty registers",
+}
+_REASONS = {
+    "none": "for no stated reason",
+    "expired": "the block had expired",
+    "heartbeat_dead": "the daemon was silent",
+    "operator": "the operator withdrew it",
+    "no_stiction": "the valve was found healthy",
+    "pv_bad": "PV was no number",
+    "pv_frozen": "PV repeated one value",
+    "solver": "its solver took too long",
+    "worse": "PV deviated more than before",
+    "growing": "the oscillation grew",
+    "hunting": "the stem travelled more for no gain",
+    "travel": "the stem travelled more than its budget",
+    "left_range": "PV left its known range",
+    "refused": "the model could not be used",
 }
 _SENSOR = {
     "freeze": "stands still",
@@ -95,7 +115,10 @@ def _incidents(scenario: Scenario) -> list[str]:
                 f"The valve is repaired at {event.at:g} s (S {event.stick_band:g} % then)."
             )
         elif isinstance(event, Manual):
-            lines.append(f"An operator has the loop from {event.begin:g} to {event.end:g} s.")
+            moved = "" if event.op is None else f", OP {_course(event.op)}"
+            lines.append(
+                f"An operator has the loop from {event.begin:g} to {event.end:g} s{moved}."
+            )
         elif isinstance(event, Disable):
             lines.append(f"Writing is disabled from {event.begin:g} to {event.end:g} s.")
     for wrong in scenario.misestimate:
@@ -129,26 +152,40 @@ def list_findings(rehearsal: Rehearsal, unit: str) -> list[tuple[str, str]]:
     if course.writebacks:
         times = f", at {', '.join(f'{t:g}' for t in accepted[:4])} s" if accepted else ""
         rows.append(("Blocks accepted by the PLC", f"{len(accepted)}{times}; {refused} held back"))
-    rows += _compensation(course, unit)
+    rows += _compensation(course, unit, rehearsal.file.scenario.daemon.window)
     return rows
 
 
-def _compensation(course: RunCourse, unit: str) -> list[tuple[str, str]]:
+def _compensation(course: RunCourse, unit: str, window: int) -> list[tuple[str, str]]:
     trend, mark = course.trend, f" {unit}" if unit else ""
     error = trend.pv - trend.sp
-    with_it = trend.compensated & np.isfinite(error)
-    without = ~trend.compensated & trend.automatic & np.isfinite(error)
+    settled = _settled(course, round(window * _SETTLING)) & np.isfinite(error)
+    first = int(np.argmax(trend.compensated)) if trend.compensated.any() else trend.time.size
+    before = settled & ~trend.compensated & trend.automatic
+    before[first:] = False
+    with_it = settled & trend.compensated
     rows = []
-    if without.any():
-        spread = f"{np.std(error[without]):.3g}{mark}"
-        rows.append(("PV around SP under the controller (standard deviation)", spread))
-    if with_it.any():
-        share = with_it.sum() / trend.time.size
-        first = trend.time[np.argmax(trend.compensated)]
-        spread = f"{np.std(error[with_it]):.3g}{mark}"
-        rows.append(("PV around SP under the compensator (standard deviation)", spread))
-        rows.append(("Compensator had the loop", f"from {first:g} s, {share:.0%} of the time"))
+    for words, chosen in (("the controller, before", before), ("the compensator", with_it)):
+        if chosen.any():
+            spread = f"{np.std(error[chosen]):.3g}{mark}"
+            rows.append((f"PV around SP under {words} (standard deviation, settled)", spread))
+    if trend.compensated.any():
+        share = trend.compensated.sum() / trend.time.size
+        begin = trend.time[first]
+        rows.append(("Compensator had the loop", f"from {begin:g} s, {share:.0%} of the time"))
     return rows
+
+
+def _settled(course: RunCourse, scans: int) -> NDArray[np.bool_]:
+    """Mark the scans at least ``scans`` after the last change of hands or of the set-point."""
+    trend = course.trend
+    changed = np.zeros(trend.time.size, dtype=bool)
+    for signal in (trend.compensated, trend.automatic, trend.sp):
+        changed[1:] |= (signal[1:] != signal[:-1]) & ~(
+            np.isnan(signal[1:].astype(float)) & np.isnan(signal[:-1].astype(float))
+        )
+    last = np.maximum.accumulate(np.where(changed, np.arange(changed.size), 0))
+    return np.arange(changed.size) - last >= scans
 
 
 def _true(course: RunCourse, end: float) -> str:
@@ -194,12 +231,15 @@ def list_site_work(rehearsal: Rehearsal) -> list[str]:
             f"{S[1]:g} %) and J ({J[0]:g} to {J[1]:g} %) suit the valve, and somebody watches the "
             "first block."
         )
-    given_up = np.flatnonzero(course.trend.compensated[:-1] & ~course.trend.compensated[1:])
-    if given_up.size:
-        reasons = sorted({course.trend.reason[k + 1] or "PLC off" for k in given_up})
+    trend = course.trend
+    # Where an operator takes the loop, nothing is given back.
+    ends = np.flatnonzero(trend.compensated[:-1] & ~trend.compensated[1:] & trend.automatic[1:])
+    if ends.size:
+        reasons = sorted({_REASONS.get(trend.reason[k + 1], "the PLC was off") for k in ends})
+        times = "once" if ends.size == 1 else f"{ends.size} times"
         lines.append(
-            f"The compensator gave the loop back, {given_up.size} times ({', '.join(reasons)}): "
-            "show the operators how that looks, and that the controller has the loop then."
+            f"The compensator gave the loop back {times} ({', '.join(reasons)}): show the "
+            "operators how that looks, and that the controller has the loop then."
         )
     return lines
 

@@ -12,7 +12,7 @@ from fieldlink.lab.plc import LockstepLink
 from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.models import Disable, Scenario
-from fieldlink.lab.rehearse.stage import Stage
+from fieldlink.lab.rehearse.simulated_site import SimulatedSite
 from fieldlink.links import (
     Clock,
     LinkState,
@@ -44,7 +44,7 @@ class RehearsalLink(LockstepLink):
         device: str,
         clock: Clock,
         *,
-        stage: Stage,
+        stage: SimulatedSite,
         scenario: Scenario,
         defect: Defect | None,
     ) -> None:

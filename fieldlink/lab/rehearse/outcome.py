@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from estimator import Interval, Track, track
 from fieldlink.daemon.windows.pipeline import LoopCounts
-from fieldlink.lab.rehearse.stage import Trend
+from fieldlink.lab.rehearse.simulated_site import Trend
 from fieldlink.store import EstimateRecord, EventRecord, WritebackRecord
 
 __all__ = ["RunCourse", "Window", "track_of"]

@@ -11,6 +11,7 @@ import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
+from estimator import Interval
 from fieldlink.lab.rehearse.briefing import (
     describe_scene,
     find_unit,
@@ -154,9 +155,15 @@ def _row(window: Window) -> tuple[str, ...]:
     return (
         f"{window.begin:g} to {window.end:g}",
         _VERDICTS[window.verdict][1],
-        *(f"{_number(i.value)} [{_number(i.low)}, {_number(i.high)}]" for i in (S, J)),
+        *(_range(i) for i in (S, J)),
         window.reasons,
     )
+
+
+def _range(found: Interval) -> str:
+    if not math.isfinite(found.value):
+        return "-"
+    return f"{_number(found.value)} ({_number(found.low)} to {_number(found.high)})"
 
 
 def _number(value: float | None) -> str:

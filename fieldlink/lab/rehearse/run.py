@@ -17,8 +17,8 @@ from fieldlink.lab.rehearse.judge import Finding, judge
 from fieldlink.lab.rehearse.load import ScenarioFile
 from fieldlink.lab.rehearse.network import RehearsalLink
 from fieldlink.lab.rehearse.outcome import RunCourse, Window, track_of
+from fieldlink.lab.rehearse.simulated_site import SimulatedSite, Trend
 from fieldlink.lab.rehearse.site_files import LOOP, write_site
-from fieldlink.lab.rehearse.stage import Stage, Trend
 from fieldlink.links import Clock, Link
 from fieldlink.site import Site
 from fieldlink.store import EstimateRecord, EventRecord, Record, SampleRecord, WritebackRecord
@@ -96,7 +96,7 @@ def rehearse(
     with tempfile.TemporaryDirectory(prefix="fieldlink-rehearse-") as folder:
         site = write_site(scenario, file.path, Path(folder))
         site_text = site.path.read_text("utf-8")
-        stage = Stage(scenario, site, LOOP, inject)
+        stage = SimulatedSite(scenario, site, LOOP, inject)
         records: list[Record] = []
 
         def links(site: Site, device: str, clock: Clock) -> Link:
@@ -125,7 +125,7 @@ def rehearse(
 
 
 def _course(
-    period: float, stage: Stage, status: DaemonStatus, records: Sequence[Record]
+    period: float, stage: SimulatedSite, status: DaemonStatus, records: Sequence[Record]
 ) -> RunCourse:
     estimates = [record for record in records if isinstance(record, EstimateRecord)]
     first = next((record.slot for record in records if isinstance(record, SampleRecord)), 0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from fieldlink.lab.rehearse.course import at
 from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.models import Repair, Scenario
+from fieldlink.lab.rehearse.piecewise import value_at
 from fieldlink.lab.rehearse.sensor import Transmitter
 from fmu_models import Plant, PlantInfo
 
@@ -88,8 +88,8 @@ class WornPlant:
             return last.stick_band, last.slip_jump
         if wear is None:
             return math.nan, math.nan
-        S = max(0.0, at(wear.stick_band, time))
-        return S, min(S, max(0.0, at(wear.slip_jump, time)))
+        S = max(0.0, value_at(wear.stick_band, time))
+        return S, min(S, max(0.0, value_at(wear.slip_jump, time)))
 
     def outputs(self) -> dict[str, float]:
         """Return the outputs at the present time; PV is the measured one."""
@@ -137,4 +137,4 @@ class WornPlant:
             for s in load.sinusoids
             if s.covers(time)
         )
-        return at(load.points, time) + swings
+        return value_at(load.points, time) + swings

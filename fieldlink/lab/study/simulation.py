@@ -12,7 +12,7 @@ from compensator import ActionStatus, OpLimits
 from estimator import identify
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.study.closed_loop import Performance, Study, Trace, assess, drive
-from fieldlink.lab.study.rig import FmuPlant, Setup, mismatched, staged
+from fieldlink.lab.study.controllers import FmuPlant, Setup, mismatched, staged
 from fmu_models import CatalogueModel, catalogue, open_plant
 from loop_model import LoopModel
 
@@ -29,7 +29,7 @@ class Simulation:
 
     Attributes:
         plant: name in the catalogue, of a plant with a linear model.
-        controllers: names of `fieldlink.lab.study.rig.CONTROLLERS`.
+        controllers: names of `fieldlink.lab.study.controllers.CONTROLLERS`.
         take_over: sample at which the controller under study gets the loop.
         samples: length of the run.
         setpoint: ``((sample, value), ...)``; empty takes one step before and two after take-over.

@@ -17,7 +17,7 @@ from fieldlink.lab.rehearse import (
     load_scenario,
     rehearse,
 )
-from fieldlink.lab.rehearse.course import over
+from fieldlink.lab.rehearse.piecewise import values_over
 from fmu_models import fmu_path
 from fmu_models.packing import build_source
 
@@ -31,7 +31,7 @@ def _events(run: Rehearsal, kind: str) -> list[float]:
 def test_points_are_joined_by_lines_and_two_at_one_time_make_a_step() -> None:
     course = [(10.0, 1.0), (20.0, 3.0), (20.0, 7.0), (30.0, 5.0)]
     times = np.array([0.0, 10.0, 15.0, 19.0, 20.0, 25.0, 99.0])
-    assert over(course, times).tolist() == [1.0, 1.0, 2.0, 2.8, 7.0, 6.0, 5.0]
+    assert values_over(course, times).tolist() == [1.0, 1.0, 2.0, 2.8, 7.0, 6.0, 5.0]
 
 
 def test_the_valve_wears_and_is_repaired(make_scenario: MakeScenario) -> None:

@@ -11,7 +11,7 @@ from fieldlink.daemon import Daemon, DaemonStatus, Findings, LoopStatus
 from fieldlink.lab.demo.outcome import SETTLE
 from fieldlink.lab.demo.plc_process import PlcCourse, PlcProcess
 from fieldlink.lab.demo.registers import RegisterRow, read_block
-from fieldlink.lab.demo.scene import DEVICE, DemoError, Scene
+from fieldlink.lab.demo.site_files import DEVICE, DemoError, Scene
 from fieldlink.registers import Status
 from fieldlink.site import Site
 from fieldlink.web import page_address, web_server

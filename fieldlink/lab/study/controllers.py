@@ -1,4 +1,4 @@
-"""Closed loops of any controller with any plant: what `fieldlink simulate` and benchmarks run.
+"""The controllers of a closed-loop study: what `fieldlink simulate` and benchmarks run.
 
 A run begins with what a plant has, the stiction-unaware MPC, until the loop shows its limit cycle;
 then the controller under study takes over, with everything it could have seen. What compensates has

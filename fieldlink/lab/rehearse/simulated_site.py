@@ -1,7 +1,7 @@
-"""What a rehearsal plays on: a plant that outlives its PLC, wears, and is disturbed and repaired.
+"""The site of a rehearsal: a plant that outlives its PLC, wears, and is disturbed and repaired.
 
-`Stage.program` is what the simulated PLC runs for the loop. A PLC that restarts asks for a new one;
-the plant behind it goes on meanwhile, as plants do.
+`SimulatedSite.program` is what the simulated PLC runs for the loop. A PLC that restarts asks for a
+new one; the plant behind it goes on meanwhile, as plants do.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from fieldlink.lab.plc import (
     LoopProgram,
     LoopSetup,
 )
-from fieldlink.lab.rehearse.course import at
 from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.models import Manual, Scenario
+from fieldlink.lab.rehearse.piecewise import value_at
 from fieldlink.lab.rehearse.worn_plant import WornPlant
 from fieldlink.registers import Refusal
 from fieldlink.site import Site
 
-__all__ = ["Moment", "Stage", "Trend"]
+__all__ = ["Moment", "SimulatedSite", "Trend"]
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class Trend:
         return cls(**{name: np.array(c) for name, c in columns.items()}, **flags, reason=reason)
 
 
-class Stage:
+class SimulatedSite:
     """One plant and its surroundings through a rehearsal.
 
     Args:
@@ -130,12 +130,12 @@ class Stage:
         time = self.time
         self._pvs = self._plant.true_pv, self._plant.measured_pv
         course = self._scenario.setpoint
-        sp = self._start_pv if course is None else at(course, time)
+        sp = self._start_pv if course is None else value_at(course, time)
         automatic, op = commands.automatic, self._op
         for event in self._scenario.maintenance:
             if isinstance(event, Manual) and event.covers(time):
                 automatic = False
-                op = self._op if event.op is None else at(event.op, time)
+                op = self._op if event.op is None else value_at(event.op, time)
         block = None if self._defect is Defect.NO_COMPENSATION else commands.block
         inner.begin(Commands(automatic, op, sp, block))
 
@@ -170,7 +170,7 @@ class Stage:
 class _Program:
     """The loop's program of one life of the PLC; the stage keeps the plant."""
 
-    def __init__(self, stage: Stage, inner: ControlledLoop) -> None:
+    def __init__(self, stage: SimulatedSite, inner: ControlledLoop) -> None:
         self._stage = stage
         self._inner = inner
 

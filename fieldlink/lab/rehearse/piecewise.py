@@ -7,19 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Course", "at", "over"]
+__all__ = ["Points", "value_at", "values_over"]
 
-Course = Sequence[tuple[float, float]]
+Points = Sequence[tuple[float, float]]
 """``(plant second, value)`` in order of time; two points of one time make a step, and the value
 holds before the first point and after the last."""
 
 
-def at(course: Course, time: float) -> float:
+def value_at(course: Points, time: float) -> float:
     """Return the value at ``time``; after a step at that very time."""
-    return float(over(course, np.array([time]))[0])
+    return float(values_over(course, np.array([time]))[0])
 
 
-def over(course: Course, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def values_over(course: Points, times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the values at ``times``, shape ``(n,)``."""
     when = np.array([point[0] for point in course])
     value = np.array([point[1] for point in course])

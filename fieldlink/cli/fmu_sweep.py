@@ -1,0 +1,102 @@
+"""``fieldlink fmu sweep``: run a plant, or any FMU, many times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fieldlink.cli.fmu_progress import FmuProgress
+from fieldlink.cli.fmu_tables import MOST_ROWS
+
+__all__ = ["sweep"]
+
+_CATALOGUE_STEPS = 2000
+
+
+def sweep(
+    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An .fmu file, or a plant's name.")],
+    out: Annotated[Path, typer.Option(help="The table, one row a run: .csv or .parquet.")],
+    grid: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=V[,V...]", help="Values to combine."),
+    ] = None,
+    random: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
+    ] = None,
+    latin: Annotated[
+        bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")
+    ] = False,
+    runs: Annotated[int, typer.Option(min=1, help="For each combination.")] = 1,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Samples of a run; else 2000, or the experiment's.")
+    ] = None,
+    step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
+    kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
+    seed: Annotated[int, typer.Option(help="Of the whole sweep.")] = 1,
+    loop: Annotated[int, typer.Option(min=1, help="Of a plant with several loops.")] = 1,
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Runs side by side; 0 for none, else the cores.")
+    ] = None,
+    signals: Annotated[
+        bool, typer.Option("--signals", help="Keep the signals too (Parquet).")
+    ] = False,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
+) -> None:
+    """Run a plant, or any FMU, many times; goes on where it was interrupted."""
+    from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
+    from fmu_models import Sweep, catalogue, summarise
+
+    ours = str(fmu) in catalogue and not fmu.exists()
+    values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}
+    if ours:
+        count, period = steps or _CATALOGUE_STEPS, step
+    else:
+        count, period = plan_steps(summarise(fmu), steps, step)
+    plan = Sweep(
+        str(fmu),
+        steps=count,
+        grid={name: many for name, many in values.items() if len(many) > 1},
+        fixed={name: many[0] for name, many in values.items() if len(many) == 1},
+        random={name: _range_of(text) for name, text in _pairs(random or [], "--random")},
+        runs=runs,
+        seed=seed,
+        loop=loop - 1,
+        design="latin" if latin else "random",
+        period=period,
+        kind=kind,
+        timeout=timeout,
+    )
+    with FmuProgress(fmu.stem) as progress:
+        failed = sweep_to_file(plan, out, signals=signals, workers=workers, progress=progress.count)
+    typer.echo(f"{plan.count} runs, {len(failed)} failed: {out}")
+    for number, error in failed[:MOST_ROWS]:
+        typer.echo(f"  run {number}: {error}", err=True)
+    if len(failed) > MOST_ROWS:
+        typer.echo(f"  and {len(failed) - MOST_ROWS} more in the column error", err=True)
+    if failed:
+        raise typer.Exit(1)
+
+
+def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
+    pairs = [text.partition("=") for text in texts]
+    for text, (name, sign, value) in zip(texts, pairs, strict=True):
+        if not (name and sign and value):
+            raise typer.BadParameter(f"{text!r} is not NAME=VALUES", param_hint=option)
+    return [(name, value) for name, _, value in pairs]
+
+
+def _list_of(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(separator))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} are no numbers", param_hint=option) from None
+
+
+def _range_of(text: str) -> tuple[float, float]:
+    bounds = _list_of(text, "--random", ":")
+    if len(bounds) != 2:
+        raise typer.BadParameter(f"{text!r} is not LOW:HIGH", param_hint="--random")
+    return bounds[0], bounds[1]

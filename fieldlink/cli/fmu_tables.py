@@ -1,0 +1,95 @@
+"""What ``fieldlink fmu`` prints of an FMU and of a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fieldlink.lab.fmu import RunResult
+    from fmu_models import FmuSummary
+
+__all__ = ["MOST_ROWS", "print_result", "print_summary"]
+
+MOST_ROWS = 40
+"""Of a table on a terminal; the files have all."""
+
+
+def print_summary(summary: FmuSummary, every: bool) -> None:
+    """Print what an FMU is: facts, variables (``every`` one, or those of its interface), notes."""
+    from rich.console import Console
+    from rich.panel import Panel
+    from rich.table import Table
+
+    console = Console()
+    console.print(
+        Panel(summary.description or "(no description)", title=summary.name, expand=False)
+    )
+    stop = "not given" if summary.stop_time is None else f"{summary.stop_time:g} s"
+    step = "not given" if summary.step_size is None else f"{summary.step_size:g} s"
+    here = "" if summary.runs_here else "  [red](not this machine)[/red]"
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    for name, value in (
+        ("FMI", f"{summary.fmi_version}, {', '.join(summary.kinds)}"),
+        ("exported by", summary.tool or "-"),
+        ("libraries for", (", ".join(summary.platforms) or "none") + here),
+        ("sources", "yes" if summary.has_sources else "no"),
+        ("size", f"{summary.bytes / 1024:.0f} kB, {summary.extracted_bytes / 1024:.0f} kB open"),
+        ("experiment", f"{summary.start_time:g} s to {stop}, step {step}"),
+        ("snapshots", "yes" if summary.can_restore else "no"),
+        ("variables", f"{len(summary.variables)}, {summary.states} continuous states"),
+    ):
+        facts.add_row(name, value)
+    console.print(facts)
+    console.print(_variables_table(summary, every))
+    hidden = sum(v.causality == "local" for v in summary.variables)
+    if hidden and not every:
+        console.print(f"and {hidden} local variables: --all shows them", style="dim")
+    for warning in summary.warnings:
+        console.print(f"[yellow]note[/yellow] {warning}", highlight=False)
+
+
+def _variables_table(summary: FmuSummary, every: bool) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(header_style="bold", box=None, pad_edge=False)
+    for column in ("variable", "role", "type", "unit", "start", "range", "what"):
+        table.add_column(column, overflow="fold")
+    for v in summary.variables:
+        if v.causality in ("local", "independent") and not every:
+            continue
+        what = v.description
+        if v.items:
+            what += " (" + ", ".join(f"{value} {name}" for value, name in v.items) + ")"
+        bounds = f"{v.low or '…'} to {v.high or '…'}" if v.low or v.high else ""
+        role = f"{v.variability} {v.causality}" if v.causality == "parameter" else v.causality
+        cells = (v.name, role, v.type, v.unit, v.start, bounds, what.strip())
+        table.add_row(*map(escape, cells))
+    return table
+
+
+def print_result(result: RunResult) -> None:
+    """Print what a run did: notes, a row for each signal, how it ended."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from fieldlink.cli.tables import number
+
+    console = Console()
+    for note in result.notes:
+        console.print(f"[yellow]note[/yellow] {escape(note)}", highlight=False)
+    table = Table(header_style="bold", box=None, pad_edge=False, title=result.model)
+    for column in ("tag", "unit", "at the start", "at the end", "lowest", "highest"):
+        table.add_column(column)
+    for tag, values in list(result.columns.items())[:MOST_ROWS]:
+        numbers = (values[0], values[-1], values.min(), values.max())
+        table.add_row(escape(tag), result.units[tag], *map(number, map(float, numbers)))
+    console.print(table)
+    span = result.time[-1] - result.time[0]
+    late = f", {result.late} steps late" if result.late else ""
+    console.print(
+        f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
+    )
+    if result.ended is not None:
+        console.print(f"ended in order at {result.time[-1]:g} s: {escape(result.ended)}")

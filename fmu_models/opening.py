@@ -1,0 +1,125 @@
+"""Read, extract and load an FMU, up to the moment before its start values go in."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .archive import MODEL_EXCHANGE, extract_fmu, read_description
+from .errors import PlantError, PlantInputError
+from .instances import CoSimulation, Instance
+from .intermediate import IntermediateLog
+from .library import load
+from .model_exchange import ModelExchange
+from .plant import PlantInfo
+from .variables import VariableAccess
+
+__all__ = ["LoadedFmu", "load_fmu"]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedFmu:
+    """An FMU that is loaded and instantiated.
+
+    Attributes:
+        info: what it is.
+        instance: for stepping.
+        variables: for reading and writing.
+        start_time: of its default experiment, seconds.
+        structural: values of structural parameters that were asked for.
+        folder: a temporary folder with its contents; None where the caller gave one.
+        intermediate: outputs between the ends of a step; None where they are not asked for.
+    """
+
+    info: PlantInfo
+    instance: Instance
+    variables: VariableAccess
+    start_time: float
+    structural: Mapping[str, float]
+    folder: tempfile.TemporaryDirectory[str] | None
+    intermediate: IntermediateLog | None
+
+
+def load_fmu(
+    file: Path,
+    *,
+    parameters: Mapping[str, float],
+    period: float | None,
+    kind: str | None,
+    watch: Sequence[str],
+    folder: Path | None,
+    intermediate: bool,
+) -> LoadedFmu:
+    """Read, extract and load an FMU; the arguments are those of `InProcessPlant`.
+
+    Raises:
+        PlantError: what `open_plant` says.
+    """
+    description, kind = read_description(file, kind)
+    exchange = kind == MODEL_EXCHANGE
+    interface = description.modelExchange if exchange else description.coSimulation
+    version = int(description.fmiVersion[0])
+    offered = version == 3 and not exchange and bool(interface.providesIntermediateUpdate)
+    if intermediate and not offered:
+        raise PlantInputError(
+            f"{file}: it offers no outputs between the ends of a step (that takes co-simulation of "
+            "FMI 3 with providesIntermediateUpdate); take shorter steps instead"
+        )
+    sizes = {v.name for v in description.modelVariables if v.causality == "structuralParameter"}
+    structural = {name: value for name, value in parameters.items() if name in sizes}
+    variables = VariableAccess(description, watch, structural)
+    roles = variables.roles
+    info = PlantInfo(
+        name=description.modelName,
+        fmi_version=description.fmiVersion,
+        kind=kind,
+        period=_period(description, period, file),
+        inputs=roles.inputs,
+        tunable=roles.tunable,
+        outputs=(*roles.outputs, *variables.watched),
+        parameters=(*roles.parameters, *variables.structural),
+        can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
+        can_vary_step=exchange or bool(interface.canHandleVariableCommunicationStepSize),
+    )
+    log = IntermediateLog(variables, info.outputs) if intermediate else None
+    own: tempfile.TemporaryDirectory[str] | None = None
+    if folder is None:
+        own = tempfile.TemporaryDirectory(prefix="fieldlink-fmu-", ignore_cleanup_errors=True)
+        folder = Path(own.name)
+    try:
+        extract_fmu(file, folder)
+        listener = None if log is None else (log.listen, variables.output_references)
+        fmu = load(description, kind, folder, listener)
+    except BaseException:
+        if own is not None:
+            own.cleanup()
+        raise
+    if log is not None:
+        log.fmu = fmu
+    instance: Instance
+    if exchange:
+        instance = ModelExchange(fmu, version, description, info.period)
+    else:
+        event_mode = version == 3 and bool(interface.hasEventMode)
+        instance = CoSimulation(fmu, version, event_mode=event_mode)
+    start = _start_time(description)
+    return LoadedFmu(info, instance, variables, start, structural, own, log)
+
+
+def _start_time(description: Any) -> float:
+    experiment = description.defaultExperiment
+    return float(experiment.startTime) if experiment and experiment.startTime else 0.0
+
+
+def _period(description: Any, wanted: float | None, file: Path) -> float:
+    experiment = description.defaultExperiment
+    if wanted is None and experiment and experiment.stepSize:
+        wanted = float(experiment.stepSize)
+    if wanted is None:
+        raise PlantError(f"{file}: the FMU names no step size; give the period in seconds")
+    if not 0.0 < wanted < float("inf"):
+        raise PlantInputError(f"{file}: the period must be a positive number; got {wanted:g}")
+    return wanted
