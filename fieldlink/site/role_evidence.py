@@ -6,7 +6,7 @@ OP is a percentage, so it stays in 0 to 100, and it moves first: PV follows thro
 process. While a controller is at work, OP moves with every change of PV in the same sample, because
 it is computed from PV; so "first" is asked of steps that begin while the other signal is at rest,
 and where there are none, of which signal the other one is computed from. What is not clear is left
-to be unclear: a person decides.
+unclear: a person decides.
 """
 
 from __future__ import annotations
