@@ -35,6 +35,8 @@ class HybridSettings:
         overshoot: how far beyond its final position the stem may go for speed, as a share of the
             way there. The farther, the more the plan relies on the fast part of the process model.
         edge: share of the static friction up to which OP may approach a slip without causing it.
+        room: largest leap of an OP with a limited rate, in least moves, below which OP creeps until
+            the stem slips: fewer sizes leave no choice where the stem lands.
         dwell: scans that OP stays where it moved the stem to: an actuator lags, and a stem slides
             for a while. A command of one scan would leave such a stem short of its goal.
         unknown: weight of what is not yet known of the lasting offset, beside noise, in the price
@@ -62,6 +64,7 @@ class HybridSettings:
     slip_margin: float = 0.2
     overshoot: float = 0.5
     edge: float = 0.85
+    room: float = 1.5
     dwell: int = 2
     unknown: float = 3.0
     unseen: float = 9.0
@@ -92,7 +95,12 @@ class HybridSettings:
             gain_spread=self.gain_spread,
         )
         require_whole("HybridSettings", 0, horizon=self.horizon, dwell=self.dwell)
-        require_positive("HybridSettings", offset_memory=self.offset_memory, edge=self.edge)
+        require_positive(
+            "HybridSettings",
+            offset_memory=self.offset_memory,
+            edge=self.edge,
+            room=self.room,
+        )
         if self.edge >= 1.0:
             raise CompensatorError(
                 f"HybridSettings: edge must be below 1, the slip itself; got {self.edge!r}"

@@ -32,9 +32,12 @@ class Strokes:
 
     @staticmethod
     def creeps(settings: HybridSettings, valve: ValveModel) -> bool:
-        """Whether OP is too slow to leap over the uncertainty of the static friction."""
-        share = 1.0 - settings.edge + settings.slip_margin
-        return settings.limits.rate < share * valve.static_friction
+        """Whether OP is too slow to leap over the uncertainty of the static friction, or leaps to
+        sizes so near the least one that the stem's landing could not be chosen.
+        """
+        leap = settings.edge * valve.static_friction + settings.limits.rate - valve.dynamic_friction
+        least = valve.slip_jump + settings.slip_margin * valve.static_friction
+        return leap < settings.room * least
 
     def ramp(self) -> Ramp:
         """Return what OP's rate limit means for moves from here: OP has to travel to the edge of

@@ -78,9 +78,7 @@ def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
     assert not plan.times or plan.times[0] >= (2 if changes[0] > 0.0 else 3)
 
 
-# A rate of 3 leaves sizes of slips between 4.4 and 5.0 only: the loop goes on correcting, and is
-# hardly worse than under the unaware MPC (docs/compensation.md, "What fails").
-@pytest.mark.parametrize(("rate", "share"), [(0.6, 0.9), (1.0, 0.8), (2.0, 0.4), (3.0, 1.2)])
+@pytest.mark.parametrize(("rate", "share"), [(0.6, 0.7), (1.0, 0.8), (2.0, 0.3), (3.0, 0.65)])
 def test_a_slow_op_still_takes_the_oscillation_away(rate: float, share: float) -> None:
     limits = OpLimits(rate=rate)
     good, bad = [], []
