@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from compensator import UnawareMpc
 from estimator import Identification, identify
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Plant, Study, Trace, drive, run
-from fieldlink.lab.study.rig import Setup, staged
+from fieldlink.lab.study.controllers import Setup, staged
 
 PUBLISHED = {"Table 1, proposed, tau 250": 0.22, "Table 1, grid": 1.70, "Lee et al.": 1.79}
 """Stick bands of CHEM 10 that the paper prints, in % of OP."""

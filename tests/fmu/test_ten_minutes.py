@@ -45,7 +45,7 @@ def test_the_five_commands(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pythonfmu", "build", "-f", "plant.py", "-d", "."]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     (tmp_path / "Plant.fmu").rename(tmp_path / "plant.fmu")
-    block = re.search(r"```sh\n(.*?)```", PAGE, re.DOTALL)
+    block = re.search(r"```sh[^\n]*\n(.*?)```", PAGE, re.DOTALL)
     assert block is not None
     lines = [shlex.split(line) for line in block[1].splitlines()]
     assert len(lines) == 5

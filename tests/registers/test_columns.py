@@ -46,7 +46,7 @@ def test_bits_and_bools() -> None:
     assert read_back(bit, [0.0, 2.0, 0.0], 0.0).tolist() == [0.0, 1.0, 0.0]
     whole = Tag("T", Table.COIL, 0, DataType.BOOL)
     assert read_back(whole, [0.0, 5.0, math.nan, -1.0], 0.0).tolist() == [0.0, 1.0, 1.0, 0.0]
-    with pytest.raises(RegisterValueError, match=r"T: 0\.5 is no bool"):
+    with pytest.raises(RegisterValueError, match=r"T: 0\.5 is not a bool"):
         read_back(whole, [1.0, 0.5], 0.0)
     with pytest.raises(RegisterValueError, match="inf does not fit int16"):
         read_back(Tag("T", Table.HOLDING, 0, DataType.INT16), [math.inf], 0.0)

@@ -111,9 +111,9 @@ class FmuMap(_Strict):
         controller = self.controller
         if controller is not None:
             if controller.op not in self.inputs:
-                raise ValueError(f"controller.op {controller.op!r} is no tag of [inputs]")
+                raise ValueError(f"controller.op {controller.op!r} is not a tag of [inputs]")
             if controller.pv not in self.outputs:
-                raise ValueError(f"controller.pv {controller.pv!r} is no tag of [outputs]")
+                raise ValueError(f"controller.pv {controller.pv!r} is not a tag of [outputs]")
         return self
 
 
