@@ -15,11 +15,13 @@ from functools import partial
 
 from fieldlink.daemon.devices_at_work import DevicesAtWork
 from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
+from fieldlink.daemon.diagnosis.scheduled_rounds import ScheduledRounds
 from fieldlink.daemon.estimation.judging import WindowJudging
 from fieldlink.daemon.estimation.pool import PoolSettings
 from fieldlink.daemon.installation import only_daemon
 from fieldlink.daemon.operator_requests import OperatorRequests
-from fieldlink.daemon.orders import Action, Order
+from fieldlink.daemon.orders import Order
+from fieldlink.daemon.outgoing import Outgoing
 from fieldlink.daemon.reload import FileWatch
 from fieldlink.daemon.reporting.control_socket import control_socket
 from fieldlink.daemon.reporting.scheduled_report import REPORT_LOOK, ScheduledReport
@@ -33,14 +35,11 @@ from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.daemon.site_takeover import SiteTakeover
 from fieldlink.links import Clock, SystemClock
-from fieldlink.notices import Notifying
 from fieldlink.site import Site, load_site
 from fieldlink.store import (
     Historian,
     HistorianSettings,
-    Record,
 )
-from fieldlink.upward import Publishing
 
 __all__ = ["Daemon"]
 
@@ -49,9 +48,6 @@ WATCH_EVERY = 1.0
 
 TIDY_EVERY = 3600.0
 """Seconds between two applications of the store's retention."""
-
-ROUND = "diagnoses"
-"""The job that diagnoses all loops."""
 
 
 class Daemon:
@@ -88,12 +84,11 @@ class Daemon:
         self._clock = clock or SystemClock()
         self._historian = Historian(site.historian_url, store, retention=retention_of(site))
         self._clock_watch = ClockWatch(self._clock)
-        self._publishing: Publishing | None = None
-        self._notifying: Notifying | None = None
+        self._outgoing = Outgoing(self._historian)
         self._runner = SiteRunner(
             site,
             self._clock,
-            self._put,
+            self._outgoing.put,
             read_only=read_only,
             live=True,
             watch=self._clock_watch,
@@ -104,7 +99,7 @@ class Daemon:
         self._requests = OperatorRequests(
             self._runner, self._judging, self._clock, read_only=read_only
         )
-        self._publishing = self._way_upward(site)
+        self._outgoing.open(site, self._runner, self._requests, self._clock)
         self._devices = DevicesAtWork(self._clock, self._runner.journal)
         self._takeover = SiteTakeover(
             reread or partial(load_site, site.path),
@@ -115,15 +110,16 @@ class Daemon:
         )
         self._watch_files = watch_files
         self._wanted = asyncio.Event()
-        self._notifying = self._way_to_people(site)
-        self._rounds = DiagnosisRounds(
+        rounds = DiagnosisRounds(
             lambda: self._runner.runners,
-            self._put,
+            self._outgoing.put,
             self._runner.journal,
             self._clock,
             site.historian_url,
         )
-        self._round_every = 0.0
+        self._rounds = ScheduledRounds(
+            rounds, self._judging, self._runner.journal, lambda: self._site
+        )
         self.started = asyncio.Event()
 
     @property
@@ -143,9 +139,9 @@ class Daemon:
             self._judging.report(),
             reloads=self._takeover.accepted,
             refused=self._takeover.refused,
-            upward=None if self._publishing is None else self._publishing.report(),
-            findings=self._rounds.report() if self._site.file.findings.enabled else None,
-            notices=None if self._notifying is None else self._notifying.report(),
+            upward=self._outgoing.upward(),
+            findings=self._rounds.report(),
+            notices=self._outgoing.notices(),
         )
 
     def stuck(self) -> tuple[str, ...]:
@@ -185,13 +181,12 @@ class Daemon:
             try:
                 await self._runner.open()
                 async with (
-                    self._upward() as sending,
-                    self._telling() as telling,
+                    self._outgoing.running() as sending,
                     self._at_work() as failures,
                     control_socket(self._data_dir, self._answer),
                 ):
                     self.started.set()
-                    await wait_for_end(stop, duration, [*failures, *sending, *telling])
+                    await wait_for_end(stop, duration, [*failures, *sending])
             finally:
                 await self._runner.close()
                 await self._judging.close()
@@ -218,57 +213,6 @@ class Daemon:
             return live_status(self.status(), self._since)
         return self._requests.answer(request)
 
-    def _put(self, record: Record) -> object:
-        """Hand a record to the store and to the receivers that the site file names; never waits."""
-        if self._publishing is not None:
-            self._publishing.put(record)
-        if self._notifying is not None:
-            self._notifying.put(record)
-        return self._historian.put(record)
-
-    def _way_upward(self, site: Site) -> Publishing | None:
-        if site.file.mqtt is None:
-            return None
-        return Publishing(
-            site,
-            health=lambda: self._runner.health(store_failing=self._historian.report().failing),
-            actions={
-                "withdraw": partial(self._requests.order_for_broker, Action.WITHDRAW),
-                "estimate_now": partial(self._requests.order_for_broker, Action.ESTIMATE),
-            },
-            tell=self._runner.journal.event,
-            defect=self._runner.journal.defect,
-        )
-
-    @asynccontextmanager
-    async def _upward(self) -> AsyncIterator[list[asyncio.Task[None]]]:
-        """Publish while the block runs; yield what must not end by itself."""
-        if self._publishing is None:
-            yield []
-            return
-        async with self._publishing.running() as tasks:
-            yield tasks
-
-    def _way_to_people(self, site: Site) -> Notifying | None:
-        if site.file.notify is None:
-            return None
-        return Notifying(
-            site,
-            states=lambda: self._runner.device_states(),
-            tell=self._runner.journal.event,
-            defect=self._runner.journal.defect,
-            utc_ms=lambda: round(1000.0 * self._clock.utc()),
-        )
-
-    @asynccontextmanager
-    async def _telling(self) -> AsyncIterator[list[asyncio.Task[None]]]:
-        """Send notices while the block runs; yield what must not end by itself."""
-        if self._notifying is None:
-            yield []
-            return
-        async with self._notifying.running() as tasks:
-            yield tasks
-
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[list[asyncio.Future[None]]]:
         """Start everything; yield what must not end by itself; end it in order."""
@@ -283,7 +227,7 @@ class Daemon:
         schedule.every(TIDY_EVERY, "retention", self._do(self._historian.tidy))
         reports = ScheduledReport(self._runner.journal)
         schedule.every(REPORT_LOOK, "report", partial(self._report, reports))
-        self._schedule_rounds(schedule)
+        self._rounds.follow(schedule)
         self._historian.tidy()
         schedule.start()
         watching = [
@@ -315,10 +259,10 @@ class Daemon:
             if asked or changed:
                 watch.accept()
                 site = await self._takeover.take_over(self._site, schedule)
-                if site is not self._site and self._publishing is not None:
-                    self._publishing.follow(site)
+                if site is not self._site:
+                    self._outgoing.follow(site)
                 self._site = site
-                self._schedule_rounds(schedule)
+                self._rounds.follow(schedule)
                 watch.follow(self._site)
 
     def _account(self, accounts: SlotAccounts) -> None:
@@ -332,28 +276,6 @@ class Daemon:
                 self._runner.journal.defect("daemon", error, "it is tried again at its time")
 
         return job
-
-    def _schedule_rounds(self, schedule: Schedule) -> None:
-        """Let the loops be diagnosed at the beat of the site file, or not at all."""
-        table = self._site.file.findings
-        if not table.enabled:
-            self._round_every = 0.0
-            schedule.remove(ROUND)
-        elif (seconds := self._rounds.interval(table)) != self._round_every:
-            self._round_every = seconds
-            schedule.every(seconds, ROUND, self._diagnose)
-
-    async def _diagnose(self) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        task.set_name(ROUND)
-        self._judging.tasks.add(task)
-        try:
-            await self._rounds.run(self._site, self._judging.pool)
-        except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
-            self._runner.journal.defect("daemon", error, "this round of diagnoses is left out")
-        finally:
-            self._judging.tasks.discard(task)
 
     async def _report(self, reports: ScheduledReport) -> None:
         try:
