@@ -80,7 +80,9 @@ def test_a_lane_follows_the_equation(
 ) -> None:
     op = _op(seed)
     expected = REFERENCES[law](op, valve)
-    np.testing.assert_allclose(stem_of(op, law, valve), expected, atol=1e-9)
+    # without J the slips of ``steps`` are a thousandth of S, and rounding may add or leave one
+    tiny = 1.01e-3 * valve[0] if law == "steps" and valve[1] < 1e-3 * valve[0] else 0.0
+    np.testing.assert_allclose(stem_of(op, law, valve), expected, atol=1e-9 + tiny)
 
 
 @pytest.mark.parametrize("law", LAWS)
