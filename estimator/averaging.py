@@ -12,11 +12,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from compiled import kernel
 from estimator.criteria.design import fit_linear
 from estimator.criteria.noise import WHITE
 from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.lanes import Array
+from estimator.monitoring.indices.wear import travel_and_turns
 from estimator.processes.conversion import describe_process, process_model
 from estimator.processes.poles import Poles, Shape
 from estimator.result import Identification
@@ -25,7 +25,7 @@ from estimator.settings import Screening
 from estimator.window import Window
 from loop_model import LoopModel
 
-__all__ = ["average", "block_of", "count_turns", "with_every_sample"]
+__all__ = ["average", "block_of", "with_every_sample"]
 
 
 def block_of(op: Array, screening: Screening) -> int:
@@ -39,28 +39,8 @@ def block_of(op: Array, screening: Screening) -> int:
     most = op.size // rows
     if most < 2:
         return 1
-    strokes = 1 + count_turns(op, screening.min_band * float(np.ptp(op)))
-    return int(max(1, min(most, op.size // (of_a_stroke * strokes))))
-
-
-@kernel
-def count_turns(signal: Array, least: float) -> int:
-    """Times that a signal ``(n,)`` turns round by more than ``least``."""
-    turns, direction = 0, 0
-    extreme = signal[0]
-    for k in range(signal.size):
-        moved = signal[k] - extreme
-        if direction == 0:
-            if abs(moved) > least:
-                direction = 1 if moved > 0.0 else -1
-                extreme = signal[k]
-        elif moved * direction >= 0.0:
-            extreme = signal[k]
-        elif -moved * direction > least:
-            turns += 1
-            direction = -direction
-            extreme = signal[k]
-    return turns
+    _, turns = travel_and_turns(op, screening.min_band * float(np.ptp(op)))
+    return int(max(1, min(most, op.size // (of_a_stroke * (1 + turns)))))
 
 
 def _means(signal: Array, block: int) -> Array:

@@ -113,7 +113,7 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
     # the paper's criterion and methods are for every sample
     plain = request.criterion == "arx" or request.method != "search"
     block = 1 if plain else block_of(whole.u, settings.screening)
-    window = average(whole, block)
+    window = whole if block == 1 else average(whole, block)
     criterion = CRITERIA[request.criterion]
     modelling = criterion.modelling(settings.modelling)
     sign = math.copysign(1.0, request.action) if abs(request.action) > modelling.action_t else 0.0

@@ -180,7 +180,7 @@ class WorkRecord(Record):
 
     Attributes:
         loop: its name.
-        utc_ms: when it was said.
+        utc_ms: when it was noted.
         state: open, planned, done or verified.
         owner: who does the work; empty where nobody does yet.
         note: in words.

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from estimator import identify
-from estimator.averaging import average, block_of, count_turns
+from estimator.averaging import average, block_of
+from estimator.monitoring.indices.wear import travel_and_turns
 from estimator.settings import SETTINGS
 from estimator.window import harmonise
 
@@ -84,9 +85,9 @@ def test_only_what_is_slow_and_quiet_is_averaged() -> None:
 
 def test_turns_are_counted_beyond_a_least_size() -> None:
     signal = np.array([0.0, 1.0, 0.95, 2.0, 0.5, 0.6, 0.4, 1.4])
-    assert count_turns(signal, 0.2) == 2
-    assert count_turns(signal, 0.07) == 4
-    assert count_turns(np.linspace(0.0, 1.0, 9), 0.1) == 0
+    assert travel_and_turns(signal, 0.2)[1] == 2
+    assert travel_and_turns(signal, 0.07)[1] == 4
+    assert travel_and_turns(np.linspace(0.0, 1.0, 9), 0.1)[1] == 0
 
 
 def test_averages_leave_bad_samples_out() -> None:

@@ -11,7 +11,7 @@ from compiled import kernel
 from estimator.monitoring.indices._signals import vector
 from estimator.outcomes import EstimatorError
 
-__all__ = ["ValveWear", "valve_wear"]
+__all__ = ["ValveWear", "travel_and_turns", "valve_wear"]
 
 _DAY = 86400.0
 
@@ -25,7 +25,8 @@ class ValveWear:
 
 
 @kernel
-def _turns(position: NDArray[np.float64], deadband: float) -> tuple[float, int]:
+def travel_and_turns(position: NDArray[np.float64], deadband: float) -> tuple[float, int]:
+    """Way of a signal ``(n,)``, and its turns; one back by at most ``deadband`` is noise."""
     travel, reversals = 0.0, 0
     anchor, direction = position[0], 0.0
     for value in position[1:]:
@@ -62,6 +63,6 @@ def valve_wear(position: ArrayLike, *, period: float, deadband: float = 0.0) -> 
             f"period must be positive and deadband not negative; got {period!r} and {deadband!r}"
         )
     values = vector("position", position)
-    travel, reversals = _turns(values[np.isfinite(values)], float(deadband))
+    travel, reversals = travel_and_turns(values[np.isfinite(values)], float(deadband))
     days = values.size * period / _DAY
     return ValveWear(float(travel) / days, float(reversals) / days)
