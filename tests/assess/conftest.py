@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.families.tuning import draw
+from tests.cli.typed import run_typed
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,16 @@ def write_csv(path: Path, loop: Recorded, *, separator: str = ",", comma: bool =
     path.write_text("\n".join(lines) + "\n")
 
 
-@pytest.fixture
-def folder(tmp_path: Path, sticky: Recorded, healthy: Recorded) -> Path:
-    """Four recordings in three dialects, one of them poisoned."""
-    root = tmp_path / "loops"
+@pytest.fixture(scope="session")
+def judged(tmp_path_factory: pytest.TempPathFactory, sticky: Recorded, healthy: Recorded) -> Path:
+    """Four recordings in three dialects, one of them poisoned, and in ``out`` their table."""
+    root = tmp_path_factory.mktemp("assess") / "loops"
     write_csv(root / "FC101.csv", sticky)
     write_csv(root / "area 2" / "TC202.csv", healthy, separator=";", comma=True)
     write_csv(root / "area 2" / "LC203.tsv", healthy, separator="\t")
     (root / "PC104.csv").write_text("op,pv\n" + "1.0,2.0\n" * 60 + "1.0,off\n")
     (root / "notes.txt").write_text("not a recording\n")
+    # Inside what is read: the tables of a run are no recordings.
+    done = run_typed(root, "assess", root, "--out", root / "out", "--workers", 1)
+    assert done.returncode == 1, done.stderr
     return root

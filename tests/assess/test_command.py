@@ -9,6 +9,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +17,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from estimator import identify
+from tests.cli.typed import run_typed
 
 CONTRACT = (
     "file,loop,start,samples,period_s,verdict,score,stick_band,stick_band_low,"
     "stick_band_high,slip_jump,cause,action,seconds,error"
 )
 COMMAND = [sys.executable, "-m", "fieldlink.cli", "assess"]
-
-
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
 
 
 def table(folder: Path) -> list[dict[str, str]]:
@@ -41,12 +37,9 @@ def figures(folder: Path) -> list[dict[str, str]]:
 
 
 def test_a_folder_becomes_a_ranked_table_and_a_poisoned_file_costs_one_row(
-    folder: Path, sticky
+    judged: Path, sticky
 ) -> None:
-    # Inside what is read: the tables of a run are no recordings.
-    out = folder / "out"
-    done = run(folder, "--out", out, "--workers", 1)
-    assert done.returncode == 1, done.stderr
+    folder, out = judged, judged / "out"
     rows = table(out)
     assert ",".join(rows[0]) == CONTRACT
     assert rows[0]["loop"] == "FC101"
@@ -84,7 +77,8 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
         rows = np.column_stack([loop.op, loop.pv])[: 120 + 20 * number]
         np.savetxt(loops / f"L{number:02}.csv", rows, delimiter=",", header="op,pv", comments="")
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert run(loops, "--out", whole, "--workers", 1).returncode == 0
+    run = partial(run_typed, tmp_path, "assess", loops)
+    assert run("--out", whole, "--workers", 1).returncode == 0
     begun = subprocess.Popen(
         [*COMMAND, str(loops), "--out", str(broken), "--workers", "1"],
         stderr=subprocess.PIPE,
@@ -99,15 +93,15 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
     done = kept.execute("SELECT COUNT(*) FROM pieces WHERE done").fetchone()[0]
     kept.close()
     assert 1 <= done < 8
-    other = run(loops, "--out", broken, "--samples", 500)
+    other = run("--out", broken, "--samples", 500)
     assert other.returncode == 2
     assert "holds a run with another value of samples (1000)" in other.stderr
-    again = run(loops, "--out", broken, "--workers", 1)
+    again = run("--out", broken, "--workers", 1)
     assert again.returncode == 0, again.stderr
     assert f"{8 - done} judged" in again.stdout
     assert figures(broken) == figures(whole)
     assert json.loads((broken / "run.json").read_text())["rows"] == 8
-    finished = run(loops, "--out", broken)
+    finished = run("--out", broken)
     assert finished.returncode == 0
     assert "was finished before" in finished.stdout
 
@@ -122,17 +116,10 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
     ],
 )
 def test_what_cannot_be_done_is_refused_with_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], words: str
+    tmp_path: Path, arguments: list[str], words: str
 ) -> None:
-    from typer.testing import CliRunner
-
-    from fieldlink.cli.app import app
-    from fieldlink.errors import FieldlinkError
-
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "loops.csv").write_text("a,b\n")
-    done = CliRunner().invoke(app, ["assess", *arguments])
-    said = str(done.exception) if isinstance(done.exception, FieldlinkError) else done.output
-    assert done.exit_code != 0
-    assert words in " ".join(said.replace("│", " ").split())
+    done = run_typed(tmp_path, "assess", *arguments)
+    assert done.returncode == 2
+    assert words in " ".join(done.stderr.replace("│", " ").split())

@@ -1,10 +1,11 @@
-"""The installed console script, run as a user runs it."""
+"""The command line, run as a user runs it."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from loop_model import ProcessModel, ValveModel
+from tests.cli.typed import run_typed
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 SCRIPT = Path(sys.executable).with_name("fieldlink")
 
 
 @pytest.fixture
-def fieldlink(tmp_path: Path) -> Run:
-    """Run ``fieldlink ARGUMENTS`` in an empty folder."""
+def script(tmp_path: Path) -> Run:
+    """Run the installed ``fieldlink ARGUMENTS`` in an empty folder, in a process of its own."""
 
     def run(*arguments: str | Path, timeout: float = 100.0) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
@@ -32,6 +34,12 @@ def fieldlink(tmp_path: Path) -> Run:
         )
 
     return run
+
+
+@pytest.fixture
+def fieldlink(tmp_path: Path) -> Run:
+    """Run ``fieldlink ARGUMENTS`` in an empty folder, in this process."""
+    return partial(run_typed, tmp_path)
 
 
 def limit_cycle(rows: int = 600) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

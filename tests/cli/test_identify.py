@@ -12,16 +12,6 @@ import pytest
 from tests.cli.conftest import Run
 
 NUMBERS = {"value", "low", "high"}
-LABELS = {
-    "CHEM1": "stiction",
-    "CHEM2": "stiction",
-    "CHEM10": "stiction",
-    "CHEM13": "no_stiction",
-    "CHEM29": "stiction",
-    "PAP2": "stiction",
-    "PAP4": "no_stiction",
-    "PAP9": "no_stiction",
-}
 
 
 def found(run: Run, *arguments: str | Path) -> dict[str, Any]:
@@ -31,8 +21,8 @@ def found(run: Run, *arguments: str | Path) -> dict[str, Any]:
     return document
 
 
-def test_json_is_the_contract(fieldlink: Run, recording: Path) -> None:
-    document = found(fieldlink, recording)
+def test_json_is_the_contract(script: Run, recording: Path) -> None:
+    document = found(script, recording)
     assert set(document) == {
         "verdict",
         "reasons",
@@ -64,10 +54,7 @@ def test_json_is_the_contract(fieldlink: Run, recording: Path) -> None:
     assert set(document["fit"]) == {"r2", "r2_healthy_valve"}
     assert document["confidence"] == 0.9
     assert (document["samples"], document["period_s"]) == (600, 1.0)
-
-
-def test_the_valve_of_a_simulated_limit_cycle_is_found(fieldlink: Run, recording: Path) -> None:
-    document = found(fieldlink, recording)
+    # The limit cycle was made with S = 4 and J = 2.
     assert document["verdict"] == "stiction"
     assert document["score"] > 0.0
     assert document["stick_band"]["value"] == pytest.approx(4.0, rel=0.02)
@@ -157,12 +144,3 @@ def test_a_run_of_bad_samples_is_not_assessable(
     document = found(fieldlink, path)
     assert document["verdict"] == "not_assessable"
     assert any("bad" in reason for reason in document["reasons"])
-
-
-@pytest.mark.slow
-def test_published_loops_get_their_verdicts(fieldlink: Run, shared_data: Path) -> None:
-    verdicts = {
-        name: found(fieldlink, shared_data / "isdb" / f"{name}.csv")["verdict"] for name in LABELS
-    }
-    right = [name for name, label in LABELS.items() if verdicts[name] == label]
-    assert len(right) >= 7, verdicts

@@ -86,16 +86,13 @@ def test_run_refuses_a_data_directory_that_is_a_file(fieldlink: Run, demo_site: 
     assert "Traceback" not in result.stderr
 
 
-def test_lockstep_finds_the_valve_and_repeats_itself(fieldlink: Run, tmp_path: Path) -> None:
-    outputs = []
-    for name in ("one", "two"):
-        folder = tmp_path / name
-        shutil.copytree(SITES, folder, ignore=shutil.ignore_patterns("data*"))
-        result = fieldlink("run", folder / "lockstep.toml", "--duration", "1500")
-        assert result.returncode == 0, result.stderr
-        outputs.append(result.stdout)
-    assert outputs[0] == outputs[1]
-    assert "stiction" in outputs[0]
+def test_a_lockstep_run_says_what_it_found(fieldlink: Run, tmp_path: Path) -> None:
+    folder = tmp_path / "sites"
+    shutil.copytree(SITES, folder, ignore=shutil.ignore_patterns("data*"))
+    # The first window is full after 800 s; that every run is the same, tests/daemon/test_lockstep.
+    result = fieldlink("run", folder / "lockstep.toml", "--duration", "850")
+    assert result.returncode == 0, result.stderr
+    assert "stiction" in result.stdout
 
 
 def test_sigterm_loses_nothing(demo_site: Path) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,8 +13,8 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
 from fieldlink.lab.rehearse import ScenarioError
+from tests.cli.typed import run_typed
 
-SCRIPT = Path(sys.executable).with_name("fieldlink")
 FAILING = '[[expect]]\nkind = "samples"\nof = "missed"\nat_least = 1\n'
 
 WriteScenario = Callable[..., Path]
@@ -25,16 +23,6 @@ WriteScenario = Callable[..., Path]
 def in_this_process(*arguments: str) -> Result:
     """What needs no process of its own: the same command without its start."""
     return CliRunner().invoke(app, ["rehearse", *arguments])
-
-
-def fieldlink(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [str(SCRIPT), "rehearse", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=100.0,
-        check=False,
-    )
 
 
 def test_without_a_scenario_it_lists_the_shipped_ones() -> None:
@@ -46,13 +34,13 @@ def test_without_a_scenario_it_lists_the_shipped_ones() -> None:
 
 @pytest.mark.slow
 def test_a_run_prints_what_was_found_and_ends_with_its_status(
-    write_scenario: WriteScenario,
+    write_scenario: WriteScenario, tmp_path: Path
 ) -> None:
-    passed = fieldlink(write_scenario())
+    passed = run_typed(tmp_path, "rehearse", write_scenario())
     assert passed.returncode == 0, passed.stderr
     assert re.search(r"passed +samples: bad, at most 0 +0", passed.stdout)
     assert "120 plant seconds in" in passed.stdout
-    failed = fieldlink(write_scenario(expect=FAILING))
+    failed = run_typed(tmp_path, "rehearse", write_scenario(expect=FAILING))
     assert failed.returncode == 1, failed.stderr
     assert re.search(r"failed +samples: missed, at least 1 +0", failed.stdout)
 
@@ -60,7 +48,8 @@ def test_a_run_prints_what_was_found_and_ends_with_its_status(
 @pytest.mark.slow
 def test_json_and_report(write_scenario: WriteScenario, tmp_path: Path) -> None:
     folder = tmp_path / "reports"
-    run = fieldlink(write_scenario(expect=FAILING), "--json", "--report", folder)
+    scenario = write_scenario(expect=FAILING)
+    run = run_typed(tmp_path, "rehearse", scenario, "--json", "--report", folder)
     assert run.returncode == 1, run.stderr
     document = json.loads(run.stdout)
     assert document["passed"] is False
@@ -75,8 +64,8 @@ def test_json_and_report(write_scenario: WriteScenario, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_user_gets_wrong_is_reported(write_scenario: WriteScenario) -> None:
-    slip = fieldlink(write_scenario(daemon="windows = 3"))
+def test_what_a_user_gets_wrong_is_reported(write_scenario: WriteScenario, tmp_path: Path) -> None:
+    slip = run_typed(tmp_path, "rehearse", write_scenario(daemon="windows = 3"))
     assert slip.returncode == 2
     assert "daemon.windows: unknown key; did you mean 'window'?" in slip.stderr
     with pytest.raises(ScenarioError, match="did you mean 'healthy-valve'"):
