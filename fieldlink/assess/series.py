@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Recorded", "Series", "equally_spaced", "steps_of"]
+from fieldlink.site.missing_rows import missing_between, put_into_slots
+
+__all__ = ["Recorded", "Series", "equally_spaced", "runs_in_order", "steps_of", "without_repeats"]
 
 Floats = NDArray[np.float64]
-
-_LATE = 1.8
-"""Periods from one sample to the next from which on a sample is missing between them: a sample that
-is late by three quarters of a period is followed by one that is early."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,8 +40,8 @@ class Series:
     def __len__(self) -> int:
         return int(self.time.size)
 
-    def part(self, rows: slice) -> Series:
-        """The rows of a slice."""
+    def part(self, rows: slice | NDArray[np.bool_]) -> Series:
+        """The rows of a slice, or those that are marked."""
         return replace(
             self,
             time=self.time[rows],
@@ -68,10 +68,28 @@ class Recorded:
         return self._series.part(slice(int(begin), int(min(end, begin + rows))))
 
 
+def without_repeats(series: Series) -> Series:
+    """Of rows with the same time, the last one: a table may hold a moment twice."""
+    is_last = np.append(np.diff(series.time) > 0.0, np.ones(min(1, len(series)), dtype=np.bool_))
+    return series if is_last.all() else series.part(is_last)
+
+
+def runs_in_order(series: Series) -> Iterator[Series]:
+    """The parts of a recording in which the clock does not go back.
+
+    A clock that is set back, as local time is in autumn, shows the same hour twice: each hour is in
+    a part of its own. Where it goes back by less than a period, the stamp is only inexact.
+    """
+    back = np.flatnonzero(np.diff(series.time) < -series.period) + 1
+    for begin, end in pairwise([0, *back.tolist(), len(series)]):
+        part = series.part(slice(begin, end))
+        yield replace(part, time=np.maximum.accumulate(part.time))
+
+
 def steps_of(series: Series) -> NDArray[np.int64]:
     """Slots from each sample to the next, shape ``(n - 1,)``: 1 without a gap."""
     elapsed = np.diff(series.time) / series.period
-    steps = np.where(elapsed < _LATE, 1, np.round(elapsed)).astype(np.int64)
+    steps = 1 + missing_between(elapsed)
     if series.slot is not None:
         counted = np.diff(series.slot)
         # Slots are numbered anew when a daemon starts anew: then the clock counts.
@@ -84,28 +102,19 @@ def equally_spaced(series: Series, most: int) -> Series:
     """Put each sample into its slot, NaN where one is missing; ``most`` slots are kept."""
     slots = np.concatenate([[0], np.cumsum(steps_of(series))])
     kept = int(np.searchsorted(slots, most))
-    if kept == int(slots[kept - 1]) + 1:
-        return series.part(slice(0, kept))
     length = int(slots[kept - 1]) + 1
-    places = slots[:kept]
+    if kept == length:
+        return series.part(slice(0, kept))
 
-    def placed(signal: Floats | None) -> Floats | None:
-        if signal is None:
-            return None
-        spaced = np.full(length, np.nan)
-        spaced[places] = signal[:kept]
-        return spaced
+    def placed(signal: Floats) -> Floats:
+        return put_into_slots(signal[:kept], slots[:kept])
 
-    op, pv = placed(series.op), placed(series.pv)
-    assert op is not None
-    assert pv is not None
-    time = series.time[0] + series.period * np.arange(length)
     return replace(
         series,
-        time=time,
-        op=op,
-        pv=pv,
-        sp=placed(series.sp),
-        auto=placed(series.auto),
+        time=series.time[0] + series.period * np.arange(length),
+        op=placed(series.op),
+        pv=placed(series.pv),
+        sp=None if series.sp is None else placed(series.sp),
+        auto=None if series.auto is None else placed(series.auto),
         slot=None,
     )

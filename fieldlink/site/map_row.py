@@ -9,8 +9,11 @@ from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import ORDERS, DataType, Order, Table, Tag
 from fieldlink.site.errors import Problem, nearest
 
-__all__ = ["COLUMNS", "REQUIRED", "RowReader"]
+__all__ = ["COLUMNS", "NUMBER_COLUMNS", "REQUIRED", "RowReader"]
 
+_POINTS = ("raw_low", "raw_high", "eng_low", "eng_high")
+NUMBER_COLUMNS = ("scale", "offset", *_POINTS, "unit", "low", "high", "outside")
+"""What turns a number of the device into an engineering value; node maps have them too."""
 REQUIRED = ("tag", "address", "type")
 COLUMNS = (
     "tag",
@@ -20,23 +23,13 @@ COLUMNS = (
     "bit",
     "length",
     "order",
-    "scale",
-    "offset",
-    "raw_low",
-    "raw_high",
-    "eng_low",
-    "eng_high",
-    "unit",
-    "low",
-    "high",
-    "outside",
+    *NUMBER_COLUMNS,
     "invalid",
     "writable",
     "every",
     "comment",
 )
 
-_POINTS = ("raw_low", "raw_high", "eng_low", "eng_high")
 _LAST_ADDRESS = 0xFFFF
 _LONGEST_TEXT = 125
 SCALES = (1e-30, 1e30)

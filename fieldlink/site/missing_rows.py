@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fieldlink.site.recording import Recording
 
-__all__ = ["LONGEST_FILLED", "fill_missing_rows"]
+__all__ = ["LONGEST_FILLED", "fill_missing_rows", "missing_between", "put_into_slots"]
 
 LONGEST_FILLED = 30
 """Missing rows in a gap that are filled with bad samples. Over a longer gap PV forgets what it was:
@@ -39,7 +39,7 @@ def fill_missing_rows(recording: Recording) -> Recording:
     steps = np.diff(seconds)
     if abs(float(np.median(steps)) / recording.period - 1.0) > 0.05:
         return recording
-    missing = _missing(steps / recording.period)
+    missing = missing_between(steps / recording.period)
     if not missing.any():
         return recording
     edges = np.flatnonzero(missing > LONGEST_FILLED) + 1
@@ -60,8 +60,14 @@ def fill_missing_rows(recording: Recording) -> Recording:
     return _spread(recording, inside, (*recording.notes, *notes))
 
 
-def _missing(intervals: Floats) -> NDArray[np.int64]:
-    """Missing rows in each interval, counted in periods."""
+def missing_between(intervals: Floats) -> NDArray[np.int64]:
+    """Count the samples that are missing between each sample and the next.
+
+    The one rule for every recording with a clock, whatever it is read from.
+
+    Args:
+        intervals: from each sample to the next, counted in periods, shape ``(n - 1,)``.
+    """
     early = np.concatenate([[1.0], intervals[:-1]])
     late = np.concatenate([intervals[1:], [1.0]])
     lacks = intervals + np.minimum(early, late) - 2.0 >= _LACKS
@@ -69,14 +75,24 @@ def _missing(intervals: Floats) -> NDArray[np.int64]:
     return np.maximum(found, 0.0).astype(np.int64)
 
 
+def put_into_slots(values: Floats, slots: NDArray[np.int64]) -> Floats:
+    """Put samples into their slots, NaN into the others.
+
+    Args:
+        values: samples, shape ``(n,)``.
+        slots: their numbers, rising from 0, shape ``(n,)``.
+
+    Returns:
+        Shape ``(slots[-1] + 1,)``.
+    """
+    found = np.full(int(slots[-1]) + 1, np.nan)
+    found[slots] = values
+    return found
+
+
 def _spread(recording: Recording, missing: NDArray[np.int64], notes: tuple[str, ...]) -> Recording:
     at = np.concatenate([[0], np.cumsum(missing + 1)])
     size = int(at[-1]) + 1
-
-    def placed(values: Floats) -> Floats:
-        found = np.full(size, np.nan)
-        found[at] = values
-        return found
 
     auto = None
     if recording.auto is not None:
@@ -88,9 +104,9 @@ def _spread(recording: Recording, missing: NDArray[np.int64], notes: tuple[str, 
         time = np.interp(np.arange(size), at[~np.isnan(time)], time[~np.isnan(time)])
     return replace(
         recording,
-        op=placed(recording.op),
-        pv=placed(recording.pv),
-        sp=None if recording.sp is None else placed(recording.sp),
+        op=put_into_slots(recording.op, at),
+        pv=put_into_slots(recording.pv, at),
+        sp=None if recording.sp is None else put_into_slots(recording.sp, at),
         auto=auto,
         time=time,
         notes=notes,

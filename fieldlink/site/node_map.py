@@ -13,28 +13,14 @@ from pathlib import Path
 from fieldlink.registers import DataType, Tag
 from fieldlink.site.csv_file import CsvRow, read_csv
 from fieldlink.site.errors import SiteError
-from fieldlink.site.map_row import RowReader
+from fieldlink.site.map_row import NUMBER_COLUMNS, RowReader
 from fieldlink.site.opcua import NODE_ID
 from fieldlink.site.register_map import collect_tags, find_columns
 from fieldlink.spreadsheet import from_cell
 
 __all__ = ["NODE_COLUMNS", "read_node_map"]
 
-NODE_COLUMNS = (
-    "tag",
-    "node",
-    "scale",
-    "offset",
-    "raw_low",
-    "raw_high",
-    "eng_low",
-    "eng_high",
-    "unit",
-    "low",
-    "high",
-    "outside",
-    "comment",
-)
+NODE_COLUMNS = ("tag", "node", *NUMBER_COLUMNS, "comment")
 
 _TYPE = DataType.FLOAT64
 """Every number of OPC UA fits a double, but for 64-bit counts above 2^53."""
