@@ -51,6 +51,7 @@ def diagnose(
     auto: ArrayLike | None = None,
     period: float = 1.0,
     advice: bool = True,
+    healthy: bool = False,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
     """Say why a loop swings, or how well it runs.
@@ -62,6 +63,8 @@ def diagnose(
         auto: non-zero where the controller is in automatic, shape ``(n,)``, optional.
         period: seconds between samples.
         advice: whether to propose settings and simulate them.
+        healthy: whether `identify` has judged before that the valve does not stick; the search for
+            a sticky valve, which takes most of the time, is left out then.
         settings: every chosen number; see `estimator.diagnosis.settings`.
 
     Returns:
@@ -93,7 +96,7 @@ def diagnose(
     sensor = sensor_of(record.pv, record.error, controller, record.good, settings.facts)
     manual = share_by_hand(record.op, record.auto, record.error, settings.facts)
     cut = _window(record, swing, settings)
-    explained = _explain(cut, swing, controller, manual, settings)
+    explained = _explain(cut, swing, controller, manual, settings, healthy=healthy)
     loop = _closed(explained, controller)
     findings = Findings(
         swing=swing,
@@ -215,6 +218,8 @@ def _explain(
     controller: Controller | None,
     manual: float,
     settings: DiagnosisSettings,
+    *,
+    healthy: bool,
 ) -> Explained | None:
     if manual > settings.judging.by_hand:
         return None
@@ -224,8 +229,9 @@ def _explain(
     pv = np.where(cut.good, cut.pv, np.nan)
     auto = None if cut.auto is None else cut.auto.astype(float)
     return explain(
-        cut.op, pv, cut.sp, auto, cut.period, cycles, late=int(late), weighing=settings.weighing
-    )
+        cut.op, pv, cut.sp, auto, cut.period, cycles,
+        late=int(late), healthy=healthy, weighing=settings.weighing,
+    )  # fmt: skip
 
 
 def _closed(explained: Explained | None, controller: Controller | None) -> LinearLoop | None:

@@ -30,7 +30,8 @@ from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.evidence.nuisances import Nuisance, Sinusoid
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
-from estimator.evidence.weighing import weigh
+from estimator.evidence.weighing import Weighing as Weighed
+from estimator.evidence.weighing import fit_healthy, weigh
 from estimator.lanes import Array, filter_rows
 from estimator.outcomes import Reason
 from estimator.processes.conversion import process_model
@@ -101,6 +102,7 @@ def explain(
     cycles: float,
     *,
     late: int = 0,
+    healthy: bool = False,
     settings: Settings = SETTINGS,
     weighing: Weighing = DIAGNOSIS.weighing,
 ) -> Explained:
@@ -112,6 +114,7 @@ def explain(
         cycles: periods of the window's oscillation, NaN where nothing oscillates.
         late: samples by which PV follows OP at the least: 1 where OP is known to answer the PV
             of its own sample, which would otherwise be read as a process without dead time.
+        healthy: whether the valve is known not to stick: no sticky valve is searched then.
         settings: of the estimator.
         weighing: of the diagnosis.
     """
@@ -129,7 +132,7 @@ def explain(
     modelling = settings.modelling
     sign = math.copysign(1.0, action) if abs(action) > modelling.action_t else 0.0
     case = Case(rows_of(window, sign, modelling), settings)
-    found = weigh(case)
+    found = Weighed(fit_healthy(case), None) if healthy else weigh(case)
     plain = _Rival(case, _without_waves(case, found.healthy))
     rivals = [plain, _Rival(case, found.healthy)]
     sticky, evidence = found.sticky, found.evidence

@@ -19,7 +19,7 @@ from estimator.search.processes import polish, settle
 from estimator.search.valves import find_valves
 from estimator.valves.laws import LAWS
 
-__all__ = ["Weighing", "weigh"]
+__all__ = ["Weighing", "fit_healthy", "weigh"]
 
 _PAYS = 0.5
 """Nats that a nuisance must gain beyond its price."""
@@ -52,7 +52,7 @@ class Weighing:
 
 def weigh(case: Case) -> Weighing:
     """Both hypotheses of a window, made as likely as they can be."""
-    healthy = _healthy(case)
+    healthy = fit_healthy(case)
     valves = find_valves(case, healthy)
     if not valves:
         return Weighing(healthy, None)
@@ -101,7 +101,8 @@ def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
     return other if other.likelihood > one.likelihood + 1e-6 else one
 
 
-def _healthy(case: Case) -> Hypothesis:
+def fit_healthy(case: Case) -> Hypothesis:
+    """The healthy valve with the likelier of two kinds of noise, nothing from outside."""
     first, second = (
         polish(case, None, (COARSE[3], 1), (), taps, passes=2) for taps in (WHITE, DRIFT)
     )

@@ -52,10 +52,14 @@ def cause_of(result: Identification, window: Series) -> Cause:
         return Cause(_CAUSES[reason.code], reason.advice)
     if result.verdict is Verdict.NOT_ASSESSABLE:
         return Cause(UNDETERMINED, reason.advice)
+    # One word on the valve: the verdict of this row. So a sticky one is not searched again.
     found = diagnose(
-        window.op, window.pv, window.sp, auto=window.auto, period=window.period, advice=False
-    ).to_dict()["causes"][0]
-    # one word on the valve: the verdict of this row
-    if found["name"] == STICKY:
-        return Cause(UNDETERMINED, ReasonCode.UNCERTAIN.advice)
-    return Cause(found["name"], found["action"])
+        window.op,
+        window.pv,
+        window.sp,
+        auto=window.auto,
+        period=window.period,
+        advice=False,
+        healthy=True,
+    ).causes[0]
+    return Cause(found.name.value, found.action or found.name.action)
