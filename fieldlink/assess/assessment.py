@@ -145,8 +145,9 @@ def _agree(stored: dict[str, Any] | None, job: Job, out: Path) -> None:
         if key == "sources":
             change = "another release of fieldlink"
         elif isinstance(value, dict):
-            names = [name for name, one in value.items() if stored[key].get(name) != one]
-            change = f"another value of {names[0]} ({stored[key].get(names[0])})"
+            before = stored.get(key) or {}
+            names = [name for name, one in value.items() if before.get(name) != one]
+            change = f"another value of {names[0]} ({before.get(names[0])})"
         else:
             change = f"other {key} ({_plain(stored.get(key))})"
         raise AssessError(
@@ -163,11 +164,12 @@ def _finished_before(record: Path, job: Job, out: Path) -> Outcome:
     try:
         stored = json.loads(record.read_text(encoding="utf-8"))
         counts = (stored["loops"], stored["rows"], stored["errors"])
-    except (OSError, ValueError, KeyError) as error:
+        options = dict(stored["options"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise AssessError(
-            f"{record} cannot be read ({error}); name another folder with --out"
+            f"{record} is not the record of a run; name another folder with --out"
         ) from error
-    _agree(stored["options"], job, out)
+    _agree(options, job, out)
     return Outcome(*counts, seconds=0.0, judged=0, already=True)
 
 
@@ -262,6 +264,12 @@ def _finish(job: Job, run_file: RunFile, out: Path, begun: float, before: Counts
     )
     record = {"options": job.options(), **asdict(outcome)}
     part = out / f"{RECORD}.part"
-    part.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    part.replace(out / RECORD)
+    try:
+        part.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        part.replace(out / RECORD)
+    except OSError as error:
+        raise AssessError(
+            f"{out / RECORD} cannot be written ({error.strerror}); check the folder and the free "
+            "space, and go on with the same command"
+        ) from error
     return outcome

@@ -108,6 +108,8 @@ def _following(stretch: Stretch, since: float, until: float, samples: int) -> It
         taken = samples if unbroken > longest else unbroken
         if taken >= MIN_ROWS:
             yield equally_spaced(rows.part(slice(0, taken)), 2 * longest)
-        if taken == len(rows):
-            return
-        since = float(rows.time[taken])
+        if taken < len(rows):
+            since = float(rows.time[taken])
+        else:
+            # Where moments are held twice, there are fewer rows than were read, and more to come.
+            since = float(rows.time[-1]) + 0.5 * rows.period

@@ -1,4 +1,4 @@
-"""the file of a run: what is to be read, what has been, and the rows so far, in one SQLite file.
+"""The file of a run: what is to be read, what has been, and the rows so far, in one SQLite file.
 
 A batch's rows and the fact that it is done are one transaction, so that a run that ends in any way
 at any moment goes on where it was. The table is sorted by SQLite on disk: no table has to fit in
@@ -115,8 +115,8 @@ class RunFile:
 
     def meta(self, key: str) -> Any:
         """Return what is stored under a key, None when nothing is."""
-        found = self._db.execute("SELECT value FROM meta WHERE key = ?", [key]).fetchone()
-        return None if found is None else json.loads(found[0])
+        found = self._read("SELECT value FROM meta WHERE key = ?", [key])
+        return json.loads(found[0][0]) if found else None
 
     def set_meta(self, key: str, value: Any) -> None:
         """Store a plain value under a key."""
@@ -138,7 +138,7 @@ class RunFile:
 
     def tasks(self, most: int, after: int) -> list[Task]:
         """Return the next pieces that are not done, behind piece number ``after``."""
-        found = self._db.execute(
+        found = self._read(
             "SELECT id, piece FROM pieces WHERE done = 0 AND id > ? ORDER BY id LIMIT ?",
             [after, most],
         )
@@ -160,8 +160,8 @@ class RunFile:
 
     def counts(self) -> Counts:
         """Count pieces and rows."""
-        pieces, done = self._db.execute("SELECT COUNT(*), SUM(done) FROM pieces").fetchone()
-        rows, errors = self._db.execute("SELECT COUNT(*), COUNT(error) FROM windows").fetchone()
+        ((pieces, done),) = self._read("SELECT COUNT(*), SUM(done) FROM pieces")
+        ((rows, errors),) = self._read("SELECT COUNT(*), COUNT(error) FROM windows")
         return Counts(pieces, done or 0, rows, errors)
 
     def rank(self) -> None:
@@ -188,8 +188,7 @@ class RunFile:
 
     def classes(self) -> dict[int, int]:
         """Return how many loops are in each class of the ranking."""
-        found = self._db.execute("SELECT class, COUNT(*) FROM temp.standing GROUP BY class")
-        return dict(found.fetchall())
+        return dict(self._read("SELECT class, COUNT(*) FROM temp.standing GROUP BY class"))
 
     def windows_of(self, file: str, loop: str, most: int) -> list[Row]:
         """Return the last windows of a loop, oldest first."""
@@ -218,9 +217,14 @@ class RunFile:
             self._db.executemany("INSERT INTO pieces (piece) VALUES (?)", batch)
 
     def _dicts(self, query: str, parameters: Sequence[Any]) -> list[Row]:
-        found = self._db.execute(query, parameters)
-        names = [column[0] for column in found.description]
-        return [dict(zip(names, row, strict=True)) for row in found]
+        with self._explained():
+            found = self._db.execute(query, parameters)
+            names = [column[0] for column in found.description]
+            return [dict(zip(names, row, strict=True)) for row in found]
+
+    def _read(self, query: str, parameters: Sequence[Any] = ()) -> list[Any]:
+        with self._explained():
+            return self._db.execute(query, parameters).fetchall()
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -229,7 +233,9 @@ class RunFile:
             try:
                 yield
             except BaseException:
-                self._db.execute("ROLLBACK")
+                # On a full disk SQLite has rolled back itself.
+                if self._db.in_transaction:
+                    self._db.execute("ROLLBACK")
                 raise
             self._db.execute("COMMIT")
 

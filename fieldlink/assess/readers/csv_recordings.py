@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from fieldlink.assess.cutting import cut_windows
+from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named
-from fieldlink.assess.series import Recorded, Series
+from fieldlink.assess.series import Recorded, Series, runs_in_order
 from fieldlink.site.recording import Recording, read_recordings
 
 __all__ = ["csv_pieces", "csv_windows"]
@@ -26,8 +27,18 @@ def csv_windows(job: Job, piece: Piece) -> Iterator[Named]:
     """Read the file and cut its loops into windows."""
     path = Path(piece.path)
     for name, recording in read_recordings(path, job.columns.names(), job.columns.period):
-        for window in cut_windows(Recorded(_series(recording)), piece, job.cut):
-            yield name or path.stem, window
+        found = False
+        empty: ReadingError | None = None
+        for run in runs_in_order(_series(recording)):
+            try:
+                for window in cut_windows(Recorded(run), piece, job.cut):
+                    found = True
+                    yield name or path.stem, window
+            except ReadingError as error:
+                # Another part of the recording may hold windows.
+                empty = error
+        if not found and empty is not None:
+            raise empty
 
 
 def _series(recording: Recording) -> Series:

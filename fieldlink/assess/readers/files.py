@@ -70,6 +70,9 @@ class FileReader:
         for path, shown in files:
             whole = Piece(place, shown, path)
             yield Opening(whole)
+            if Path(path).is_dir():
+                yield whole
+                continue
             try:
                 yield from _kind(path)[0](job, whole)
             except FieldlinkError:
@@ -77,6 +80,8 @@ class FileReader:
 
     def windows(self, job: Job, piece: Piece) -> Iterator[Named]:
         """Read a file, or a loop of it."""
+        if Path(piece.path).is_dir():
+            raise ReadingError(f"the folder {_why_closed(piece.path)}")
         return _kind(piece.path)[1](job, piece)
 
 
@@ -85,23 +90,62 @@ def _kind(path: str) -> tuple[_Pieces, _Windows]:
 
 
 def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:
-    """Yield path and shown name of each file, a folder at a time: no list of them all is made."""
+    """Yield path and shown name of each file, a folder at a time: no list of them all is made.
+
+    A folder that a link leads to is read too, each folder once: a link to a folder above would
+    otherwise be followed for ever. A folder in it that cannot be listed is yielded itself, and
+    reading it says why; it costs the others nothing.
+    """
     if not Path(where).is_dir():
         yield where, shown
         return
-
-    def refuse(error: OSError) -> None:
-        raise ReadingError(
-            f"{error.filename}: the folder cannot be read ({error.strerror}); check its permissions"
-        )
-
-    for folder, folders, names in os.walk(where, onerror=refuse):
-        if RUN_FILE in names or {RECORD, "loops.csv"} <= set(names):
-            # The folder of a run: its tables are no recordings.
+    closed: list[str] = []
+    seen: set[tuple[int, int]] = set()
+    for folder, folders, names in os.walk(
+        where, onerror=lambda error: closed.append(str(error.filename)), followlinks=True
+    ):
+        yield from _of_folders(closed, where, shown)
+        closed.clear()
+        folders.sort()
+        if RUN_FILE in names or {RECORD, "loops.csv"} <= set(names) or _is_known(folder, seen):
+            # The folder of a run: its tables are no recordings. Or one that was read already.
             folders.clear()
             continue
-        folders.sort()
         for name in sorted(names):
             if Path(name).suffix.lower() in ENDINGS:
                 path = Path(folder) / name
-                yield str(path), str(Path(shown) / path.relative_to(where))
+                yield str(path), _shown(path, where, shown)
+    if where in closed:
+        raise ReadingError(f"the folder {shown} {_why_closed(where)}")
+    yield from _of_folders(closed, where, shown)
+
+
+def _is_known(folder: str, seen: set[tuple[int, int]]) -> bool:
+    """Whether a folder was met before, under whatever name; it is then known."""
+    try:
+        found = os.stat(folder)
+    except OSError:
+        # It went away meanwhile: then it is not met again.
+        return True
+    key = (found.st_dev, found.st_ino)
+    known = key in seen
+    seen.add(key)
+    return known
+
+
+def _of_folders(paths: list[str], where: str, shown: str) -> Iterator[tuple[str, str]]:
+    for path in paths:
+        if path != where:
+            yield path, _shown(Path(path), where, shown)
+
+
+def _shown(path: Path, where: str, shown: str) -> str:
+    return str(Path(shown) / path.relative_to(where))
+
+
+def _why_closed(folder: str) -> str:
+    try:
+        os.scandir(folder).close()
+    except OSError as error:
+        return f"cannot be listed ({error.strerror}); check its permissions"
+    return "could not be listed when the run began; give it to a run of its own"

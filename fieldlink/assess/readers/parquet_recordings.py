@@ -193,6 +193,8 @@ def _series(table: Any, columns: _Columns, period: float | None) -> Series:
         time = _seconds(table.column(columns.time).combine_chunks())
     known = np.flatnonzero(np.isfinite(time))
     order = known[np.argsort(time[known], kind="stable")]
+    # Files that overlap hold a moment twice: the last one counts.
+    order = order[np.append(np.diff(time[order]) > 0.0, np.ones(min(1, order.size), dtype=bool))]
     time = time[order]
     step = period or (float(np.median(np.diff(time))) if time.size > 1 else 0.0)
     if not step > 0.0:

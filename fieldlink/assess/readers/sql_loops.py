@@ -17,7 +17,7 @@ from sqlalchemy import Column, Select, func, select
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.readers.base import PERIOD_ROWS
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
-from fieldlink.assess.series import Series
+from fieldlink.assess.series import Series, without_repeats
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,6 +64,8 @@ class _Loop:
         self.period = given or (round(float(np.median(steps)), 6) if steps.size else 1.0)
 
     def _of(self, name: str, query: Select[Any]) -> Select[Any]:
+        # A row without a time is nowhere.
+        query = query.where(self._table.time.is_not(None))
         return query if self._key is None else query.where(self._key == name)
 
     def _good(self, query: Select[Any]) -> Select[Any]:
@@ -97,14 +99,16 @@ class MomentLoop(_Loop):
             for number, role in enumerate(self._columns, start=1)
         }
         stamps = np.array([table.moment(row[0]) for row in found])
-        return Series(
-            time=stamps,
-            op=signals["op"],
-            pv=signals["pv"],
-            sp=signals.get("sp"),
-            auto=signals.get("auto"),
-            period=self.period,
-            dated=True,
+        return without_repeats(
+            Series(
+                time=stamps,
+                op=signals["op"],
+                pv=signals["pv"],
+                sp=signals.get("sp"),
+                auto=signals.get("auto"),
+                period=self.period,
+                dated=True,
+            )
         )
 
 

@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timezone
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -126,27 +127,28 @@ class TableReader:
 
     def moment(self, value: Any) -> float:
         """A stamp of the table as seconds since 1970 (UTC)."""
-        if isinstance(value, str):
-            try:
-                value = datetime.fromisoformat(value)
-            except ValueError as error:
-                raise ReadingError(
-                    f"{self._shown}: {value!r} in column {self.time.name} is not a moment; store "
-                    "timestamps, ISO 8601 text or numbers"
-                ) from error
-        if isinstance(value, datetime):
-            return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
-        return float(value) / (1000.0 if self.description.time_unit == "ms" else 1.0)
-
-    def numbers(self, values: Sequence[Any]) -> Floats:
-        """Values as numbers, NaN for NULL."""
         try:
-            return np.array([np.nan if one is None else float(one) for one in values])
+            if isinstance(value, str):
+                value = datetime.fromisoformat(value)
+            if isinstance(value, datetime):
+                return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
+            return float(value) / (1000.0 if self.description.time_unit == "ms" else 1.0)
         except (TypeError, ValueError) as error:
             raise ReadingError(
-                f"{self._shown}: table {self.description.table} holds text where numbers belong "
-                f"({error}); check the names of the columns"
+                f"{self._shown}: {str(value)!r} in column {self.time.name} is not a moment; store "
+                "timestamps, ISO 8601 text or numbers"
             ) from error
+
+    def numbers(self, values: Sequence[Any]) -> Floats:
+        """Values as numbers; NaN for NULL, and for a text such as ``Bad`` among numbers."""
+        found = np.array([_number(one) for one in values], dtype=np.float64)
+        texts = [one for one in values if isinstance(one, str)]
+        if texts and np.isnan(found).all():
+            raise ReadingError(
+                f"{self._shown}: table {self.description.table} holds text where numbers belong "
+                f"({texts[0]!r}); check the names of the columns"
+            )
+        return found
 
     def _stored(self, moment: float) -> Any:
         kind = self.time.type
@@ -155,9 +157,27 @@ class TableReader:
             return aware if kind.timezone else aware.replace(tzinfo=None)
         if isinstance(kind, Numeric) or kind.python_type in (int, float):
             return moment * (1000.0 if self.description.time_unit == "ms" else 1.0)
-        text = datetime.fromtimestamp(moment, UTC).replace(tzinfo=None).isoformat()
-        sample = self.rows(select(func.min(self.time)))[0][0]
-        return text if isinstance(sample, str) and "T" in sample else text.replace("T", " ")
+        separator, offset = self._text_form
+        text = datetime.fromtimestamp(moment, offset or UTC).replace(tzinfo=None).isoformat()
+        return text.replace("T", separator)
+
+    @cached_property
+    def _text_form(self) -> tuple[str, timezone | None]:
+        """How moments are written that are text: what separates the day, and their time zone."""
+        row = self.rows(select(func.min(self.time), func.max(self.time)))[0]
+        ends = [end for end in row if isinstance(end, str)]
+        if not ends:
+            return "T", None
+        for end in ends:
+            self.moment(end)
+        offsets = [datetime.fromisoformat(end).utcoffset() for end in ends]
+        if offsets[0] != offsets[-1]:
+            raise ReadingError(
+                f"{self._shown}: column {self.time.name} holds text of two time zones ({ends[0]} "
+                f"and {ends[-1]}), and its order is not that of time; give a view with timestamps, "
+                "or with the text in UTC"
+            )
+        return "T" if "T" in ends[0] else " ", None if offsets[0] is None else timezone(offsets[0])
 
     def _distinct(self, column: Column[Any]) -> Iterator[str]:
         query = select(func.min(column))
@@ -170,3 +190,10 @@ class TableReader:
         return ReadingError(
             f"{self._shown} cannot be read: {cause_of(error)}; check the address and the rights"
         )
+
+
+def _number(value: Any) -> float:
+    try:
+        return math.nan if value is None else float(value)
+    except (TypeError, ValueError):
+        return math.nan

@@ -1,0 +1,175 @@
+"""Places as plants have them: links, folders that go away, tables with holes, clocks set back."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from fieldlink.assess import AssessError, Cut, Job, Piece
+from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.places import place_of
+from fieldlink.assess.readers import files
+from fieldlink.assess.readers.base import Opening
+from fieldlink.assess.readers.files import FileReader
+from fieldlink.assess.readers.registry import reader_of
+from fieldlink.assess.run_file import RunFile
+from fieldlink.assess.table_row import error_row
+from fieldlink.errors import FieldlinkError
+from tests.assess.conftest import write_csv
+from tests.assess.test_readers import BEGIN, as_moments, windows
+from tests.cli.typed import run_typed
+
+
+def listed(job: Job) -> list[str]:
+    found = FileReader().pieces(job, 0, "")
+    return [piece.file for piece in found if isinstance(piece, Piece)]
+
+
+def test_links_are_followed_and_each_folder_is_read_once(tmp_path: Path, sticky) -> None:
+    site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
+    write_csv(site / "a" / "FC1.csv", sticky)
+    write_csv(elsewhere / "FC2.csv", sticky)
+    (site / "a" / "up").symlink_to(site)
+    (site / "b").symlink_to(elsewhere)
+    (site / "c").symlink_to(elsewhere)
+    (site / "gone.csv").symlink_to(tmp_path / "nothing.csv")
+    job = Job((place_of(str(site)),))
+    assert listed(job) == [str(site / name) for name in ("gone.csv", "a/FC1.csv", "b/FC2.csv")]
+
+
+def test_a_folder_that_goes_away_while_it_is_listed_costs_one_row(
+    tmp_path: Path, sticky, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a", "b", "c"):
+        write_csv(tmp_path / name / "FC1.csv", sticky)
+    kind = files._kind
+
+    def remove(path: str) -> object:
+        shutil.rmtree(tmp_path / "b", ignore_errors=True)
+        return kind(path)
+
+    monkeypatch.setattr(files, "_kind", remove)
+    job = Job((place_of(str(tmp_path)),))
+    assert listed(job) == [str(tmp_path / name) for name in ("a/FC1.csv", "b", "c/FC1.csv")]
+    with pytest.raises(FieldlinkError, match=r"^the folder cannot be .*; check|No such file"):
+        list(FileReader().windows(job, Piece(0, "b", str(tmp_path / "b"))))
+    opened = [one for one in FileReader().pieces(job, 0, "") if isinstance(one, Opening)]
+    assert len(opened) == 2
+
+
+def test_a_table_with_holes_texts_and_doubles_gives_what_is_in_it(tmp_path: Path, sticky) -> None:
+    place = as_moments(tmp_path, sticky.op, sticky.pv)
+    with sqlite3.connect(tmp_path / "plant.db") as db:
+        db.execute("INSERT INTO hist VALUES (NULL, 'FC101', 1.0, 1.0)")
+        db.execute("INSERT INTO hist SELECT * FROM hist WHERE ts LIKE '%00:00:2_.%'")
+        db.execute("UPDATE hist SET value = 'Bad' WHERE ts LIKE '%00:01:00.%'")
+        db.execute("UPDATE hist SET value = NULL WHERE ts LIKE '%00:01:01.%'")
+    db.close()
+    ((_, found),) = windows(place, Cut(samples=1000))
+    assert len(found) == 400
+    np.testing.assert_array_equal(found.op, sticky.op)
+    expected = sticky.pv.copy()
+    expected[60:62] = np.nan
+    np.testing.assert_array_equal(found.pv, expected)
+
+
+@pytest.mark.parametrize("zone", ["+05:30", "Z"])
+def test_moments_that_are_text_may_have_a_time_zone(tmp_path: Path, sticky, zone: str) -> None:
+    hours = 5.5 if zone == "+05:30" else 0.0
+    stamps = np.datetime64(BEGIN, "s") + np.arange(400) + np.timedelta64(int(3600 * hours), "s")
+    with sqlite3.connect(tmp_path / "plant.db") as db:
+        db.execute("CREATE TABLE hist (ts TEXT, out REAL, value REAL)")
+        rows = zip([f"{t}{zone}" for t in stamps], sticky.op, sticky.pv, strict=True)
+        db.executemany("INSERT INTO hist VALUES (?, ?, ?)", rows)
+    text = '[sql]\nurl = "sqlite:///plant.db"\ntable = "hist"\ntime = "ts"\nop = "out"\n'
+    (tmp_path / "x.toml").write_text(f'{text}pv = "value"\n')
+    place = place_of(str(tmp_path / "x.toml"))
+    ((_, found),) = windows(place, Cut(since=BEGIN + 100.0, until=BEGIN + 200.0))
+    assert found.time[0] == BEGIN + 100.0
+    np.testing.assert_array_equal(found.op, sticky.op[100:200])
+    with sqlite3.connect(tmp_path / "plant.db") as db:
+        db.execute("INSERT INTO hist VALUES ('2026-07-01T00:00:00-08:00', 1, 1)")
+    db.close()
+    with pytest.raises(ReadingError, match="text of two time zones"):
+        windows(place, Cut(since=BEGIN + 100.0))
+
+
+def test_the_hour_that_autumn_repeats_is_two_hours(tmp_path: Path, sticky) -> None:
+    # Local time, 30 s a sample: an hour after 01:00 it is 01:00 again.
+    minutes = np.concatenate([np.arange(0, 120, 0.5), np.arange(60, 140, 0.5)])
+    stamps = np.datetime64("2026-10-25T00:00", "s") + (60 * minutes).astype(int)
+    signals = (sticky.op.tolist(), sticky.pv.tolist())
+    lines = [f"{t},{o!r},{p!r}" for t, o, p in zip(stamps, *signals, strict=True)]
+    (tmp_path / "x.csv").write_text("\n".join(["time,op,pv", *lines]))
+    found = windows(place_of(str(tmp_path / "x.csv")), Cut())
+    assert [len(window) for _, window in found] == [240, 160]
+    np.testing.assert_array_equal(found[0][1].op, sticky.op[:240])
+    np.testing.assert_array_equal(found[1][1].pv, sticky.pv[240:400])
+
+
+def test_a_parquet_file_of_two_exports_that_overlap_has_each_moment_once(
+    tmp_path: Path, sticky
+) -> None:
+    rows = np.concatenate([np.arange(0, 250), np.arange(150, 400)])
+    times = pa.array(1000 * (BEGIN + rows), pa.timestamp("ms", "UTC"))
+    columns = {"time": times, "op": sticky.op[rows], "pv": sticky.pv[rows]}
+    pq.write_table(pa.table(columns), tmp_path / "x.parquet")
+    ((_, found),) = windows(place_of(str(tmp_path / "x.parquet")), Cut())
+    np.testing.assert_array_equal(found.op, sticky.op)
+
+
+def test_the_record_of_something_else_and_of_an_older_release_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("op,pv\n")
+    for text, words in (
+        ('{"loops": 1, "rows": 1, "errors": 0}', "is not the record of a run"),
+        ("[]", "is not the record of a run"),
+        (
+            json.dumps({"loops": 1, "rows": 1, "errors": 0, "options": {}}),
+            "holds a run with other places",
+        ),
+    ):
+        (tmp_path / "out").mkdir(exist_ok=True)
+        (tmp_path / "out" / "run.json").write_text(text)
+        done = run_typed(tmp_path, "assess", "a.csv", "--out", "out")
+        assert done.returncode == 2
+        assert words in " ".join(done.stderr.split())
+
+
+def test_a_full_disk_is_one_sentence_and_loses_nothing_that_was_stored(tmp_path: Path) -> None:
+    file = RunFile(tmp_path / "run.sqlite")
+    pieces = [Piece(0, f"F{number}") for number in range(200)]
+    file.plan(pieces)
+    done = [(number, [error_row(f"F{number}", "L", "", "x" * 500)]) for number in range(1, 201)]
+    file.store(done[:20])
+    used = file._db.execute("PRAGMA page_count").fetchone()[0]
+    file._db.execute(f"PRAGMA max_page_count = {used + 2}")
+    with pytest.raises(AssessError, match=r"run\.sqlite cannot be used \(database or disk is full"):
+        file.store(done[20:])
+    assert file.counts().rows == 20
+    file._db.execute(f"PRAGMA max_page_count = {used + 1000}")
+    file.store(done[20:])
+    assert file.counts().rows == 200
+    file.close()
+
+
+def test_a_store_is_read_while_it_is_written(tmp_path: Path, sticky) -> None:
+    from tests.assess.test_readers import as_historian
+
+    place = as_historian(tmp_path, sticky.op[:200], sticky.pv[:200])
+    job = Job((place,))
+    reader = reader_of(place.kind)
+    pieces = [piece for piece in reader.pieces(job, 0, "") if isinstance(piece, Piece)]
+    writer = sqlite3.connect(tmp_path / "history.sqlite", isolation_level=None)
+    writer.execute("BEGIN IMMEDIATE")
+    writer.execute("UPDATE samples SET op = 0")
+    ((_, found),) = [window for piece in pieces for window in reader.windows(job, piece)]
+    np.testing.assert_array_equal(found.op, sticky.op[:200])
+    writer.execute("ROLLBACK")
+    writer.close()
