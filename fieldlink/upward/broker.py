@@ -80,7 +80,7 @@ class BrokerSession:
         client.on_subscribe = lambda *args: self._hand(self._on_subscribed, args[2], args[3])
         client.on_message = lambda *args: self._hand(
             self._on_message,
-            Incoming(args[2].topic, bytes(args[2].payload), bool(args[2].retain)),
+            Incoming.of(args[2].topic, args[2].payload, retained=bool(args[2].retain)),
         )
         self._client = client
 

@@ -43,7 +43,13 @@ class CommandDesk:
         self._tell = tell
 
     def handle(
-        self, command: str, loop: str | None, reason: str, *, topic: str, retained: bool = False
+        self,
+        command: str,
+        loop: str | None,
+        reason: str,
+        *,
+        topic: str,
+        refusal: str | None = None,
     ) -> Answer:
         """Carry a command out or refuse it; both are events.
 
@@ -52,15 +58,12 @@ class CommandDesk:
             loop: the loop; None where the topic names none of the site's.
             reason: as the sender gave it.
             topic: where the command came from.
-            retained: whether the broker kept it; such a command is as old as anything.
+            refusal: why the message is no command, found before it was read.
         """
         why = as_printable(reason)[:LONGEST_REASON] or "no reason given"
         try:
-            if retained:
-                raise FieldlinkError(
-                    "a retained command would be carried out at every connection; publish it "
-                    "without the retain flag"
-                )
+            if refusal is not None:
+                raise FieldlinkError(refusal)
             if command not in self._allowed or command not in self._actions:
                 raise FieldlinkError("the site file does not allow it; see mqtt.commands")
             if loop is None:

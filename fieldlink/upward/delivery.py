@@ -33,6 +33,13 @@ HEALTH_EVERY = 5.0
 PATIENCE = BackoffSettings(first=0.5, cap=30.0)
 """Pauses between attempts to connect."""
 
+STEADY = 30.0
+"""Seconds for which a connection must stand before the pauses begin anew: a broker that takes every
+connection and ends it at once would otherwise be asked twice a second for ever."""
+
+SHORT_LIVED = 3
+"""Connections in a row that ended before that; then one event tells it, instead of two for each."""
+
 REFUSALS = 5
 """Connections in a row that the broker closes over the same single message before it is skipped."""
 
@@ -78,6 +85,9 @@ class Delivery:
         self._connects = self._delivered = self._skipped = self._waiting = 0
         self._last_error = ""
         self._look_at = 0.0
+        self._up_since = 0.0
+        self._is_told_up = False
+        self._short_lived = 0
 
     def wake(self, *, look: bool = False) -> None:
         """Look for new messages now, and at the site's health where ``look`` says so."""
@@ -148,6 +158,8 @@ class Delivery:
             await self._deliver(session)
             farewell = tuple(self._format.farewell())
         finally:
+            if self._is_up:
+                self._note_length(time.monotonic() - self._up_since)
             self._is_up, self._session = False, None
             if not session.was_reached:
                 # tck-id-topics-nbirth-bdseq-increment: one more for each CONNECT that was sent
@@ -161,6 +173,10 @@ class Delivery:
             self._wake.clear()
             await self._answer(session)
             now = time.monotonic()
+            if now - self._up_since >= STEADY and not self._refusals:
+                self._backoff.succeeded()
+                self._short_lived = 0
+                self._tell_connection()
             if now >= self._look_at:
                 await session.publish(self._format.note_health(self._health()))
                 self._look_at = now + HEALTH_EVERY
@@ -245,16 +261,38 @@ class Delivery:
     def _note_connection(self) -> None:
         self._is_up = True
         self._connects += 1
-        if not self._refusals:
-            self._backoff.succeeded()
+        self._up_since = time.monotonic()
+        if self._short_lived < SHORT_LIVED:
+            self._tell_connection()
+
+    def _tell_connection(self) -> None:
+        if self._is_told_up:
+            return
+        self._is_told_up = True
         self._tell(
             "mqtt.connected", f"mqtt {self._format.name}", f"connected to {self._settings.where}"
         )
 
+    def _note_length(self, seconds: float) -> None:
+        """Count a connection that ends early, and say so once when it is the rule."""
+        if self._stopping or seconds >= STEADY:
+            return
+        self._short_lived += 1
+        if self._short_lived == SHORT_LIVED:
+            self._tell(
+                "mqtt.unsteady",
+                f"mqtt {self._format.name}",
+                f"the last {SHORT_LIVED} connections to {self._settings.where} were lost within "
+                f"{STEADY:g} s; check whether another client has the name "
+                f"{self._settings.client_id}, and the broker's log",
+                bad=True,
+            )
+
     def _note_loss(self, said: str) -> None:
         if self._stopping:
             return
-        first = self._backoff.failures == 0
+        first = self._is_told_up or self._backoff.failures == 0
+        self._is_told_up = False
         self._backoff.failed(time.monotonic())
         # One event for each way of failing: a broker that is away for a day is two lines.
         if first or said != self._last_error:

@@ -97,19 +97,19 @@ class JsonFormat:
     def receive(self, incoming: Incoming, health: Health) -> Iterable[Outgoing]:  # noqa: ARG002
         """Have a command carried out; the answer goes to its topic with ``/result`` added."""
         loop, command = self._topics.find_command(incoming.topic)
-        request = _read_request(incoming.payload)
+        request = {} if incoming.refusal else _read_request(incoming.payload)
         answer = self._desk.handle(
             command,
             loop,
             str(request.get("reason", "")),
             topic=incoming.topic,
-            retained=incoming.retained,
+            refusal=incoming.refusal,
         )
         document = {
             "time": _time_text(None),
             "accepted": answer.accepted,
             "message": answer.message,
-            "request": request.get("request"),
+            "request": _repeatable(request.get("request")),
         }
         return [_packet(f"{incoming.topic}/result", document)]
 
@@ -132,9 +132,18 @@ def _read_request(payload: bytes) -> Mapping[str, object]:
     text = payload.decode("utf-8", errors="replace").strip()
     try:
         found = json.loads(text) if text else {}
-    except ValueError:
+    except (ValueError, RecursionError):
         return {"reason": text}
     return found if isinstance(found, dict) else {"reason": text}
+
+
+def _repeatable(value: object) -> object:
+    """A sender's own mark as the answer repeats it; None where JSON in UTF-8 cannot hold it."""
+    try:
+        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
+    except (ValueError, RecursionError):
+        return None
+    return value
 
 
 def _time_text(utc_ms: int | None) -> str:

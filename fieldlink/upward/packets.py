@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Incoming", "Outgoing"]
+__all__ = ["LONGEST_COMMAND", "Incoming", "Outgoing"]
+
+LONGEST_COMMAND = 10_000
+"""Bytes of a command that are read: a loop, a word and a reason take some hundred. Reading a longer
+one would hold up the sampling, which shares the event loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +23,35 @@ class Outgoing:
 
 @dataclass(frozen=True, slots=True)
 class Incoming:
-    """A message from the broker."""
+    """A message from the broker.
+
+    Attributes:
+        payload: empty where the message is too long to be read.
+        retained: whether the broker kept it from before our subscription.
+        too_long: its size in bytes where that is above `LONGEST_COMMAND`, else 0.
+    """
 
     topic: str
     payload: bytes
     retained: bool
+    too_long: int = 0
+
+    @classmethod
+    def of(cls, topic: str, payload: bytes, *, retained: bool) -> Incoming:
+        """Take a message in, without its payload where that is too long."""
+        size = len(payload)
+        if size > LONGEST_COMMAND:
+            return cls(topic, b"", retained, size)
+        return cls(topic, bytes(payload), retained)
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the message is no command, whatever is in it; None where it may be one."""
+        if self.retained:
+            return (
+                "a retained command would be carried out at every connection; publish it without "
+                "the retain flag"
+            )
+        if self.too_long:
+            return f"the message has {self.too_long} bytes; a command has at most {LONGEST_COMMAND}"
+        return None

@@ -15,6 +15,9 @@ from fieldlink.upward.sparkplug_payload import PayloadError, decode
 
 __all__ = ["SparkplugFormat"]
 
+MOST_METRICS = 20
+"""Metrics of a command: each one is an event, and a loop has two of them."""
+
 _COMMAND_OF = {spec.name: command for command, spec in COMMAND_METRICS.items()}
 
 
@@ -82,6 +85,13 @@ class SparkplugFormat:
         except PayloadError:
             self._desk.handle("unreadable payload", None, "", topic=incoming.topic)
             return
+        if incoming.too_long or len(payload.metrics) > MOST_METRICS:
+            refusal = incoming.refusal or (
+                f"the message has {len(payload.metrics)} metrics; a command has at most "
+                f"{MOST_METRICS}"
+            )
+            self._desk.handle("command", None, "", topic=incoming.topic, refusal=refusal)
+            return
         is_node = incoming.topic == self._node.topic("NCMD")
         loop = None if is_node else self._node.find_loop(incoming.topic)
         for metric in payload.metrics:
@@ -98,7 +108,7 @@ class SparkplugFormat:
                 loop,
                 metric.value if isinstance(metric.value, str) else "",
                 topic=incoming.topic,
-                retained=incoming.retained,
+                refusal=incoming.refusal,
             )
 
     def farewell(self) -> Sequence[Outgoing]:

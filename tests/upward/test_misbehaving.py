@@ -1,0 +1,117 @@
+"""Brokers that end every connection, and messages from above that are no commands."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from fieldlink.upward import delivery
+from fieldlink.upward.packets import LONGEST_COMMAND
+from tests.upward.client import Client
+from tests.upward.conftest import documents, sample, until
+from tests.upward.mosquitto import Mosquitto
+from tests.upward.wiretap import WireTap
+
+JSON_ONLY = 'formats = ["json"]\ncommands = ["estimate_now"]\n'
+TOPIC = "fieldlink/mill 4/U1%2Feast/FC101/command/estimate_now"
+CONNACK = b"\x20\x02\x00\x00"
+
+
+@asynccontextmanager
+async def ending_broker(port: int, answers: bytes) -> AsyncIterator[list[int]]:
+    """A broker that takes every connection, gives its answers, and ends it."""
+    connections: list[int] = []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        connections.append(len(await reader.read(1000)))
+        writer.write(answers)
+        await writer.drain()
+        # The client answers CONNACK with its first messages.
+        await reader.read(1000)
+        writer.close()
+        await writer.wait_closed()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", port)
+    try:
+        yield connections
+    finally:
+        server.close()
+        await server.wait_closed()
+
+
+async def test_a_broker_that_ends_every_connection_fills_no_log_and_loses_nothing(
+    bench: Callable[..., Any], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broker = Mosquitto(tmp_path)
+    async with bench(broker.port, JSON_ONLY) as running:
+        running.put(*(sample("FC101", number) for number in range(20)))
+        async with ending_broker(broker.port, CONNACK) as connections:
+            await until(lambda: len(connections) > 8, "nine connections")
+        told = running.kinds()
+        assert told.count("mqtt.lost") <= 4
+        assert told.count("mqtt.connected") <= 3
+        assert running.waiting == 20
+        monkeypatch.setattr(delivery, "STEADY", 0.1)
+        await broker.start()
+        await until(lambda: running.waiting == 0, "everything delivered")
+        await until(lambda: running.kinds()[-1] == "mqtt.connected", "the steady connection")
+    await broker.kill()
+
+
+async def test_two_clients_of_one_name_are_told_once(
+    bench: Callable[..., Any], broker_process: Mosquitto
+) -> None:
+    port = broker_process.port
+    async with bench(port, JSON_ONLY) as running:
+        report = running.publishing.report
+        for _ in range(delivery.SHORT_LIVED):
+            await until(lambda: report().formats["json"].connected, "the connection")
+            before = report().formats["json"].connects
+            async with Client(port, client_id="fieldlink-mill 4-json"):
+                await until(
+                    lambda before=before: report().formats["json"].connects > before, "the next one"
+                )
+        said = [message for kind, _, message in running.events if kind == "mqtt.unsteady"]
+        assert len(said) == 1
+        assert "another client has the name fieldlink-mill 4-json" in said[0]
+        running.put(sample("FC101", 1))
+        await until(lambda: running.waiting == 0, "the delivery")
+
+
+GARBAGE = (
+    b"[" * 5000,
+    b"\xff\xfe\x00",
+    b'{"reason": "\\ud800", "request": "\\ud800"}',
+    b'{"request": NaN}',
+    b'{"request": 1e999, "reason": {"a": 1}}',
+    b"x" * (LONGEST_COMMAND + 1),
+    b"7" * 9000,
+)
+
+
+async def test_no_message_from_above_holds_up_the_delivery(
+    bench: Callable[..., Any], tap: WireTap, broker_process: Mosquitto
+) -> None:
+    async with Client(broker_process.port, f"{TOPIC}/result") as host:
+        host.publish(TOPIC, GARBAGE[0], retain=True)
+        async with bench(tap.port, JSON_ONLY) as running:
+            await until(lambda: len(host.received) == 1, "the answer to the retained one")
+            assert running.commands == []
+            for payload in GARBAGE:
+                host.publish(TOPIC, payload)
+            await until(lambda: len(host.received) == 1 + len(GARBAGE), "all answers")
+            running.put(sample("FC101", 1))
+            await until(lambda: running.waiting == 0, "the delivery")
+            assert "mqtt.lost" not in running.kinds()
+    answers = [json.loads(data) for _, data, _ in host.received]
+    assert "without the retain flag" in answers[0]["message"]
+    assert [answer["accepted"] for answer in answers[1:]] == [True] * 5 + [False, True]
+    assert f"{LONGEST_COMMAND + 1} bytes" in answers[6]["message"]
+    assert len(running.commands) == 6
+    assert all(reason.isprintable() and len(reason) <= 200 for _, _, reason in running.commands)
+    assert len(documents(tap, "sample")) == 1
