@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks import paper
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.paper import main
 from benchmarks.paper_methods import Estimate, estimates, free_start_cost
@@ -111,13 +112,14 @@ def test_the_search_does_not_end_above_the_true_valve(seed):
 
 
 @pytest.mark.slow
-def test_one_short_run_writes_table_and_figures(tmp_path, capsys):
+def test_one_short_run_writes_table_and_figures(tmp_path, capsys, monkeypatch):
     pytest.importorskip("casadi", reason="CasADi is an optional dependency")
-    options = ["--runs", "1", "--samples", "250", "--grid-step", "2", "--criteria", "auto"]
+    monkeypatch.setattr(paper, "EXAMPLES", EXAMPLES[:1])
+    options = ["--runs", "1", "--samples", "250", "--grid-step", "4", "--criteria", "auto"]
     options += ["--starts", "1", "--name", "short"]
     assert main([*options, "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert (tmp_path / "short.md").read_text() == printed
     figures = json.loads((tmp_path / "short.json").read_text())
     methods = {row["method"] for row in figures["summary"] if row["example"] == "Example 1"}
-    assert {"search, auto", "nlp, paper, M=1 twice", "grid 2"} <= methods
+    assert {"search, auto", "nlp, paper, M=1 twice", "grid 4"} <= methods
