@@ -19,6 +19,7 @@ import argparse
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -79,6 +80,8 @@ def _kill_command(fleet: Path, out: Path, samples: int, kills: int, *options: st
 def _cluster() -> Iterator[tuple[str, Callable[[], None], Callable[[], None]]]:
     """A scheduler and two workers in processes of their own: address, and what kills each."""
     dask = str(Path(sys.executable).parent / "dask")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
     port = 18_786
     address = f"tcp://127.0.0.1:{port}"
     running: dict[str, subprocess.Popen[bytes]] = {}

@@ -13,11 +13,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fieldlink.assess import Job, Judging, Piece, assessment
+from fieldlink.assess import AssessError, Job, Judging, Piece, assessment
 from fieldlink.assess.assessment import EngineChoice, assess
 from fieldlink.assess.places import place_of
 from fieldlink.assess.run_file import Counts
 from fieldlink.assess.workers.watched import TRIES, WatchedWorker
+from tests.assess.cut_line import CutLine
 
 
 class Deadly(WatchedWorker):
@@ -132,3 +133,35 @@ def test_dask_gives_the_rows_of_the_local_pool(judged: Path, tmp_path: Path) -> 
         lines = (folder / "loops.csv").read_text().splitlines()
         texts.append([[cell for n, cell in enumerate(line.split(",")) if n < 11] for line in lines])
     assert texts[0] == texts[1]
+
+
+def test_a_scheduler_that_is_lost_at_any_moment_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    from fieldlink.assess.engines import dask_cluster
+
+    monkeypatch.setattr(dask_cluster, "CONNECT", 0.3)
+    job = Job((place_of(str(tmp_path)),))
+
+    def run(port: int) -> None:
+        with dask_cluster.DaskEngine(job, f"tcp://127.0.0.1:{port}", 1) as engine:
+            assert list(engine.run(lambda: ())) == []
+
+    with distributed.LocalCluster(
+        n_workers=1, processes=False, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        server = int(cluster.scheduler_address.rpartition(":")[2])
+        with CutLine(server) as whole:
+            run(whole.port)
+        for limit in (0, 150, 700):
+            with (
+                CutLine(server, limit) as cut,
+                pytest.raises(AssessError, match=r"no Dask scheduler answers|was lost") as said,
+            ):
+                run(cut.port)
+            assert "<" not in str(said.value)
+        # With the last bytes of all: the work is done, and nothing is lost.
+        with CutLine(server, whole.passed - 10) as cut:
+            run(cut.port)
+    assert "Traceback" not in capfd.readouterr().err

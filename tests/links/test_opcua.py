@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import struct
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -170,7 +171,9 @@ async def test_security_and_password_come_from_files(
 
     from tests.links.opcua_certificates import write_certificate
 
-    own = OpcuaServer(loops=1, user="edge", password="s3cret", pki=str(tmp_path / "pki"))
+    own = OpcuaServer(
+        loops=1, user="edge", password="s3cret", pki=str(tmp_path / "pki"), sessions=1
+    )
     await own.start()
     write_certificate(tmp_path, "urn:fieldlink:client")
     der = base64.b64decode(own.hello["certificate"])
@@ -184,8 +187,26 @@ async def test_security_and_password_come_from_files(
     try:
         await own.tell(step=3)
         await scan_until(link, lambda s: s["L0.OP"].value == 3.0, "an encrypted value")
+        other = open_link(make_opcua_site(own.port, opcua=opcua, loops=1), "plc")
+        refused = await other.scan()
+        assert "BadTooManySessions" in str(refused.failures[0])
+        assert "limit of sessions" in str(refused.failures[0])
+        assert (await link.scan())["L0.OP"].value == 3.0
     finally:
         await link.close()
+    await scan_until(other, lambda s: s["L0.OP"].value == 3.0, "the free session")
+    await other.close()
+    # The server has another certificate than the one that we were given.
+    (tmp_path / "new").mkdir()
+    write_certificate(tmp_path / "new", "urn:another:server")
+    known = (tmp_path / "server.pem").read_bytes()
+    (tmp_path / "server.pem").write_bytes((tmp_path / "new" / "our.pem").read_bytes())
+    link = open_link(make_opcua_site(own.port, opcua=opcua, loops=1), "plc")
+    scan = await link.scan()
+    await link.close()
+    assert link.state is LinkState.DEMOTED
+    assert "its certificates" in str(scan.failures[0])
+    (tmp_path / "server.pem").write_bytes(known)
     (tmp_path / "password").write_text("wrong\n")
     link = open_link(make_opcua_site(own.port, opcua=opcua, loops=1), "plc")
     scan = await link.scan()
@@ -195,3 +216,34 @@ async def test_security_and_password_come_from_files(
         scan.failures[0]
     )
     assert "wrong" not in str(scan.failures[0])
+
+
+ACKNOWLEDGE = b"ACKF" + struct.pack("<6I", 28, 0, 65536, 65536, 0, 0)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"HTTP/1.1 400 Bad Request\r\n\r\n",
+        b"ACKF" + struct.pack("<I", 2**31 - 1) + bytes(50),
+        ACKNOWLEDGE + b"OPNF" + struct.pack("<I", 60) + b"\xff" * 52,
+        b"ERRF" + struct.pack("<IIi", 16, 0x807D0000, 2**30),
+    ],
+    ids=["http", "without end", "rubbish", "wrong length"],
+)
+async def test_what_is_no_opcua_server_is_a_reason_of_the_device(
+    make_opcua_site: Callable[..., Site], answer: bytes
+) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(100)
+        writer.write(answer)
+        await reader.read(1000)
+        writer.close()
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as listening:
+        port = listening.sockets[0].getsockname()[1]
+        link = open_link(make_opcua_site(port, loops=1).with_device("plc", timeout=0.05), "plc")
+        scan = await link.scan()
+        await link.close()
+    assert link.state is LinkState.DEMOTED
+    assert f"no session with opc.tcp://127.0.0.1:{port}: " in str(scan.failures[0])

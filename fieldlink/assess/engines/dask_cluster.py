@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -58,35 +59,41 @@ class DaskEngine:
             raise AssessError(
                 "--engine dask needs distributed; pip install 'fieldlink[dask]' on every machine"
             ) from error
-        logging.getLogger("distributed").setLevel(logging.ERROR)
+        # Its client logs tracebacks of what is raised, or mended, here.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._job = job.to_json()
         self._lib: Any = distributed
         self._where = scheduler or "this machine"
         self._threads = 1
         self._cluster: Any = None
-        if scheduler is None:
-            self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
-                n_workers=workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address=None,
-                memory_limit=None,
-                silence_logs=logging.ERROR,
-            )
         try:
+            if scheduler is None:
+                self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    memory_limit=None,
+                    silence_logs=logging.CRITICAL,
+                )
             self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]
                 self._cluster if scheduler is None else scheduler,
                 timeout=CONNECT,
                 set_as_default=False,
             )
-        except (OSError, TimeoutError, ValueError) as error:
+        except Exception as error:
+            # What answers need not be a scheduler, or may end at any byte of its answer.
             self._close_cluster()
-            said = " ".join(str(error).split())
             raise AssessError(
-                f"no Dask scheduler answers at {self._where} ({said}); start one with dask "
+                f"no Dask scheduler answers at {self._where} ({_said(error)}); start one with dask "
                 "scheduler, or check --scheduler"
             ) from error
-        self._wait_for_workers()
+        try:
+            self._wait_for_workers()
+        except AssessError:
+            self._client.close(timeout=2.0)
+            self._close_cluster()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -98,7 +105,9 @@ class DaskEngine:
         _traceback: TracebackType | None,
     ) -> None:
         if error is None and self._client.status == "running":
-            self._client.run(_end_workers, on_error="ignore")
+            # Without the scheduler, idle worker processes end by themselves.
+            with suppress(OSError, TimeoutError):
+                self._client.run(_end_workers, on_error="ignore")
         self._client.close(timeout=2.0)
         self._close_cluster()
 
@@ -139,7 +148,12 @@ class DaskEngine:
 
     def _ask(self, asked: dict[str, Any], done: Any, batch: Batch, tries: int) -> None:
         plain = [(task.number, task.piece.plain()) for task in batch]
-        future = self._client.submit(judge_remotely, self._job, plain, pure=False)
+        try:
+            future = self._client.submit(judge_remotely, self._job, plain, pure=False)
+        except Exception as error:
+            if self._client.status != "closed":
+                raise
+            raise self._lost() from error
         asked[future.key] = (batch, tries)
         done.add(future)
 
@@ -161,10 +175,9 @@ class DaskEngine:
             if isinstance(error, AssessError):
                 raise error
             if not isinstance(error, self._lib.KilledWorker | WorkerClosedError):
-                said = " ".join(str(error).split())
                 raise AssessError(
                     f"a Dask worker of {self._where} could not run fieldlink "
-                    f"({type(error).__name__}: {said}); install this release of it on every "
+                    f"({_said(error)}); install this release of it on every "
                     "machine, and go on with the same command"
                 ) from error
         if tries >= TRIES:
@@ -191,7 +204,10 @@ class DaskEngine:
                     continue
                 return
             time.sleep(RETRY)
-        raise AssessError(
+        raise self._lost()
+
+    def _lost(self) -> AssessError:
+        return AssessError(
             f"the Dask scheduler of {self._where} was lost; what is done is kept: start the "
             "cluster, and go on with the same command"
         )
@@ -199,6 +215,12 @@ class DaskEngine:
     def _close_cluster(self) -> None:
         if self._cluster is not None:
             self._cluster.close(timeout=10.0)
+
+
+def _said(error: BaseException) -> str:
+    """What an error of Dask says, without the objects that it names before it."""
+    text = " ".join(str(error).split())
+    return text.rpartition(">: ")[2] or "it ended the connection"
 
 
 def judge_remotely(job: str, batch: Sequence[tuple[int, dict[str, Any]]]) -> Answer:

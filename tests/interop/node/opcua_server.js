@@ -1,6 +1,6 @@
 // An OPC UA server with the stack node-opcua, driven by lines of JSON on stdin.
 //   node opcua_server.js OPTIONS   prints {"port": ...} when it listens; OPTIONS is JSON:
-//     port, loops (pairs OP/PV), array (length of the exchange array), user, password
+//     port, loops (pairs OP/PV), array (length of the exchange array), user, password, sessions
 // Nodes: ns=1;s=L<n>.OP, ns=1;s=L<n>.PV (Double), ns=1;s=Text (String), ns=1;s=Exchange (UInt16[]).
 // Commands: {"step": k} sets every OP of loop n to k + n and PV to -(k + n), at one time;
 //   {"set": name, "value": v, "status": code} one value; "NaN" stands for NaN
@@ -34,7 +34,7 @@ async function main() {
         userManager: {
             isValidUser: (user, password) => user === options.user && password === options.password,
         },
-        serverCapabilities: { maxSessions: 50, operationLimits: { maxNodesPerRead: 1000 } },
+        serverCapabilities: { maxSessions: options.sessions ?? 50, operationLimits: { maxNodesPerRead: 1000 } },
     });
     await server.initialize();
     const space = server.engine.addressSpace;
