@@ -29,9 +29,10 @@ $(VENV)/.installed-dev: pyproject.toml $(VENV)/.installed
 demo: install
 	$(BIN)/fieldlink demo
 
-# Two workers, a file at a time: the daemon's tests wait for clocks more than they compute.
+# Two workers, a file at a time: the daemon's tests wait for clocks more than they compute. The order
+# is that of tests/conftest.py, which begins with the slow files.
 test: dev
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: dev
 	$(BIN)/ruff check .

@@ -15,6 +15,12 @@ settings.register_profile("fieldlink", deadline=None)
 settings.load_profile("fieldlink")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that hold slow tests: begun last, one of them would be waited for."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(autouse=True)
 def _logging_of_its_own() -> Iterator[None]:
     """What a test configures ends with it: a command logs to the stderr that pytest gave it."""

@@ -67,6 +67,7 @@ def test_a_folder_becomes_a_ranked_table_and_a_poisoned_file_costs_one_row(
     assert not (out / "run.sqlite").exists()
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_table(
     tmp_path: Path, sticky, healthy
 ) -> None:

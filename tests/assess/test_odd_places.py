@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -40,8 +41,12 @@ def test_links_are_followed_and_each_folder_is_read_once(tmp_path: Path, sticky)
     (site / "b").symlink_to(elsewhere)
     (site / "c").symlink_to(elsewhere)
     (site / "gone.csv").symlink_to(tmp_path / "nothing.csv")
+    os.mkfifo(site / "pipe.csv")
     job = Job((place_of(str(site)),))
-    assert listed(job) == [str(site / name) for name in ("gone.csv", "a/FC1.csv", "b/FC2.csv")]
+    names = ("gone.csv", "pipe.csv", "a/FC1.csv", "b/FC2.csv")
+    assert listed(job) == [str(site / name) for name in names]
+    with pytest.raises(ReadingError, match="is a pipe or a device"):
+        list(FileReader().windows(job, Piece(0, "pipe.csv", str(site / "pipe.csv"))))
 
 
 def test_a_folder_that_goes_away_while_it_is_listed_costs_one_row(

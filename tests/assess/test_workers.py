@@ -17,7 +17,8 @@ from fieldlink.assess import AssessError, Job, Judging, Piece, assessment
 from fieldlink.assess.assessment import EngineChoice, assess
 from fieldlink.assess.places import place_of
 from fieldlink.assess.run_file import Counts
-from fieldlink.assess.workers.watched import TRIES, WatchedWorker
+from fieldlink.assess.workers import watched
+from fieldlink.assess.workers.watched import WatchedWorker
 from tests.assess.cut_line import CutLine
 
 
@@ -73,18 +74,22 @@ def two_loops(folder: Path, sticky: Any, healthy: Any) -> Path:
     return folder / "loops.csv"
 
 
+@pytest.mark.slow
 def test_a_window_that_kills_its_worker_costs_one_row_and_one_killed_by_chance_none(
-    tmp_path: Path, sticky, healthy
+    tmp_path: Path, sticky, healthy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # Each death costs a start: two of them show what three do.
+    tries = 2
+    monkeypatch.setattr(watched, "TRIES", tries)
     file = two_loops(tmp_path, sticky, healthy)
     job = Job((place_of(str(file)),))
     piece = Piece(0, str(file), str(file))
-    worker = Deadly(job, {"A": [signal.SIGKILL], "B": TRIES * [signal.SIGSEGV]})
+    worker = Deadly(job, {"A": [signal.SIGKILL], "B": tries * [signal.SIGSEGV]})
     try:
         rows = list(worker.judge(piece))
     finally:
         worker.close()
-    assert worker.deaths == 1 + TRIES
+    assert worker.deaths == 1 + tries
     assert [row["loop"] for row in rows] == ["A", "B", "C"]
     assert rows[0]["verdict"] == "stiction"
     assert rows[1]["verdict"] is None
@@ -149,7 +154,7 @@ def test_a_scheduler_that_is_lost_at_any_moment_is_one_sentence(
             assert list(engine.run(lambda: ())) == []
 
     with distributed.LocalCluster(
-        n_workers=1, processes=False, host="127.0.0.1", dashboard_address=None
+        n_workers=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=None
     ) as cluster:
         server = int(cluster.scheduler_address.rpartition(":")[2])
         with CutLine(server) as whole:

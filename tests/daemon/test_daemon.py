@@ -30,6 +30,7 @@ from tests.daemon.live import POOL, STORE, Plant, plant_on, running, site_for, u
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 async def test_samples_estimates_and_their_ends_are_stored(device: Any, tmp_path: Path) -> None:
     site = site_for(tmp_path, {"plc": device.port}, window=160, estimate_every=40.0)
     async with plant_on(device), running(site) as daemon:

@@ -197,6 +197,7 @@ async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() ->
             assert await other.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.0
 
 
+@pytest.mark.slow
 async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -91,7 +91,7 @@ class DaskEngine:
         try:
             self._wait_for_workers()
         except AssessError:
-            self._client.close(timeout=2.0)
+            self._client.close(timeout=2.0)  # type: ignore[no-untyped-call]
             self._close_cluster()
             raise
 

@@ -70,7 +70,7 @@ class FileReader:
         for path, shown in files:
             whole = Piece(place, shown, path)
             yield Opening(whole)
-            if Path(path).is_dir():
+            if _refusal(path):
                 yield whole
                 continue
             try:
@@ -80,8 +80,8 @@ class FileReader:
 
     def windows(self, job: Job, piece: Piece) -> Iterator[Named]:
         """Read a file, or a loop of it."""
-        if Path(piece.path).is_dir():
-            raise ReadingError(f"the folder {_why_closed(piece.path)}")
+        if refusal := _refusal(piece.path):
+            raise ReadingError(refusal)
         return _kind(piece.path)[1](job, piece)
 
 
@@ -141,6 +141,15 @@ def _of_folders(paths: list[str], where: str, shown: str) -> Iterator[tuple[str,
 
 def _shown(path: Path, where: str, shown: str) -> str:
     return str(Path(shown) / path.relative_to(where))
+
+
+def _refusal(path: str) -> str | None:
+    """Why a path is not opened: opening a pipe would wait for ever for somebody who writes."""
+    if Path(path).is_dir():
+        return f"the folder {_why_closed(path)}"
+    if Path(path).exists() and not Path(path).is_file():
+        return "is a pipe or a device; give a file"
+    return None
 
 
 def _why_closed(folder: str) -> str:
