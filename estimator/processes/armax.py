@@ -18,8 +18,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 
 from estimator.lanes import Array, Mask
 from estimator.outcomes import EstimatorError
@@ -127,14 +127,14 @@ class _Problem:
         linear = theta[: self.measured.shape[1]]
         noise = np.concatenate([[1.0], theta[self.measured.shape[1] :]])
         raw = self.weight * (self.y - self.measured @ linear)
-        return np.asarray(lfilter([1.0], noise, raw), dtype=np.float64)
+        return np.asarray(scipy.signal.lfilter([1.0], noise, raw), dtype=np.float64)
 
     def slopes(self, theta: Array, error: Array) -> Array:
         """``-de/dtheta``: the regressors, past innovations among them, filtered by ``1 / C``."""
         noise = np.concatenate([[1.0], theta[self.measured.shape[1] :]])
         past = [_late(error, i) for i in range(1, self.orders.nc + 1)]
         phi = np.column_stack([self.measured * self.weight[:, None], *past])
-        return np.asarray(lfilter([1.0], noise, phi, axis=0), dtype=np.float64)
+        return np.asarray(scipy.signal.lfilter([1.0], noise, phi, axis=0), dtype=np.float64)
 
     def cost(self, error: Array) -> float:
         """Sum of squares over the used rows."""

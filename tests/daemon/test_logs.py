@@ -7,6 +7,8 @@ import sys
 import textwrap
 from pathlib import Path
 
+from tests.cli.typed import run_typed
+
 PROGRAM = textwrap.dedent(
     r"""
     import logging
@@ -65,14 +67,15 @@ def test_the_password_of_the_store_is_never_said(tmp_path: Path) -> None:
             """
         )
     )
-    for command in (["run", "--duration", "1"], ["check"]):
-        name, *options = command
-        result = subprocess.run(
-            [sys.executable, "-m", "fieldlink.cli", name, str(tmp_path / "site.toml"), *options],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+    file = str(tmp_path / "site.toml")
+    ran = subprocess.run(
+        [sys.executable, "-m", "fieldlink.cli", "run", file, "--duration", "1"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    checked = run_typed(tmp_path, "check", file)
+    for result in (ran, checked):
         assert "keeper" in result.stdout + result.stderr
         assert "hunter2" not in result.stdout + result.stderr
-    assert result.returncode == 0
+    assert checked.returncode == 0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal as dsp
 
 from estimator.outcomes import EstimatorError
 
@@ -54,10 +54,10 @@ def detrended(values: Array) -> Array:
 def correlation(u: Array, y: Array) -> tuple[Array, Array]:
     """Lags and normalised cross-correlation; a positive lag compares ``u`` with a later ``y``."""
     scale = float(np.sqrt(np.dot(u, u) * np.dot(y, y)))
-    lags = np.asarray(dsp.correlation_lags(y.size, u.size), dtype=np.float64)
+    lags = np.asarray(scipy.signal.correlation_lags(y.size, u.size), dtype=np.float64)
     if scale == 0.0:
         return lags, np.zeros(lags.size)
-    return lags, np.asarray(dsp.correlate(y, u, method="fft")) / scale
+    return lags, np.asarray(scipy.signal.correlate(y, u, method="fft")) / scale
 
 
 def crossings(values: Array) -> Array:
