@@ -34,8 +34,8 @@ PATIENCE = BackoffSettings(first=0.5, cap=30.0)
 """Pauses between attempts to connect."""
 
 STEADY = 30.0
-"""Seconds for which a connection must stand before the pauses begin anew: a broker that takes every
-connection and ends it at once would otherwise be asked twice a second for ever."""
+"""Seconds for which a connection must stand before the next pause is the shortest again: a broker
+that takes every connection and ends it at once would otherwise be asked twice a second for ever."""
 
 SHORT_LIVED = 3
 """Connections in a row that ended before that; then one event tells it, instead of two for each."""

@@ -20,7 +20,7 @@ from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.series import Series, without_repeats
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["MomentLoop", "ValueLoop"]
 
@@ -68,6 +68,17 @@ class _Loop:
         query = query.where(self._table.time.is_not(None))
         return query if self._key is None else query.where(self._key == name)
 
+    def _series(self, time: Floats, signals: Mapping[str, Floats]) -> Series:
+        return Series(
+            time=time,
+            op=signals["op"],
+            pv=signals["pv"],
+            sp=signals.get("sp"),
+            auto=signals.get("auto"),
+            period=self.period,
+            dated=True,
+        )
+
     def _good(self, query: Select[Any]) -> Select[Any]:
         about = self._table.description
         if about.quality is None:
@@ -99,17 +110,7 @@ class MomentLoop(_Loop):
             for number, role in enumerate(self._columns, start=1)
         }
         stamps = np.array([table.moment(row[0]) for row in found])
-        return without_repeats(
-            Series(
-                time=stamps,
-                op=signals["op"],
-                pv=signals["pv"],
-                sp=signals.get("sp"),
-                auto=signals.get("auto"),
-                period=self.period,
-                dated=True,
-            )
-        )
+        return without_repeats(self._series(stamps, signals))
 
 
 class ValueLoop(_Loop):
@@ -140,15 +141,7 @@ class ValueLoop(_Loop):
                 signals[role] = _placed(at, values, begin, self.period, count)
             elif role != "pv":
                 signals[role] = self._held(role, begin, end, count)
-        return Series(
-            time=begin + self.period * np.arange(count, dtype=np.float64),
-            op=signals["op"],
-            pv=signals["pv"],
-            sp=signals.get("sp"),
-            auto=signals.get("auto"),
-            period=self.period,
-            dated=True,
-        )
+        return self._series(begin + self.period * np.arange(count, dtype=np.float64), signals)
 
     def _values(
         self, role: str, since: float, until: float, rows: int, *, newest: bool = False

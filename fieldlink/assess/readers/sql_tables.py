@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Column, DateTime, MetaData, Numeric, Select, Table, func, select
 from sqlalchemy.exc import NoSuchTableError, SQLAlchemyError
 
-from fieldlink.assess.cutting import Stretch, cut_windows
+from fieldlink.assess.cutting import MIN_ROWS, Stretch, cut_windows
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
@@ -143,7 +143,7 @@ class TableReader:
         """Values as numbers; NaN for NULL, and for a text such as ``Bad`` among numbers."""
         found = np.array([_number(one) for one in values], dtype=np.float64)
         texts = [one for one in values if isinstance(one, str)]
-        if texts and np.isnan(found).all():
+        if len(texts) >= MIN_ROWS and np.isnan(found).all():
             raise ReadingError(
                 f"{self._shown}: table {self.description.table} holds text where numbers belong "
                 f"({texts[0]!r}); check the names of the columns"
