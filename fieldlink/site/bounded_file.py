@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 __all__ = ["UnreadableFileError", "read_bytes"]
 
@@ -40,7 +42,7 @@ def read_bytes(path: Path, *, most_megabytes: int, pipe: bool = False) -> bytes:
             what = "a folder" if stat.S_ISDIR(kind) else "a device, a socket or a pipe"
             raise UnreadableFileError(f"cannot be read (it is {what})", "name a file")
         with path.open("rb") as stream:
-            content = stream.read(most_megabytes * MEGABYTE + 1)
+            content = _read_up_to(stream, most_megabytes * MEGABYTE + 1)
     except OSError as error:
         raise UnreadableFileError(
             f"cannot be read ({error.strerror or error})", "check the path and its permissions"
@@ -53,3 +55,15 @@ def read_bytes(path: Path, *, most_megabytes: int, pipe: bool = False) -> bytes:
             f"is larger than {most_megabytes} MB", "check that it is the right file"
         )
     return content
+
+
+def _read_up_to(stream: BinaryIO, most: int) -> bytes:
+    """Read at most so many bytes; memory is taken for what is there, not for what might be."""
+    expected = os.fstat(stream.fileno()).st_size + 1
+    parts = [stream.read(min(expected, most))]
+    left = most - len(parts[0])
+    # A pipe has no size, and a file may grow while it is read.
+    while left and (part := stream.read(min(left, MEGABYTE))):
+        parts.append(part)
+        left -= len(part)
+    return b"".join(parts) if len(parts) > 1 else parts[0]

@@ -42,6 +42,10 @@ def test_links_are_followed_and_each_folder_is_read_once(tmp_path: Path, sticky)
     (site / "c").symlink_to(elsewhere)
     (site / "gone.csv").symlink_to(tmp_path / "nothing.csv")
     os.mkfifo(site / "pipe.csv")
+    # What lies beside a historian is none.
+    with sqlite3.connect(site / "mqtt_spool.sqlite") as spool:
+        spool.execute("CREATE TABLE messages (id INTEGER)")
+    spool.close()
     job = Job((place_of(str(site)),))
     names = ("gone.csv", "pipe.csv", "a/FC1.csv", "b/FC2.csv")
     assert listed(job) == [str(site / name) for name in names]

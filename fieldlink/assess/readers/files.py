@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from itertools import dropwhile
 from pathlib import Path
 
@@ -112,12 +114,26 @@ def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:
             folders.clear()
             continue
         for name in sorted(names):
-            if Path(name).suffix.lower() in ENDINGS:
-                path = Path(folder) / name
+            path = Path(folder) / name
+            if path.suffix.lower() in ENDINGS and not _is_other_database(path):
                 yield str(path), _shown(path, where, shown)
     if where in closed:
         raise ReadingError(f"the folder {shown} {_why_closed(where)}")
     yield from _of_folders(closed, where, shown)
+
+
+def _is_other_database(path: Path) -> bool:
+    """Whether a file is a sound SQLite database without samples, as one beside a historian."""
+    if path.suffix.lower() != ".sqlite":
+        return False
+    query = "SELECT COUNT(*), SUM(name = 'samples') FROM sqlite_master WHERE type = 'table'"
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+            tables, samples = database.execute(query).fetchone()
+    except sqlite3.Error:
+        # Reading it says what is wrong with it.
+        return False
+    return bool(tables > 0 and samples == 0)
 
 
 def _is_known(folder: str, seen: set[tuple[int, int]]) -> bool:
