@@ -79,13 +79,14 @@ class ModbusConnection:
         self._line: Line | None = None
         self._late = LateReplies() if probes or not line.numbered else None
         self._last_error = "not tried yet"
+        self._connects_before = 0
         self.requests = 0
         self.late_replies = 0
 
     @property
     def connects(self) -> int:
         """How often the line was opened."""
-        return 0 if self._line is None else self._line.connects
+        return self._connects_before if self._line is None else self._line.connects
 
     async def read(self, table: Table, address: int, count: int) -> bytes:
         """Read ``count`` registers (two bytes each) or bits (eight a byte, first in bit 0).
@@ -117,6 +118,8 @@ class ModbusConnection:
         """Let go of the line; a later request would take it up again."""
         line, self._line = self._line, None
         if line is not None:
+            # A daemon that has stopped still says how often it connected.
+            self._connects_before = line.connects
             line.leave()
         await asyncio.sleep(0)
 

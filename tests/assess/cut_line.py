@@ -61,11 +61,12 @@ class CutLine:
                 end.close()
 
     def _cut(self) -> None:
-        self._listener.close()
         with self._lock:
-            for end in self._open:
+            # Closing a socket does not wake the thread that waits for it.
+            for end in (self._listener, *self._open):
                 try:
                     end.shutdown(socket.SHUT_RDWR)
                 except OSError:
                     # It is closed already.
                     continue
+        self._listener.close()
