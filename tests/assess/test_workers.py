@@ -159,7 +159,7 @@ def test_a_scheduler_that_is_lost_at_any_moment_is_one_sentence(
         server = int(cluster.scheduler_address.rpartition(":")[2])
         with CutLine(server) as whole:
             run(whole.port)
-        for limit in (0, 150, 700):
+        for limit in (150, 700):
             with (
                 CutLine(server, limit) as cut,
                 pytest.raises(AssessError, match=r"no Dask scheduler answers|was lost") as said,
