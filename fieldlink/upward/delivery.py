@@ -12,9 +12,9 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterable
 
-from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.upward.broker import BrokerSession
 from fieldlink.upward.broker_settings import BrokerSettings
+from fieldlink.upward.connections import Connections
 from fieldlink.upward.counts import FormatReport
 from fieldlink.upward.errors import BrokerError, BrokerRefusalError, UpwardError
 from fieldlink.upward.formats import Format, Health
@@ -29,16 +29,6 @@ too, and yet an hour of 100 loops (360,000 samples) is delivered in minutes."""
 
 HEALTH_EVERY = 5.0
 """Seconds between two looks at the site's health."""
-
-PATIENCE = BackoffSettings(first=0.5, cap=30.0)
-"""Pauses between attempts to connect."""
-
-STEADY = 30.0
-"""Seconds for which a connection must stand before the next pause is the shortest again: a broker
-that takes every connection and ends it at once would otherwise be asked twice a second for ever."""
-
-SHORT_LIVED = 3
-"""Connections in a row that ended before that; then one event tells it, instead of two for each."""
 
 REFUSALS = 5
 """Connections in a row that the broker closes over the same single message before it is skipped."""
@@ -77,17 +67,12 @@ class Delivery:
         self._wake = asyncio.Event()
         self._stopping = False
         self._session: BrokerSession | None = None
-        self._is_up = False
+        self._connections = Connections(settings, f"mqtt {form.name}", tell)
         self._unused_birth: int | None = None
-        self._backoff = Backoff(PATIENCE)
         self._batch = BATCH
         self._refusals = 0
-        self._connects = self._delivered = self._skipped = self._waiting = 0
-        self._last_error = ""
+        self._delivered = self._skipped = self._waiting = 0
         self._look_at = 0.0
-        self._up_since = 0.0
-        self._is_told_up = False
-        self._short_lived = 0
 
     def wake(self, *, look: bool = False) -> None:
         """Look for new messages now, and at the site's health where ``look`` says so."""
@@ -99,18 +84,18 @@ class Delivery:
         """End soon: `run` returns when what waits is sent, at most `STOP_WITHIN` from now."""
         self._stopping = True
         self._wake.set()
-        if self._session is not None and not self._is_up:
+        if self._session is not None and not self._connections.is_up:
             self._session.abort()
 
     def report(self) -> FormatReport:
         """Return the counts."""
         return FormatReport(
-            connected=self._is_up,
-            connects=self._connects,
+            connected=self._connections.is_up,
+            connects=self._connections.count,
             delivered=self._delivered,
             waiting=self._waiting,
             skipped=self._skipped,
-            last_error=self._last_error,
+            last_error=self._connections.last_error,
         )
 
     async def run(self) -> None:
@@ -125,12 +110,12 @@ class Delivery:
             except Exception as error:  # noqa: BLE001  (told; the other parts go on)
                 name = f"mqtt {self._format.name}"
                 self._defect(name, error, "the connection is opened anew")
-                self._backoff.failed(time.monotonic())
+                self._connections.note_failure()
             await self._pause()
 
     async def _pause(self) -> None:
         while not self._stopping:
-            left = self._backoff.remaining(time.monotonic())
+            left = self._connections.pause
             if left <= 0.0:
                 return
             self._wake.clear()
@@ -154,13 +139,13 @@ class Delivery:
             if filters := self._format.subscriptions():
                 await session.subscribe(filters)
             await session.publish(self._format.begin(self._health()))
-            self._note_connection()
+            self._connections.note_begin()
             await self._deliver(session)
             farewell = tuple(self._format.farewell())
         finally:
-            if self._is_up:
-                self._note_length(time.monotonic() - self._up_since)
-            self._is_up, self._session = False, None
+            # A message that the broker refuses is told when it is skipped.
+            self._connections.note_end(is_known=self._stopping or self._refusals > 0)
+            self._session = None
             if not session.was_reached:
                 # tck-id-topics-nbirth-bdseq-increment: one more for each CONNECT that was sent
                 self._unused_birth = number
@@ -173,10 +158,8 @@ class Delivery:
             self._wake.clear()
             await self._answer(session)
             now = time.monotonic()
-            if now - self._up_since >= STEADY and not self._refusals:
-                self._backoff.succeeded()
-                self._short_lived = 0
-                self._tell_connection()
+            if not self._refusals:
+                self._connections.note_work()
             if now >= self._look_at:
                 await session.publish(self._format.note_health(self._health()))
                 self._look_at = now + HEALTH_EVERY
@@ -258,43 +241,6 @@ class Delivery:
         name = self._format.name
         self._waiting = await self._spool.call(lambda spool: spool.waiting(name))
 
-    def _note_connection(self) -> None:
-        self._is_up = True
-        self._connects += 1
-        self._up_since = time.monotonic()
-        if self._short_lived < SHORT_LIVED:
-            self._tell_connection()
-
-    def _tell_connection(self) -> None:
-        if self._is_told_up:
-            return
-        self._is_told_up = True
-        self._tell(
-            "mqtt.connected", f"mqtt {self._format.name}", f"connected to {self._settings.where}"
-        )
-
-    def _note_length(self, seconds: float) -> None:
-        """Count a connection that ends early, and say so once when it is the rule."""
-        if self._stopping or seconds >= STEADY:
-            return
-        self._short_lived += 1
-        if self._short_lived == SHORT_LIVED:
-            self._tell(
-                "mqtt.unsteady",
-                f"mqtt {self._format.name}",
-                f"the last {SHORT_LIVED} connections to {self._settings.where} were lost within "
-                f"{STEADY:g} s; check whether another client has the name "
-                f"{self._settings.client_id}, and the broker's log",
-                bad=True,
-            )
-
     def _note_loss(self, said: str) -> None:
-        if self._stopping:
-            return
-        first = self._is_told_up or self._backoff.failures == 0
-        self._is_told_up = False
-        self._backoff.failed(time.monotonic())
-        # One event for each way of failing: a broker that is away for a day is two lines.
-        if first or said != self._last_error:
-            self._tell("mqtt.lost", f"mqtt {self._format.name}", said, bad=True)
-        self._last_error = said
+        if not self._stopping:
+            self._connections.note_failure(said)

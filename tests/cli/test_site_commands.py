@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
+from fieldlink.store import read_events
 from tests.cli.conftest import SCRIPT, Run
 
 SITES = Path(__file__).resolve().parents[2] / "site_configs"
@@ -121,6 +122,9 @@ def test_sigterm_loses_nothing(demo_site: Path) -> None:
     connection.close()
     assert stored == read >= 20
     assert "lost 0" in said
+    assert "event=daemon.stop" in complaints
+    assert "Traceback" not in complaints
+    assert read_events(f"sqlite:///{database}")["kind"].tolist()[-1] == "daemon.stop"
 
 
 def _start(*arguments: str | Path) -> subprocess.Popen[str]:

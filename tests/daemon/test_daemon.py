@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
-import textwrap
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -197,66 +193,6 @@ async def test_a_data_directory_that_cannot_be_used_ends_the_start(
     with pytest.raises(StoreError, match="data_dir"):
         await Daemon(site.with_data_dir(tmp_path / "occupied")).run(duration=1.0)
     assert device.requests == []
-
-
-def test_sigterm_ends_the_program_and_loses_nothing(tmp_path: Path) -> None:
-    program = textwrap.dedent(
-        """
-        import asyncio, json, sys
-        from pathlib import Path
-
-        from tests.daemon import live
-        from tests.links.fake_device import FakeDevice
-        from fieldlink.daemon import Daemon, configure_logging, stop_on_signals
-
-        async def main():
-            configure_logging()
-            device = FakeDevice()
-            await device.start()
-            folder = Path(sys.argv[1])
-            site = live.site_for(folder, {"plc": device.port})
-            async with live.plant_on(device):
-                with stop_on_signals() as stop:
-                    status = await Daemon(site, pool=live.POOL).run(stop=stop)
-            await device.stop()
-            counts = status.loops["PLC"].counts
-            print(json.dumps({"read": counts.read, "written": status.store.written}))
-
-        if __name__ == "__main__":
-            asyncio.run(main())
-        """
-    )
-    script = tmp_path / "program.py"
-    script.write_text(program)
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(tmp_path)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        url = f"sqlite:///{tmp_path}/data/history.sqlite"
-        database = tmp_path / "data" / "history.sqlite"
-        for _ in range(3000):
-            if database.exists() and process.poll() is None:
-                try:
-                    if len(read_samples(url)) >= 30:
-                        break
-                except StoreError:
-                    pass
-            time.sleep(0.01)
-        process.send_signal(signal.SIGTERM)
-        out, err = process.communicate(timeout=60)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-    assert process.returncode == 0, err
-    assert f'"read": {len(read_samples(url))},' in out
-    assert read_events(url)["kind"].tolist()[-1] == "daemon.stop"
-    assert "event=daemon.stop" in err
-    assert "Traceback" not in err
 
 
 async def test_a_slow_loop_beside_a_fast_one_is_asked_for_at_its_own_period(

@@ -16,7 +16,7 @@ import pytest
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.site import Site, load_site
 from fieldlink.store import EstimateRecord, EventRecord, Record, SampleRecord
-from fieldlink.upward import Publishing, broker, delivery, publishing
+from fieldlink.upward import Publishing, broker, connections, delivery, publishing
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.wiretap import WireTap
 
@@ -125,7 +125,7 @@ class Bench:
 def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes seconds in a plant takes tenths of them here; nothing asserts how long."""
     monkeypatch.setattr(broker, "ANSWER_WITHIN", 1.0)
-    monkeypatch.setattr(delivery, "PATIENCE", BackoffSettings(first=0.02, cap=0.1))
+    monkeypatch.setattr(connections, "PATIENCE", BackoffSettings(first=0.02, cap=0.1))
     monkeypatch.setattr(delivery, "HEALTH_EVERY", 0.05)
     monkeypatch.setattr(publishing, "LINGER", 0.01)
     monkeypatch.setattr(publishing, "TRIM_EVERY", 0.0)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fieldlink.upward import delivery
+from fieldlink.upward import connections
 from fieldlink.upward.packets import LONGEST_COMMAND
 from tests.upward.client import Client
 from tests.upward.conftest import documents, sample, until
@@ -56,7 +56,7 @@ async def test_a_broker_that_ends_every_connection_fills_no_log_and_loses_nothin
         assert told.count("mqtt.lost") <= 4
         assert told.count("mqtt.connected") <= 3
         assert running.waiting == 20
-        monkeypatch.setattr(delivery, "STEADY", 0.1)
+        monkeypatch.setattr(connections, "STEADY", 0.1)
         await broker.start()
         await until(lambda: running.waiting == 0, "everything delivered")
         await until(lambda: running.kinds()[-1] == "mqtt.connected", "the steady connection")
@@ -69,7 +69,7 @@ async def test_two_clients_of_one_name_are_told_once(
     port = broker_process.port
     async with bench(port, JSON_ONLY) as running:
         report = running.publishing.report
-        for _ in range(delivery.SHORT_LIVED):
+        for _ in range(connections.SHORT_LIVED):
             await until(lambda: report().formats["json"].connected, "the connection")
             before = report().formats["json"].connects
             async with Client(port, client_id="fieldlink-mill 4-json"):
