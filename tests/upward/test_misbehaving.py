@@ -25,10 +25,10 @@ CONNACK = b"\x20\x02\x00\x00"
 @asynccontextmanager
 async def ending_broker(port: int, answers: bytes) -> AsyncIterator[list[int]]:
     """A broker that takes every connection, gives its answers, and ends it."""
-    connections: list[int] = []
+    begun: list[int] = []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        connections.append(len(await reader.read(1000)))
+        begun.append(len(await reader.read(1000)))
         writer.write(answers)
         await writer.drain()
         # The client answers CONNACK with its first messages.
@@ -38,7 +38,7 @@ async def ending_broker(port: int, answers: bytes) -> AsyncIterator[list[int]]:
 
     server = await asyncio.start_server(serve, "127.0.0.1", port)
     try:
-        yield connections
+        yield begun
     finally:
         server.close()
         await server.wait_closed()
@@ -50,8 +50,8 @@ async def test_a_broker_that_ends_every_connection_fills_no_log_and_loses_nothin
     broker = Mosquitto(tmp_path)
     async with bench(broker.port, JSON_ONLY) as running:
         running.put(*(sample("FC101", number) for number in range(20)))
-        async with ending_broker(broker.port, CONNACK) as connections:
-            await until(lambda: len(connections) > 8, "nine connections")
+        async with ending_broker(broker.port, CONNACK) as begun:
+            await until(lambda: len(begun) > 8, "nine connections")
         told = running.kinds()
         assert told.count("mqtt.lost") <= 4
         assert told.count("mqtt.connected") <= 3
