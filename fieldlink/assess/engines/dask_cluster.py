@@ -69,8 +69,12 @@ class DaskEngine:
         try:
             if scheduler is None:
                 self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
-                    n_workers=workers,
-                    threads_per_worker=1,
+                    # The work is done in worker processes of ours: threads that wait for them will
+                    # do, and spare a process for each and one that watches it.
+                    n_workers=1,
+                    threads_per_worker=workers,
+                    processes=False,
+                    protocol="tcp",
                     host="127.0.0.1",
                     dashboard_address=None,
                     memory_limit=None,
