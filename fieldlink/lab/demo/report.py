@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import jinja2
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from estimator import identify
@@ -172,11 +173,21 @@ def _course(truth: Truth, slots: tuple[int, int]) -> Figure:
         axes.axvspan(*slots, color=MODEL, alpha=0.10, lw=0.0)
         if after is not None:
             axes.axvline(float(truth.cycle[truth.compensated][0]), color="black", lw=1.0)
-        axes.legend(loc="upper right", ncols=3, fontsize="small")
+        axes.legend(loc="lower right", ncols=3, fontsize="small")
         axes.margins(x=0.0)
+    _label(upper, sum(slots) / 2.0, "judged window")
+    if after is not None:
+        begin = float(truth.cycle[truth.compensated][0])
+        _label(upper, (begin + float(truth.cycle[-1])) / 2.0, "under the compensator")
     upper.set_ylabel("OP")
     lower.set(ylabel="PV", xlabel="control cycle")
     return figure
+
+
+def _label(axes: Axes, cycle: float, text: str) -> None:
+    """A word about a stretch of cycles, below the upper edge of the axes."""
+    place = axes.get_xaxis_transform()
+    axes.text(cycle, 0.97, text, transform=place, ha="center", va="top", fontsize="medium")
 
 
 def _writes(frame: pd.DataFrame) -> TableText:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -86,7 +87,7 @@ def perform(
     Args:
         scene: what to run.
         watch: called several times a second with the course.
-        hold: wall seconds for which PLC, daemon and page go on afterwards.
+        hold: wall seconds for which PLC, daemon and page go on afterwards; may be infinite.
         opened: called with the page's address when it answers; None where it has no port.
         finished: called, in a thread, with the performance before that time begins.
 
@@ -148,7 +149,7 @@ class _Director:
                 if finished is not None:
                     await asyncio.to_thread(finished, performance)
                 if hold > 0.0:
-                    await asyncio.wait([daemon], timeout=hold)
+                    await asyncio.wait([daemon], timeout=hold if math.isfinite(hold) else None)
             finally:
                 stop.set()
                 await daemon
