@@ -56,7 +56,7 @@ def report(
     ] = None,
     op_span: Annotated[
         float | None,
-        typer.Option(min=1e-9, help="OP's span where no register map gives it; 100."),
+        typer.Option(min=1e-9, help="OP's span where no register map gives it; 100 unless given."),
     ] = None,
     period: Annotated[
         float | None, typer.Option(help="Seconds between the rows of recordings; their own.")
