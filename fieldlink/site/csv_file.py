@@ -12,6 +12,7 @@ from pathlib import Path
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem
+from fieldlink.site.number_cells import plain_number
 
 __all__ = ["CsvFile", "CsvRow", "fit_rows", "parse_rows", "read_csv", "read_text"]
 
@@ -48,13 +49,7 @@ class CsvFile:
         text = cell
         if self.separator != "," and "," in cell and "." not in cell:
             text = cell.replace(",", ".", 1)
-        # Python's grouping underscore is no notation of measured data.
-        if "_" in text:
-            raise ValueError(cell)
-        value = float(text)
-        if value - value != 0.0:
-            raise ValueError(cell)
-        return value
+        return plain_number(text)
 
 
 def read_csv(

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BAD", "NumberCells", "parse_numbers"]
+__all__ = ["BAD", "NumberCells", "parse_numbers", "plain_number"]
 
 BAD = frozenset({"", "nan", "null", "na", "n/a", "none"})
 """Cells without a value, in any case."""
@@ -85,7 +85,7 @@ class _Notation:
             if "." in text:
                 raise ValueError(text)
             text = text.replace(self.decimal, ".")
-        return _plain_number(text)
+        return plain_number(text)
 
 
 def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells:
@@ -101,7 +101,7 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
     others: dict[int, str] = {}
     for index, cell in enumerate(cells):
         try:
-            values[index] = _plain_number(cell)
+            values[index] = plain_number(cell)
         except ValueError:
             folded = cell.casefold()
             if folded in BAD:
@@ -130,7 +130,12 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
     return NumberCells(values, bad, wrong, None)
 
 
-def _plain_number(text: str) -> float:
+def plain_number(text: str) -> float:
+    """Return a finite number with a decimal point.
+
+    Raises:
+        ValueError: the text is none.
+    """
     # Python's grouping underscore is no notation of measured data.
     if "_" in text:
         raise ValueError(text)
