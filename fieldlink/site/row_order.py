@@ -6,6 +6,7 @@ time over the end of summer time, or with stamps of whole seconds for faster sam
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +20,9 @@ __all__ = ["OrderedRows", "put_in_order"]
 _HOUR = 3600.0
 _FEW = 0.05
 """Share of rows with the stamp of another row up to which the stamps count as they are."""
+
+_TWO = 1.5
+"""Periods from which on an interval is one of two periods."""
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -126,15 +130,19 @@ def _after_summer(stamps: Floats, steps: Floats) -> tuple[int, Floats] | None:
 def _without_repetitions(
     rows: Rows, stamps: Floats, cells: Sequence[tuple[str, ...]], notes: list[str]
 ) -> tuple[Rows, Floats]:
-    """Each moment once; stamps that are coarser than the samples are spread evenly."""
-    same = np.flatnonzero(np.diff(stamps) == 0.0) + 1
+    """Leave out repeated rows; stamps that are coarser than the samples are spread evenly."""
+    steps = np.diff(stamps)
+    same = np.flatnonzero(steps == 0.0) + 1
     repeated = np.array([n for n in same if cells[rows[n]] == cells[rows[n - 1]]], dtype=np.int64)
-    distinct = np.setdiff1d(same, repeated)
-    if distinct.size > _FEW * stamps.size or 2 * same.size > stamps.size:
+    if same.size - repeated.size > _FEW * stamps.size or 2 * same.size > stamps.size:
         return rows, _spread(stamps, notes)
-    if same.size:
-        notes.append(f"{same.size} rows have the time of the row before and are left out")
-    kept = np.setdiff1d(np.arange(stamps.size), same)
+    # Beside an interval of two periods the row is a sample, and its stamp is late or early.
+    period = float(np.median(steps[steps > 0.0]))
+    wide = np.concatenate([[0.0, 0.0], steps, [math.inf]]) > _TWO * period
+    repeated = np.array([n for n in repeated if not (wide[n] or wide[n + 2])], dtype=np.int64)
+    if repeated.size:
+        notes.append(f"{repeated.size} rows repeat the row before and are left out")
+    kept = np.setdiff1d(np.arange(stamps.size), repeated)
     return rows[kept], stamps[kept]
 
 

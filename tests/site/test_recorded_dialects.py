@@ -82,6 +82,9 @@ def check(recording: Recording, *, scale: float = 1.0, bad: int = 0) -> None:
         "newest first": lines("time,op,pv", plain, list(range(N))[::-1]),
         "unsorted": lines("time,op,pv", plain, [*range(60, N), *range(60)]),
         "repeated": lines("time,op,pv", plain, sorted([*range(N), 7, 60])),
+        "early stamps": lines(
+            "time,op,pv", lambda k: f"{stamp(k - (k % 40 == 30))},{OP[k]},{PV[k]}"
+        ),
         "end of summer": lines(
             "t,op,pv",
             lambda k: f"{stamp(k, '2026-10-25T00:58:00', local=True)},{OP[k]},{PV[k]}",
