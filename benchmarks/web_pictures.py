@@ -1,6 +1,7 @@
 """Pictures of the pages, from a live run of the demonstration and from a store of 40 loops.
 
-`fieldlink demo --hold` runs PLC, daemon and compensator; a browser opens its pages as a user would.
+`fieldlink demo --hold` runs PLC, daemon and compensator; a browser opens its pages as a user would,
+and the picture of its report is taken over.
 """
 
 from __future__ import annotations
@@ -120,6 +121,9 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
         page.goto(f"{address}devices")
         page.locator("#link", has_text="live ").wait_for()
         page.screenshot(path=images / "web-devices.png")
+        # The second line comes with the report, whose picture README shows.
+        demo.stdout.readline()
+        shutil.copyfile(folder / "run.png", images / "demo.png")
     finally:
         demo.terminate()
         demo.communicate()
