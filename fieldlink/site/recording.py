@@ -234,6 +234,11 @@ def _notes(
     for column in dict.fromkeys(run.column for run in nan_runs):
         rows = [run.rows for run in nan_runs if run.column == column]
         notes.append(
-            f"{column}: {sum(rows)} bad samples in {len(rows)} runs, at most {max(rows)} in a row"
+            f"{column}: {_counted(sum(rows), 'bad sample')} in {_counted(len(rows), 'run')}, "
+            f"at most {max(rows)} in a row"
         )
     return tuple(notes)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

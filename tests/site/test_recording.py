@@ -165,7 +165,7 @@ def test_empty_cells_are_bad_samples_and_counted(write: Write) -> None:
     assert np.flatnonzero(np.isnan(recording.pv)).tolist() == [3, 4, 5, 10]
     assert recording.nan_runs == (NanRun("op", 59, 1), NanRun("pv", 3, 3), NanRun("pv", 10, 1))
     assert recording.notes == (
-        "op: 1 bad samples in 1 runs, at most 1 in a row",
+        "op: 1 bad sample in 1 run, at most 1 in a row",
         "pv: 4 bad samples in 2 runs, at most 3 in a row",
     )
 
