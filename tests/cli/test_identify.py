@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+import estimator
+from fieldlink.site import read_recording
 from tests.cli.conftest import Run
 
 NUMBERS = {"value", "low", "high"}
@@ -160,9 +162,13 @@ def test_a_run_of_bad_samples_is_not_assessable(
 
 
 @pytest.mark.slow
-def test_published_loops_get_their_verdicts(fieldlink: Run, shared_data: Path) -> None:
-    verdicts = {
-        name: found(fieldlink, shared_data / "isdb" / f"{name}.csv")["verdict"] for name in LABELS
-    }
+def test_published_loops_get_their_verdicts(shared_data: Path) -> None:
+    def judged(name: str) -> str:
+        loop = read_recording(shared_data / "isdb" / f"{name}.csv")
+        found = estimator.identify(loop.op, loop.pv, sp=loop.sp, period=loop.period)
+        return str(found.verdict)
+
+    # In one process: what the command adds is tested above, and each start takes a second.
+    verdicts = {name: judged(name) for name in LABELS}
     right = [name for name, label in LABELS.items() if verdicts[name] == label]
     assert len(right) >= 7, verdicts
