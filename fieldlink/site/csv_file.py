@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +18,8 @@ from fieldlink.site.number_cells import plain_number
 __all__ = ["CsvFile", "CsvRow", "fit_rows", "parse_rows", "read_csv", "read_text"]
 
 _MAX_PROBLEMS = 20
+
+_COMMENT = re.compile(r"^[^\S\n]*#", re.MULTILINE)
 
 LARGEST = 1000
 """Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
@@ -188,15 +191,18 @@ def parse_rows(
 
 
 def _parse(text: str, separator: str) -> list[CsvRow]:
-    lines = text.split("\n")
-    kept = "\n".join("" if line.lstrip().startswith("#") else line for line in lines)
-    reader = csv.reader(io.StringIO(kept), delimiter=separator, strict=True)
+    comments: frozenset[int] = frozenset()
+    # A large file without comments is not taken apart a second time.
+    if _COMMENT.search(text):
+        lines = text.split("\n")
+        comments = frozenset(n for n, line in enumerate(lines, 1) if line.lstrip().startswith("#"))
+        text = "\n".join("" if n in comments else line for n, line in enumerate(lines, 1))
+    reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
     rows: list[CsvRow] = []
     last_line = 0
     for cells in reader:
         first_line, last_line = last_line + 1, reader.line_num
-        comment = lines[first_line - 1].lstrip().startswith("#")
-        if comment or (not rows and not any(cells)):
+        if first_line in comments or (not rows and not any(cells)):
             continue
         rows.append(CsvRow(first_line, tuple(cell.strip() for cell in cells)))
     return rows
