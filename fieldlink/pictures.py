@@ -35,6 +35,10 @@ __all__ = [
 OP, STEM, PV, MODEL, MARK = "#7f8c8d", "#c0392b", "#1f4e79", "#e08e0b", "#2e7d32"
 
 
+SCALE_MARGIN = 0.15
+"""Share of the recorded range that PV's scale is wider at each end."""
+
+
 class PictureError(FieldlinkError):
     """A picture could not be written."""
 
@@ -79,6 +83,11 @@ def identification_figure(
     lower.plot(t, result.pv_model, color=MODEL, lw=1.0, label="PV (model)")
     upper.set_ylabel("OP")
     lower.set(xlabel="time / s", ylabel="PV")
+    # The model begins at rest, perhaps far off: what was recorded sets the scale.
+    shown = pv if sp is None else np.concatenate([pv, sp])
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    if high > low:
+        lower.set_ylim(low - SCALE_MARGIN * (high - low), high + SCALE_MARGIN * (high - low))
     for axes in (upper, lower):
         axes.legend(loc="upper right", ncols=3, fontsize="small")
         axes.margins(x=0.0)

@@ -144,17 +144,21 @@ def _summary(scene: Scene, outcome: DemoOutcome) -> str:
     return (
         f"The daemon read OP and PV over Modbus TCP, identified {found}; the true one is "
         f"{_text(S.true)}. It wrote the block, and the PLC's compensator took over: PV's standard "
-        f"deviation fell to {_text(outcome.pv_std.ratio)} of what it was, valve travel to "
-        f"{_text(outcome.valve_travel.ratio)}."
+        f"deviation fell to {_share(outcome.pv_std.ratio)} of what it was, valve travel to "
+        f"{_share(outcome.valve_travel.ratio)}."
     )
+
+
+def _share(ratio: float) -> str:
+    return f"{100.0 * ratio:.3g} %" if np.isfinite(ratio) else "an unknown share"
 
 
 def _caption(scene: Scene) -> str:
     if scene.recording is not None:
         return "OP and PV as replayed. The shaded part is the window behind the block."
     return (
-        "What happened in the PLC, control cycle by control cycle. The stem is the plant's own and "
-        "nobody but this picture sees it. The shaded part is the window behind the block; the line "
+        "What happened in the PLC, control cycle by control cycle. The stem is not measured; only "
+        "the simulated plant knows it. The shaded part is the window behind the block; the line "
         "marks the cycle in which the compensator took over."
     )
 
