@@ -25,10 +25,20 @@ from fieldlink.site.recorded_table import read_recorded_table
 from fieldlink.site.timestamps import Sampling, sampling_of
 from fieldlink.spreadsheet import from_cell
 
-__all__ = ["MIN_ROWS", "NanRun", "Recording", "read_recording", "read_recordings"]
+__all__ = [
+    "MIN_ROWS",
+    "NanRun",
+    "Recording",
+    "files_in",
+    "read_recording",
+    "read_recordings",
+]
 
 MIN_ROWS = 50
 """Fewer rows hold too little of an oscillation to judge."""
+
+ENDINGS = (".csv", ".tsv", ".xlsx", ".parquet", ".mat")
+"""Files of a folder that are recordings; a file that is named itself may end otherwise."""
 
 Floats = NDArray[np.float64]
 
@@ -90,6 +100,13 @@ class Recording:
             time=None if self.time is None else self.time[rows],
             nan_runs=_nan_runs({"op": op, "pv": pv, "sp": sp}),
         )
+
+
+def files_in(path: Path) -> list[Path]:
+    """Return the recordings of a folder in the order of their names, or the file itself."""
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
 
 
 def read_recording(
