@@ -50,7 +50,10 @@ def test_the_oscillation_is_found_and_taken_away(fieldlink: Run, tmp_path: Path)
 def test_a_recording_goes_through_real_registers(
     fieldlink: Run, tmp_path: Path, shared_data: Path
 ) -> None:
-    recording = shared_data / "isdb" / "CHEM10.csv"
+    rows = (shared_data / "isdb" / "CHEM10.csv").read_text().splitlines(keepends=True)
+    # Fewer rows in the same time: a busy machine reads them all.
+    recording = tmp_path / "CHEM10.csv"
+    recording.write_text("".join(rows[:601]))
     result = fieldlink("demo", "--recording", recording, "--json", "--output", tmp_path / "out")
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
