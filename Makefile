@@ -26,8 +26,9 @@ $(VENV)/.installed-dev: pyproject.toml $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@
 
+# The page stays open afterwards: make demo HOLD=600, in seconds.
 demo: install
-	$(BIN)/fieldlink demo
+	$(BIN)/fieldlink demo $(if $(HOLD),--hold $(HOLD))
 
 # Two workers, a file at a time: the daemon's tests wait for clocks more than they compute. The order
 # is that of tests/conftest.py, which begins with the slow files.

@@ -71,7 +71,7 @@ def kernel(function: _Function) -> _Function:
 
 
 def kernel_for(signature: str) -> Callable[[_Function], _Function]:
-    """The same for one signature only, compiled or loaded at import: no first call waits for it."""
+    """Compile a loop for one signature at import, so that no first call waits for it."""
     return lambda function: _compiled(function, signature)
 
 

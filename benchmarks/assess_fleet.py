@@ -172,11 +172,20 @@ def machines(windows_a_second_a_core: float) -> list[tuple[Any, ...]]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--windows", type=int, default=2000, help="of the timed runs")
-    parser.add_argument("--samples", type=int, default=1000, help="of a window")
-    parser.add_argument("--days", type=int, default=10, help="windows of a loop")
-    parser.add_argument("--kill-windows", type=int, default=200, help="of the runs with kills")
-    parser.add_argument("--kills", type=int, default=10, help="of workers; half of the command")
+    parser.add_argument("--windows", type=int, default=2000, help="windows of the timed runs")
+    parser.add_argument("--samples", type=int, default=1000, help="samples of a window")
+    parser.add_argument(
+        "--days", type=int, default=10, help="days, with a window of each loop every day"
+    )
+    parser.add_argument(
+        "--kill-windows", type=int, default=200, help="windows of the runs with kills"
+    )
+    parser.add_argument(
+        "--kills",
+        type=int,
+        default=10,
+        help="kills of workers; the command is killed half as often",
+    )
     parser.add_argument("--out", type=Path, help="folder for assess_fleet.md and .json")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="fleet") as name:

@@ -241,7 +241,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="the two examples only")
-    parser.add_argument("--no-embedding", action="store_true", help="leave the slow one out")
+    parser.add_argument(
+        "--no-embedding", action="store_true", help="leave out the slow embedding controller"
+    )
     parser.add_argument("--only", choices=["table", "figure3", "tradeoff"], help="one part")
     parser.add_argument("--images", type=Path, help="folder for figure3.png and the trade-off")
     parser.add_argument("--out", type=Path, help="folder for the table and the figures")

@@ -136,8 +136,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--loops", type=int, default=20, help="healthy and sticky, of each kind")
-    parser.add_argument("--seed-base", type=int, default=5000, help="seed of each kind's first")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument(
+        "--seed-base", type=int, default=5000, help="seed of the first loop of each kind"
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="processes side by side")
     parser.add_argument("--out", type=Path, help="folder for compression.md and compression.json")
     options = parser.parse_args(arguments)
     loops = loops_of(KINDS, options.loops, options.seed_base)

@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--windows", type=int, nargs=2, default=(120, 480))
-    parser.add_argument("--samples", type=int, default=200, help="of a window")
+    parser.add_argument("--samples", type=int, default=200, help="samples of a window")
     parser.add_argument("--out", type=Path, help="folder for dask_overhead.md and .json")
     given = parser.parse_args(arguments)
     small, large = sorted(given.windows)

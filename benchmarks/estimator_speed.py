@@ -140,11 +140,20 @@ def _rivals(samples: int, each: int, grid_step: float, starts: int) -> list[Riva
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--samples", type=int, default=1000, help="of a window of the examples")
-    parser.add_argument("--windows", type=int, default=20, help="of each kind")
-    parser.add_argument("--repeats", type=int, default=3, help="of a window; the least counts")
-    parser.add_argument("--rival-windows", type=int, default=2, help="of each example")
-    parser.add_argument("--grid-step", type=float, default=0.1, help="of the paper's grid")
+    parser.add_argument(
+        "--samples", type=int, default=1000, help="samples of a window of the examples"
+    )
+    parser.add_argument("--windows", type=int, default=20, help="windows of each kind")
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="runs of a window, of which the quickest counts"
+    )
+    parser.add_argument(
+        "--rival-windows",
+        type=int,
+        default=2,
+        help="windows of each example for the published methods",
+    )
+    parser.add_argument("--grid-step", type=float, default=0.1, help="step of the paper's grid")
     parser.add_argument("--starts", type=int, default=7, help="M of the optimisation; 0: without")
     parser.add_argument("--out", type=Path, help="folder for estimator_speed.md and .json")
     options = parser.parse_args(arguments)

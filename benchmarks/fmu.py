@@ -215,7 +215,9 @@ def _served(seconds: float) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of the served PLC")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="seconds for which the PLC is served"
+    )
     parser.add_argument("--out", type=Path, help="folder for the result")
     options = parser.parse_args(arguments)
     served = _served(options.seconds)

@@ -53,7 +53,7 @@ TICKS = 100.0
 
 @dataclass(frozen=True)
 class Load:
-    """What one layout cost; the fields are the columns of the table. ``missed`` is of the run."""
+    """What one layout took; the fields are the table's columns. ``missed`` counts the whole run."""
 
     layout: str
     seconds: float
@@ -264,11 +264,17 @@ def _pss(pid: int) -> float:
 def main() -> None:
     """Run, print, keep."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--minutes", type=float, default=1.0, help="measured, for each layout")
-    parser.add_argument("--layout", choices=LAYOUTS, default=None, help="one instead of both")
+    parser.add_argument(
+        "--minutes", type=float, default=1.0, help="minutes measured for each layout"
+    )
+    parser.add_argument("--layout", choices=LAYOUTS, default=None, help="measure this layout only")
     parser.add_argument("--out", type=Path, default=None, help="folder for Markdown and JSON")
-    parser.add_argument("--browsers", type=int, default=0, help="that look in a second phase")
-    parser.add_argument("--opcua-clients", type=int, default=0, help="that look in it, too")
+    parser.add_argument(
+        "--browsers", type=int, default=0, help="browsers on the pages in a second phase"
+    )
+    parser.add_argument(
+        "--opcua-clients", type=int, default=0, help="OPC UA clients in the second phase"
+    )
     options = parser.parse_args()
     watching = None
     if options.browsers or options.opcua_clients:

@@ -1,4 +1,4 @@
-"""Those who look while `benchmarks.load` measures: browsers on the pages, and OPC UA clients.
+"""Browsers and OPC UA clients that watch the daemon while `benchmarks.load` measures.
 
     python -m benchmarks.load_watchers PAGE BROWSERS OPCUA_PORT CLIENTS
 
@@ -34,7 +34,7 @@ class Taker:
 
 
 async def subscribe(port: int) -> Client:
-    """Return a client that watches every loop."""
+    """Return an OPC UA client that is subscribed to every loop."""
     client = Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0)
     await client.connect()
     loops = await client.get_node("ns=1;s=Loops").get_children()
@@ -47,7 +47,7 @@ async def subscribe(port: int) -> Client:
 
 
 async def look(address: str, browsers: int, port: int, clients: int) -> None:
-    """Open everything and stay."""
+    """Open every page and keep it open."""
     async with async_playwright() as running:
         # A browser of its own each: pages of one browser would share its connections.
         for number in range(browsers):

@@ -67,13 +67,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=3, help="windows of each example")
     parser.add_argument("--seed", type=int, default=0, help="seed of the first window")
-    parser.add_argument("--samples", type=int, default=1000, help="of a window")
+    parser.add_argument("--samples", type=int, default=1000, help="samples of a window")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
-    parser.add_argument("--criteria", nargs="+", default=["auto", "arx"], help="of the search")
+    parser.add_argument(
+        "--criteria", nargs="+", default=["auto", "arx"], help="criteria of the search"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="windows side by side")
-    parser.add_argument("--grid-step", type=float, default=0.1, help="of the paper's grid")
+    parser.add_argument(
+        "--grid-step", type=float, default=0.1, help="step of the paper's grid, in units of OP"
+    )
     parser.add_argument("--starts", type=int, default=7, help="M of the paper's optimisation")
-    parser.add_argument("--name", default="paper", help="of the files in --out")
+    parser.add_argument("--name", default="paper", help="name of the files in --out")
     parser.add_argument("--out", type=Path, help="folder for the table and the figures")
     options = parser.parse_args(arguments)
     rows: list[Summary] = []

@@ -97,9 +97,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--loops", type=int, default=60, help="healthy and sticky, of each kind")
-    parser.add_argument("--kinds", type=_kinds, default="all", help="names with commas, or all")
-    parser.add_argument("--seed-base", type=int, default=1000, help="seed of each kind's first")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument(
+        "--kinds", type=_kinds, default="all", help="names separated by commas, or all"
+    )
+    parser.add_argument(
+        "--seed-base", type=int, default=1000, help="seed of the first loop of each kind"
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="processes side by side")
     parser.add_argument("--out", type=Path, help="folder for report_family.md and .json")
     options = parser.parse_args(arguments)
     found = answers(loops_of(options.kinds, options.loops, options.seed_base), options.jobs)

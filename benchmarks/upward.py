@@ -218,7 +218,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=int, default=3600)
     parser.add_argument(
-        "--paced", type=int, default=20, help="of these, seconds at the pace of a plant"
+        "--paced", type=int, default=20, help="seconds of the outage at the pace of a plant"
     )
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()

@@ -1,6 +1,7 @@
 """Pictures of the pages, from a live run of the demonstration and from a store of 40 loops.
 
-`fieldlink demo --hold` runs PLC, daemon and compensator; a browser opens its pages as a user would.
+`fieldlink demo --hold` runs PLC, daemon and compensator; a browser opens its pages as a user would,
+and the picture of its report is taken over.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from benchmarks.web_page import serving
 from benchmarks.web_store import fill_store
 
 LOOPS, DAYS = 40, 200
+LIMIT = 8.0
+"""Stick band, in units of OP, that the site of the picture allows."""
 WIDE = {"width": 1500, "height": 860}
 PHONE = {"width": 390, "height": 844}
 
@@ -39,9 +42,44 @@ def main(arguments: Sequence[str] | None = None) -> None:
         of_the_demo(browser, Path(folder) / "demo", images)
         file = Path(folder) / "history.sqlite"
         fill_store(file, now_ms=round(time.time() * 1000.0), loops=LOOPS, days=DAYS)
-        with serving(str(file)) as (address, _):
+        with serving(str(site_of_the_store(file))) as (address, _):
             of_a_fleet(browser, address, images)
         browser.close()
+
+
+def site_of_the_store(file: Path) -> Path:
+    """Write a site whose historian is this file: its limits make bars and days to the limit."""
+    names = [f"LIC-{number:04d}" for number in range(1, LOOPS + 1)]
+    tags = [f"{name}.{role}" for name in names for role in ("OP", "PV")]
+    rows = [f"{tag},{2 * number},float32" for number, tag in enumerate(tags)]
+    file.with_name("map.csv").write_text("\n".join(["tag,address,type", *rows]) + "\n", "utf-8")
+    loops = "".join(
+        f"""
+[loops.{name}]
+device = "plc"
+op = "{name}.OP"
+pv = "{name}.PV"
+period = 1.0
+writeback = {{ limits = {{ stick_band = [0.5, {LIMIT}], slip_jump = [0.0, {LIMIT}] }} }}
+"""
+        for name in names
+    )
+    site = file.with_name("site.toml")
+    site.write_text(
+        f"""[site]
+name = "mill"
+
+[historian]
+url = "sqlite:///{file}"
+
+[devices.plc]
+link = "modbus-tcp"
+host = "127.0.0.1"
+register_map = "map.csv"
+{loops}""",
+        "utf-8",
+    )
+    return site
 
 
 def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
@@ -83,6 +121,9 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
         page.goto(f"{address}devices")
         page.locator("#link", has_text="live ").wait_for()
         page.screenshot(path=images / "web-devices.png")
+        # The second line comes with the report, whose picture README shows.
+        demo.stdout.readline()
+        shutil.copyfile(folder / "run.png", images / "demo.png")
     finally:
         demo.terminate()
         demo.communicate()

@@ -82,7 +82,7 @@ class InnovationStatistics:
         return abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0)
 
     def restart_trend(self, colour: float = 1.0) -> None:
-        """Start again to look for a bias; ``colour`` scales what is held of the correlation."""
+        """Restart the search for a bias; ``colour`` scales the stored correlation."""
         self._trend = 0.0
         self.correlation *= colour
 

@@ -375,7 +375,7 @@ class StemTracker:
         self._covariance[n:, n:] = np.diag(self._prior_errors())
 
     def _keep_believable(self, h: Belief) -> None:
-        """Hold the errors of fD and of the gain inside what can be."""
+        """Limit the errors of fD and of the gain to plausible values."""
         fd = 0.5 * self.valve.dynamic_friction
         h.errors[FRICTION] = min(max(float(h.errors[FRICTION]), -fd), fd)
         h.errors[GAIN] = min(max(float(h.errors[GAIN]), -0.5), 0.5)

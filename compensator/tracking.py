@@ -1,4 +1,4 @@
-"""Which noise the loop has is told by the data: one tracker for each kind, the likelier one counts.
+"""Which kind of noise the loop has: one tracker for each kind, of which the likelier one counts.
 
 Noise that passes through the process (equation noise, as in (7)) is carried on in the prediction;
 white noise of the measurement is not. A filter made for the one chases the other or lags behind

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.missing_rows import fill_missing_rows
-from fieldlink.site.recording import Recording, read_recording
+from fieldlink.site.recording import Recording, files_in, read_recording
 
 __all__ = [
     "Columns",
@@ -82,16 +82,16 @@ class Plant:
 
 
 def files_of(paths: Sequence[Path]) -> dict[str, Path]:
-    """The recorded files by loop name: those given, and the CSV files of the folders given.
+    """The recorded files by loop name: those given, and those in the folders given.
 
     Raises:
-        DiagnosisError: a folder without CSV files, or two files of one name.
+        DiagnosisError: a folder without recordings, or two files of one name.
     """
     found: dict[str, Path] = {}
     for path in paths:
-        inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        inside = files_in(path)
         if not inside:
-            raise DiagnosisError(f"{path}: the folder has no .csv file; name one that has")
+            raise DiagnosisError(f"{path}: the folder holds no recording; name one that does")
         for file in inside:
             if file.stem in found:
                 raise DiagnosisError(

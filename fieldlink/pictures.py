@@ -35,6 +35,10 @@ __all__ = [
 OP, STEM, PV, MODEL, MARK = "#7f8c8d", "#c0392b", "#1f4e79", "#e08e0b", "#2e7d32"
 
 
+SCALE_MARGIN = 0.15
+"""Share of the recorded range that PV's scale is wider at each end."""
+
+
 class PictureError(FieldlinkError):
     """A picture could not be written."""
 
@@ -79,8 +83,16 @@ def identification_figure(
     lower.plot(t, result.pv_model, color=MODEL, lw=1.0, label="PV (model)")
     upper.set_ylabel("OP")
     lower.set(xlabel="time / s", ylabel="PV")
+    # The model begins at rest, perhaps far off: what was recorded sets the scale.
+    shown = pv if sp is None else np.concatenate([pv, sp])
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    if high > low:
+        lower.set_ylim(low - SCALE_MARGIN * (high - low), high + SCALE_MARGIN * (high - low))
     for axes in (upper, lower):
-        axes.legend(loc="upper right", ncols=3, fontsize="small")
+        # Above the axes, where it covers no curve.
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize="small", frameon=False
+        )
         axes.margins(x=0.0)
     figure.suptitle(f"{title}: {_verdict_text(result)}")
     _phase(figure.add_subplot(grid[2, 0]), op, pv, result)
@@ -110,12 +122,14 @@ def _surface(axes: Axes, result: Identification) -> None:
         return
     cost = np.log10(np.ma.masked_invalid(surface.cost))
     mesh = axes.pcolormesh(
-        surface.stick_band, surface.slip_jump, cost.T, cmap="viridis_r", shading="nearest"
+        surface.stick_band, surface.slip_jump, cost.T, cmap="viridis", shading="nearest"
     )
     figure = axes.get_figure()
     assert figure is not None
-    figure.colorbar(mesh, ax=axes, label="log10 of the cost")
+    figure.colorbar(mesh, ax=axes, label="log10 of the cost; dark fits well")
     S, J = result.stick_band, result.slip_jump
     if np.isfinite([S.value, J.value]).all():
         across, up = ([[x.value - x.low], [x.high - x.value]] for x in (S, J))
-        axes.errorbar(S.value, J.value, xerr=across, yerr=up, color="white", marker="o", ms=4)
+        # A light edge keeps the cross visible on every colour of the map.
+        for color, width in (("white", 4.0), (STEM, 1.6)):
+            axes.errorbar(S.value, J.value, xerr=across, yerr=up, color=color, elinewidth=width)

@@ -25,10 +25,15 @@ def main(arguments: list[str] | None = None) -> int:
     """Build all or some models; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m fmu_models.build", description=main.__doc__)
     parser.add_argument(
-        "models", nargs="*", metavar="MODEL", help="a name, or a C file of your own; all"
+        "models",
+        nargs="*",
+        metavar="MODEL",
+        help="plants of the catalogue or C files of your own; the whole catalogue unless given",
     )
     parser.add_argument("--output", type=Path, default=BINARIES, help="folder of the .fmu files")
-    parser.add_argument("--force", action="store_true", help="build even what is current")
+    parser.add_argument(
+        "--force", action="store_true", help="build also the files that are current"
+    )
     parser.add_argument(
         "--all-platforms",
         action="store_true",

@@ -122,7 +122,7 @@ class IsolatedPlant(Plant):
         self._step_begun = time.monotonic()
 
     def finish_step(self, wait: float) -> dict[str, float] | None:
-        """Return the outputs after a step that was begun; None when they are not there yet.
+        """Return the outputs after a step that was begun; None while it is not finished.
 
         Args:
             wait: seconds to wait for them at most.

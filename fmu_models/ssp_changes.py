@@ -31,7 +31,7 @@ class Linear:
         return self.factor * value + self.offset
 
     def invert(self, value: float) -> float | None:
-        """Return what becomes ``value``; None where everything becomes the same."""
+        """Return the input that is changed into ``value``; None where all inputs give one value."""
         return (value - self.offset) / self.factor if self.factor else None
 
 

@@ -168,7 +168,8 @@ class _Flattener:
         change = convert_unit(self._units[there], self._units[here])
         if change is None:
             raise self._fail(
-                sink[0], f"{sink[1]} in {here!r} and {source[1]} in {there!r} are other quantities"
+                sink[0],
+                f"{sink[1]} in {here!r} and {source[1]} in {there!r} are different quantities",
             )
         return change
 

@@ -29,6 +29,7 @@ INSTEAD: Mapping[str, str] = {
     r"beg[iu]ns? anew": "starts again",
     r"likes? no better": "costs at least as much",
     r"its way is not known": "its direction is not known",
+    r'help="(of|that|than)': "name the thing: samples of a window, not: of a window",
 }
 """By pattern (case ignored, whole words), what to write."""
 

@@ -33,7 +33,7 @@ def _sine_error(piece: Array) -> float:
 
 
 def _triangle_error(piece: Array) -> float:
-    """Least error of two straight lines through both ends that meet at any sample between."""
+    """Return the least error of two lines from both ends that meet at one sample between them."""
     n = piece.size
     time = np.arange(n) + 0.5
     best = np.inf

@@ -274,7 +274,7 @@ def _outside(case: Case, plain: Hypothesis, cycles: float, weighing: Weighing) -
 
 
 def _sharpest(y: Array, cycles: float, harmonics: tuple[int, ...]) -> float:
-    """Cycles in the window, near the given ones, that hold most of PV."""
+    """Return the cycles in the window, near the given ones, that explain most of PV."""
     n = y.size
     weighted = np.hanning(n) * (y - y.mean())
     k = np.arange(n)

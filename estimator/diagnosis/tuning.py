@@ -64,7 +64,7 @@ class Advice:
         return self.deviation / self.running_deviation - 1.0 if self.running_deviation else 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types."""
+        """Return the result in plain types."""
         return {
             "rule": "largest integral gain at the given Ms (Astrom, Panagopoulos, Hagglund 1998)",
             "structure": self.controller.structure,

@@ -124,7 +124,7 @@ def _sharpened(
     least: float,
     rough: tuple[float, ...] = (),
 ) -> Hypothesis:
-    """The hypothesis with the wave at its best frequency: harmonics tell it sharper than a sine.
+    """Return the hypothesis with the wave at its best frequency, refined with its harmonics.
 
     ``tried`` fits a wave, under a given noise model or with its own. ``rough`` steps (cycles) come
     first where the frequency is only that of a peak.

@@ -44,7 +44,7 @@ class Weighing:
 
     @property
     def evidence(self) -> float:
-        """Log Bayes factor of the sticky over the healthy valve, in nats, prices paid."""
+        """Log Bayes factor of the sticky over the healthy valve, in nats, penalties included."""
         if self.sticky is None:
             return -np.inf
         return float(self.sticky.likelihood - self.healthy.likelihood)

@@ -47,7 +47,7 @@ def _table(bands: tuple[float, ...], jumps: tuple[float, ...], starts: tuple[flo
 
 @cache
 def _fine_bands(searching: Searching) -> tuple[float, ...]:
-    """Stick bands in even steps of the logarithm while they are narrow, then in even ones."""
+    """Return stick bands: narrow ones in steps of one ratio, wide ones in steps of one width."""
     low, high = searching.bands[0], searching.bands[-1]
     return (*np.geomspace(low, 0.1, 18), *np.linspace(0.105, high, 88))
 

@@ -1,4 +1,4 @@
-"""One start, drawn to the bottom of its valley: valve and poles together."""
+"""Local search from one start: valve and poles together, to the nearest minimum of the cost."""
 
 from __future__ import annotations
 

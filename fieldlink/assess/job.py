@@ -110,7 +110,7 @@ class Job:
         )
 
     def options(self) -> dict[str, Any]:
-        """What makes two runs the same, without any password."""
+        """Return the options by which two runs are the same; no password is among them."""
         return {
             "places": [place.shown for place in self.places],
             "columns": asdict(self.columns),

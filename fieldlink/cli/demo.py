@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
+from itertools import zip_longest
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
+from typer.core import TyperCommand
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,10 +20,23 @@ if TYPE_CHECKING:
     from fieldlink.lab.demo.outcome import DemoOutcome
     from fieldlink.lab.demo.running import Course, Performance
 
-__all__ = ["demo"]
+__all__ = ["DemoCommand", "demo"]
 
 BARS = "▁▂▃▄▅▆▇█"
 WIDTH = 64
+
+
+class DemoCommand(TyperCommand):
+    """The command line of the demonstration: ``--hold`` may stand without its number."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the endless number of seconds behind a bare ``--hold``."""
+        given = []
+        for option, following in zip_longest(args, args[1:], fillvalue="-"):
+            given.append(option)
+            if option == "--hold" and following.startswith("-") and not following[1:2].isdigit():
+                given.append("inf")
+        return super().parse_args(ctx, given)
 
 
 def demo(
@@ -34,7 +49,10 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the plant's noise.")] = 1,
     hold: Annotated[
         float,
-        typer.Option(min=0.0, help="Seconds for which PLC, daemon and page stay."),
+        typer.Option(
+            min=0.0,
+            help="Seconds for which PLC, daemon and page stay; without a number, until Ctrl-C.",
+        ),
     ] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
@@ -115,8 +133,9 @@ def _say_address(console: Console, performance: Performance, loop: str, hold: fl
     layout = site.loops[loop].writeback.exchange
     device = site.devices[site.loops[loop].device]
     assert layout is not None
+    until = f"for {hold:g} s more" if math.isfinite(hold) else "until Ctrl-C"
     console.print(
-        f"page: {performance.page}, open for {hold:g} s more; for actions its token is in "
+        f"page: {performance.page}, open {until}; for actions its token is in "
         f"{site.data_dir / TOKEN_FILE}"
     )
     console.print(

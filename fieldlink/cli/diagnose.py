@@ -19,8 +19,8 @@ def diagnose(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            help="One recorded loop (CSV); several, or folders of them, of the same hours; or a "
-            "site file (TOML), whose store is read.",
+            help="One recorded loop (CSV, Excel, Parquet, MATLAB); several, or folders of them, of "
+            "the same hours; or a site file (TOML), whose store is read.",
             metavar="PATH...",
         ),
     ],

@@ -12,6 +12,9 @@ from fieldlink.printable import as_printable
 
 __all__ = ["next_step", "read_once", "run_trial", "say"]
 
+COUNTS_FASTER = 0.7
+"""Share of the period below which the controller's cycle is another one, not a late reading."""
+
 
 def say(text: str) -> None:
     """Print a line for a person, on stderr; its indent is kept."""
@@ -46,12 +49,19 @@ def run_trial(out: Path) -> bool:
 
     configure_logging()
     typer.echo(f"\nrunning the site for {trial.TRIAL:g} s; nothing is written")
-    found = asyncio.run(trial.try_site(load_site(out), trial.TRIAL))
+    site = load_site(out)
+    found = asyncio.run(trial.try_site(site, trial.TRIAL))
     for name, loop in found.items():
         say(
             f"  {name}: {loop.read} of {loop.expected} samples read, {loop.bad} bad, "
             f"{loop.missed} missed; {loop.reason or loop.evidence.sentence}"
         )
+        cycle = trial.TRIAL / max(1, loop.expected)
+        if site.loops[name].scan is not None and cycle < COUNTS_FASTER * site.loops[name].period:
+            say(
+                f"  {name}: the controller counts a cycle every {cycle:.2g} s, and the loop's "
+                f"period is {site.loops[name].period:g} s: set it to {cycle:.2g} in {out}"
+            )
         if loop.looks_swapped:
             say(f"  {name}: OP and PV look exchanged; if they are, exchange them in {out}")
     return all(loop.is_good for loop in found.values())

@@ -113,7 +113,7 @@ def run(
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
     master: Annotated[
         Literal["gauss-seidel", "jacobi"] | None,
-        typer.Option(help="Of a system: who gets which values; else Gauss-Seidel."),
+        typer.Option(help="How a system's components exchange values; Gauss-Seidel unless given."),
     ] = None,
     intermediate: Annotated[
         Path | None,

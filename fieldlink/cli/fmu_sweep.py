@@ -35,8 +35,8 @@ def sweep(
     ] = None,
     step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
     kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
-    seed: Annotated[int, typer.Option(help="Of the whole sweep.")] = 1,
-    loop: Annotated[int, typer.Option(min=1, help="Of a plant with several loops.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the whole sweep.")] = 1,
+    loop: Annotated[int, typer.Option(min=1, help="Which loop, in a plant with several.")] = 1,
     workers: Annotated[
         int | None, typer.Option(min=0, help="Runs side by side; 0 for none, else the cores.")
     ] = None,

@@ -42,7 +42,7 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A recorded loop (CSV); OP, PV, SP and time are found by the names of its columns."
+            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name."
         ),
     ],
     op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,

@@ -56,7 +56,7 @@ def report(
     ] = None,
     op_span: Annotated[
         float | None,
-        typer.Option(min=1e-9, help="OP's span where no register map gives it; 100."),
+        typer.Option(min=1e-9, help="OP's span where no register map gives it; 100 unless given."),
     ] = None,
     period: Annotated[
         float | None, typer.Option(help="Seconds between the rows of recordings; their own.")
@@ -174,13 +174,15 @@ def _is_store(source: str) -> bool:
 
 def _recordings(sources: Sequence[str]) -> list[Path]:
     """Return the files, those of a folder in the order of their names."""
+    from fieldlink.site.recording import files_in
+
     files: list[Path] = []
     for source in sources:
         path = Path(source)
-        inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        inside = files_in(path)
         if not inside:
             raise typer.BadParameter(
-                f"{source} is a folder without .csv files; name recordings, or a site file",
+                f"{source} is a folder without recordings; name files, or a site file",
                 param_hint="SITE|STORE|FILE...",
             )
         files.extend(inside)

@@ -33,12 +33,12 @@ class RecordedTags:
         Raises:
             RecordingError: the file cannot be read.
         """
-        from fieldlink.site import RecordingError, read_recording
-        from fieldlink.site.csv_file import read_csv
+        from fieldlink.site import read_recording
+        from fieldlink.site.recorded_table import read_recorded_table
         from fieldlink.site.role_evidence import judge_roles
 
         if (op, pv) not in self._known:
-            header = set(read_csv(self._path, RecordingError).header)
+            header = set(read_recorded_table(self._path, (op, pv)).file.header)
             if {op, pv} <= header:
                 found = read_recording(self._path, op=op, pv=pv)
                 self._known[op, pv] = judge_roles(found.op, found.pv)

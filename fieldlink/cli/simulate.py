@@ -51,7 +51,9 @@ def simulate(
     controller: Annotated[
         list[str] | None,
         typer.Option(
-            "--controller", "-c", help="pi, unaware, hybrid, embedding, knocker or two-move; again."
+            "--controller",
+            "-c",
+            help="pi, unaware, hybrid, embedding, knocker or two-move; may be repeated.",
         ),
     ] = None,
     take_over: Annotated[

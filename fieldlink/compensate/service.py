@@ -242,7 +242,7 @@ class CompensateService:
         return _with(done, Verdict.WRITTEN)
 
     async def _tell_refusal(self, block: ReaderState) -> str:
-        """Acknowledge why the accepted block's model is not used, once a change.
+        """Write to the PLC why the accepted block's model is not used, once for each change.
 
         Written under the same conditions as OP: site file, run and the PLC's enable bit. Returns
         words on a write that failed; the next scan writes again.

@@ -7,8 +7,8 @@ from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome, Fi
 from fieldlink.daemon.estimation.pool import PoolReport, PoolSettings
 from fieldlink.daemon.lockstep import LockstepRun
 from fieldlink.daemon.reporting.logs import configure_logging
-from fieldlink.daemon.reporting.notify import Notifier, supervised
 from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopStatus
+from fieldlink.daemon.reporting.systemd_notify import Notifier, supervised
 from fieldlink.daemon.sampling.lateness import BOUNDS as LATENESS_BOUNDS
 from fieldlink.daemon.sampling.lateness import LatenessReport
 from fieldlink.daemon.service import Daemon

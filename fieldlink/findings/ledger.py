@@ -251,7 +251,7 @@ class _Step:
         self._close(found, f"{again}not seen in {found.missed} diagnoses in a row")
 
     def _has_a_say(self, found: OpenFinding) -> bool:
-        """Whether this round could have shown the finding."""
+        """Whether this round judged enough loops of the finding to have shown it."""
         if found.trial is not None:
             return any(name in self.loops for name in found.others)
         if found.loop:

@@ -140,7 +140,7 @@ class Link(Protocol):
 
     @property
     def state(self) -> LinkState:
-        """How the link is doing."""
+        """Whether the link works, in part or not at all."""
         ...
 
     async def open(self) -> None:

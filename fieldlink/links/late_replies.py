@@ -41,7 +41,7 @@ class _Owed:
 
 
 class LateReplies:
-    """What one unit still owes; false when it is nothing."""
+    """Replies that one unit still owes; false when it owes none."""
 
     def __init__(self) -> None:
         self._owed: list[_Owed] = []

@@ -181,7 +181,7 @@ def _id_of(*parts: str) -> str:
 
 
 def _data(kind: str, value: Any, moment: float | None) -> Any:
-    """Return a value with its status; None is bad, a list is a value that is uncertain."""
+    """Return a value with its status: bad for None, uncertain for a value in a list."""
     code = ua.StatusCodes.Good
     if isinstance(value, list):
         value, code = value[0], ua.StatusCodes.Uncertain

@@ -13,29 +13,35 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["SIGNAL_WORDS", "UMLAUTS", "ColumnGuess", "guess_columns"]
+__all__ = ["SIGNAL_WORDS", "UMLAUTS", "ColumnGuess", "guess_columns", "quality_columns"]
 
 SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
     "op": (
         "op",
         "out mv co output controlleroutput manipulatedvariable manipulatedvalue valve "
-        "valveposition lmn stellgroesse stellwert stellsignal",
+        "valveposition lmn stellgroesse stellwert stellsignal sortie salida uscita saida",
     ),
     "pv": (
         "pv",
         "processvariable processvalue measurement meas measuredvalue istwert prozesswert "
-        "regelgroesse",
+        "regelgroesse mesure medida misura medicao",
     ),
-    "sp": ("sp", "setpoint sv setvalue sollwert fuehrungsgroesse"),
+    "sp": ("sp", "setpoint sv setvalue sollwert fuehrungsgroesse consigne consigna"),
     "auto": ("auto", "automatic automatik automode", "mode betriebsart"),
     "time": (
         "time",
-        "timestamp datetime dateandtime datetimeutc zeitstempel utc ts",
-        "zeit uhrzeit t seconds sekunden",
-        "date datum day",
+        "timestamp datetime dateandtime datetimeutc zeitstempel utc ts horodatage",
+        "zeit uhrzeit heure hora t seconds sekunden",
+        "date datum day fecha data",
     ),
 }
 """By role, the words that name it, the plainest first; words of one group are equally plain."""
+
+_QUALIFIERS = frozenset(
+    ("average", "avg", "mean", "value", "val", "cv", "raw", "actual", "act", "interpolated")
+)
+"""Words behind a signal's name that say how it was stored: ``OUT.CV``, ``FC101.PV - Average``."""
+_QUALITY_WORDS = frozenset(("quality", "qual", "status", "state", "q", "qualitaet"))
 
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
@@ -130,7 +136,41 @@ def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
 def _split(heading: str) -> list[str]:
     """The words of a heading, without what stands in brackets."""
     plain = re.sub(r"[\[(].*?[\])]", " ", heading).casefold().translate(UMLAUTS)
-    return [word for word in re.split(r"[^a-z0-9]+", plain) if word]
+    words = [word for word in re.split(r"[^a-z0-9]+", plain) if word]
+    while len(words) > 1 and words[-1] in _QUALIFIERS and not _is_signal(words[-2:]):
+        words.pop()
+    return words
+
+
+def _is_signal(words: Sequence[str]) -> bool:
+    """Whether the words together name a signal: ``process value``."""
+    return any(
+        "".join(words) in known.split() for groups in SIGNAL_WORDS.values() for known in groups
+    )
+
+
+def quality_columns(
+    header: Sequence[str], found: Mapping[str, int | None]
+) -> dict[int, tuple[str, ...]]:
+    """Return the columns of quality with the roles whose values they judge.
+
+    ``FC101.PV.Quality`` judges ``FC101.PV``; a column that is only called ``quality`` judges all.
+
+    Args:
+        header: the headings.
+        found: number of each role's column.
+    """
+    names = {role: _split(header[number]) for role, number in found.items() if number is not None}
+    judged: dict[int, tuple[str, ...]] = {}
+    for number, heading in enumerate(header):
+        words = _split(heading)
+        if number in found.values() or not words or words[-1] not in _QUALITY_WORDS:
+            continue
+        own = tuple(role for role, name in names.items() if name == words[:-1])
+        roles = tuple(names) if words in (["quality"], ["qual"], ["status"]) else own
+        if roles:
+            judged[number] = roles
+    return judged
 
 
 def _rest(words: Sequence[str], known: Sequence[str]) -> str | None:

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem
+from fieldlink.site.number_cells import plain_number
 
-__all__ = ["CsvFile", "CsvRow", "read_csv"]
+__all__ = ["CsvFile", "CsvRow", "fit_rows", "parse_rows", "read_csv", "read_text"]
 
 _MAX_PROBLEMS = 20
+
+_COMMENT = re.compile(r"^[^\S\n]*#", re.MULTILINE)
 
 LARGEST = 1000
 """Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
@@ -47,13 +52,7 @@ class CsvFile:
         text = cell
         if self.separator != "," and "," in cell and "." not in cell:
             text = cell.replace(",", ".", 1)
-        # Python's grouping underscore is no notation of measured data.
-        if "_" in text:
-            raise ValueError(cell)
-        value = float(text)
-        if value - value != 0.0:
-            raise ValueError(cell)
-        return value
+        return plain_number(text)
 
 
 def read_csv(
@@ -70,18 +69,27 @@ def read_csv(
         FieldlinkError: made by ``error`` of everything that is wrong: not readable, not text, no
             header, rows of another length.
     """
-    text = _read_text(path, error, pipe=pipe)
-    lines = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = read_text(path, error, pipe=pipe)
     separator = _separator(lines)
-    try:
-        rows = _parse(lines, separator)
-    except csv.Error as cause:
-        raise error([_not_csv(path, str(cause))]) from cause
-    while rows and not any(rows[-1].cells):
-        rows.pop()
+    rows = parse_rows(path, lines, separator, error)
     if not rows:
         raise error([Problem(str(path), "", "is empty", "give a header and rows of data")])
     header, *body = rows
+    return fit_rows(path, separator, header, body, error)
+
+
+def fit_rows(
+    path: Path,
+    separator: str,
+    header: CsvRow,
+    body: Sequence[CsvRow],
+    error: Callable[[Iterable[Problem]], FieldlinkError],
+) -> CsvFile:
+    """Return the table of a header and its rows; empty cells at their ends do not count.
+
+    Raises:
+        FieldlinkError: made by ``error``: rows that are longer or shorter than the header.
+    """
     columns = list(header.cells)
     while columns and not columns[-1]:
         columns.pop()
@@ -91,13 +99,21 @@ def read_csv(
         while len(cells) > len(columns) and not cells[-1]:
             cells = cells[:-1]
         if len(cells) == len(columns):
-            fitted.append(CsvRow(row.line, cells))
+            fitted.append(row if cells is row.cells else CsvRow(row.line, cells))
         elif not any(cells):
             fitted.append(CsvRow(row.line, ("",) * len(columns)))
         else:
             message = f"{len(cells)} cells where the header has {len(columns)}"
             remedy = "complete the row, and quote cells that hold the separator"
             problems.append(Problem(str(path), "", message, remedy, row.line))
+    lengths = Counter(len(row.cells) for row in body)
+    length, rows = lengths.most_common(1)[0] if lengths else (len(columns), 0)
+    if len(problems) > _MAX_PROBLEMS and length != len(columns) and 2 * rows > len(body):
+        message = f"{length} cells where the header has {len(columns)}, as in {rows} rows"
+        remedy = "quote cells that hold the separator"
+        if separator == ",":
+            remedy += "; with decimal commas, separate the cells by semicolons"
+        problems = [replace(problems[0], message=message, remedy=remedy)]
     if problems:
         more = len(problems) - _MAX_PROBLEMS
         if more > 0:
@@ -107,9 +123,14 @@ def read_csv(
     return CsvFile(path, separator, tuple(columns), header.line, tuple(fitted))
 
 
-def _read_text(
+def read_text(
     path: Path, error: Callable[[Iterable[Problem]], FieldlinkError], *, pipe: bool
 ) -> str:
+    """Return the text of a file with line ends ``\\n``.
+
+    Raises:
+        FieldlinkError: made by ``error``: not readable, or no text.
+    """
     try:
         raw = read_bytes(path, most_megabytes=LARGEST, pipe=pipe)
     except UnreadableFileError as cause:
@@ -119,7 +140,8 @@ def _read_text(
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ["utf-16"]
     elif raw[1:100:2].count(0) > 40 or raw[0:100:2].count(0) > 40:
-        raise error([_not_csv(path, "it is UTF-16 text without the mark that says so")])
+        # Which byte of each character is zero tells the order.
+        encodings = ["utf-16-le" if raw[1:100:2].count(0) > raw[0:100:2].count(0) else "utf-16-be"]
     elif b"\0" in raw or raw[:2] == b"PK":
         raise error([_not_csv(path, "it is a binary file")])
     else:
@@ -127,9 +149,12 @@ def _read_text(
         encodings = ["utf-8-sig", "cp1252"]
     for encoding in encodings:
         try:
-            return raw.decode(encoding)
+            text = raw.decode(encoding)
         except UnicodeDecodeError:
             continue
+        if "\0" in text:
+            raise error([_not_csv(path, "it is a binary file")])
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     raise error([_not_csv(path, f"it is not text in {' or '.join(encodings)}")])
 
 
@@ -145,16 +170,39 @@ def _separator(text: str) -> str:
     return ","
 
 
+def parse_rows(
+    path: Path,
+    text: str,
+    separator: str,
+    error: Callable[[Iterable[Problem]], FieldlinkError],
+) -> list[CsvRow]:
+    """Return the rows of a text, without comments and without blank lines at its ends.
+
+    Raises:
+        FieldlinkError: made by ``error``: quotes that do not close.
+    """
+    try:
+        rows = _parse(text, separator)
+    except csv.Error as cause:
+        raise error([_not_csv(path, str(cause))]) from cause
+    while rows and not any(rows[-1].cells):
+        rows.pop()
+    return rows
+
+
 def _parse(text: str, separator: str) -> list[CsvRow]:
-    lines = text.split("\n")
-    kept = "\n".join("" if line.lstrip().startswith("#") else line for line in lines)
-    reader = csv.reader(io.StringIO(kept), delimiter=separator, strict=True)
+    comments: frozenset[int] = frozenset()
+    # A large file without comments is not taken apart a second time.
+    if _COMMENT.search(text):
+        lines = text.split("\n")
+        comments = frozenset(n for n, line in enumerate(lines, 1) if line.lstrip().startswith("#"))
+        text = "\n".join("" if n in comments else line for n, line in enumerate(lines, 1))
+    reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
     rows: list[CsvRow] = []
     last_line = 0
     for cells in reader:
         first_line, last_line = last_line + 1, reader.line_num
-        comment = lines[first_line - 1].lstrip().startswith("#")
-        if comment or (not rows and not any(cells)):
+        if first_line in comments or (not rows and not any(cells)):
             continue
         rows.append(CsvRow(first_line, tuple(cell.strip() for cell in cells)))
     return rows

@@ -173,8 +173,8 @@ def _columns(
         Problem(
             str(path),
             name,
-            "no column means it",
-            f"name the heading that does with --column {name}=HEADING",
+            "no heading is known to mean it",
+            f"name its heading with --column {name}=HEADING",
             table.header_line,
         )
         for name in REQUIRED

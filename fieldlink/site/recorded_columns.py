@@ -7,19 +7,28 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.column_names import guess_columns
+from fieldlink.site.column_names import guess_columns, quality_columns
 from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.errors import Problem, nearest
-from fieldlink.site.timestamps import NoClockError, Sampling, parse_times, sampling_of
+from fieldlink.site.number_cells import BAD, parse_numbers
+from fieldlink.site.recorded_table import holds_values
+from fieldlink.site.row_order import OrderedRows, put_in_order
+from fieldlink.site.timestamps import NoClockError, is_date, is_time_of_day, parse_times
 
 __all__ = ["RecordedColumns"]
 
-_BAD = frozenset({"", "nan", "null", "na", "n/a", "#n/a", "none"})
+_TAG_WORDS = frozenset({"tag", "tagname", "tag name", "point", "pointname", "variable", "name"})
+_VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
+"""Headings of a table with a row for each value."""
+_GOOD_WORDS = frozenset({"good", "ok", "g", "valid", "true", "normal"})
+_OPC_GOOD = 192.0
+"""Least code of a good value in OPC Data Access; 0 is bad there, and good in OPC UA and here."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _MAX_PROBLEMS = 10
 
 Floats = NDArray[np.float64]
+Columns = Mapping[str, int | None]
 
 
 class RecordedColumns:
@@ -86,26 +95,41 @@ class RecordedColumns:
         exact = [number for number, column in enumerate(header) if column == wanted]
         folded = [n for n, column in enumerate(header) if column.lower() == wanted.strip().lower()]
         matches = exact or folded
+        if len(matches) > 1 and self._hold_the_same(matches):
+            matches = matches[:1]
         if len(matches) > 1:
             self._several.add(role)
-            shown = ", ".join(header[number] for number in matches)
+            names = [header[number] for number in matches]
             self.report(
                 wanted,
-                f"several columns match: {shown}",
-                "give the one that is meant by its exact name",
+                f"several columns match: {', '.join(names)}",
+                "give the one that is meant by its exact name"
+                if len(set(names)) == len(names)
+                else "they differ, so rename one of them in the header",
                 self._file.header_line,
             )
         elif not matches and name is not None:
             self._report_missing(role, wanted, is_named=True)
         return matches[0] if len(matches) == 1 else None
 
+    def _hold_the_same(self, columns: list[int]) -> bool:
+        first, *others = columns
+        return all(
+            row.cells[first] == row.cells[other] for row in self._file.rows for other in others
+        )
+
     def _report_missing(self, role: str, wanted: str, *, is_named: bool) -> None:
         header, line = self._file.header, self._file.header_line
-        if all(map(_is_number, header)):
-            if role == "op":
-                self.report("", "the first row holds numbers, no names", "add a row op,pv", line)
-            else:
-                self.report(wanted, "no column of that name", "add a row of column names", line)
+        if holds_values(header):
+            if not any(problem.line == line for problem in self.problems):
+                remedy = "add a row of column names above it, such as time,op,pv"
+                self.report("", "the first row holds values, no names", remedy, line)
+            return
+        folded = {name.lower() for name in header}
+        if not is_named and folded & _TAG_WORDS and folded & _VALUE_WORDS:
+            if not any(problem.line == line for problem in self.problems):
+                remedy = "export it with a column for each signal"
+                self.report("", "has a row for each value, not for each moment", remedy, line)
             return
         remedy = nearest(wanted, header)
         if not is_named:
@@ -116,29 +140,70 @@ class RecordedColumns:
         """Return a column of numbers, NaN where a cell is empty or marked bad."""
         if column is None:
             return None
-        values = np.full(len(self._file.rows), np.nan)
-        wrong = 0
-        for index, row in enumerate(self._file.rows):
-            cell = row.cells[column]
-            if cell.lower() in _BAD:
+        cells = [row.cells[column] for row in self._file.rows]
+        name = self._file.header[column]
+        found = parse_numbers(cells, comma_separates=self._file.separator == ",")
+        if found.ambiguous is not None:
+            self.report(
+                name,
+                f"{found.ambiguous!r} may be a decimal comma or grouped digits",
+                "export it with a decimal point, or without groups of digits",
+            )
+        for index, count in list(found.wrong.items())[:_MAX_PROBLEMS]:
+            more = f" (and {count - 1} more of this kind)" if count > 1 else ""
+            self.report(
+                name,
+                f"{cells[index]!r} is not a number{more}",
+                "correct it, or leave the cell empty where the sample is bad",
+                self._file.rows[index].line,
+            )
+        if len(found.wrong) > _MAX_PROBLEMS:
+            wrong = sum(list(found.wrong.values())[_MAX_PROBLEMS:])
+            self.report(name, f"{wrong} more cells are wrong", "is it the right column?")
+        elif not found.wrong and found.ambiguous is None:
+            if found.values.size and np.isnan(found.values).all():
+                self.report(name, "holds no number at all", "choose another column")
+            if found.bad_words:
+                words = ", ".join(
+                    f"{word!r} in {count} rows" for word, count in found.bad_words.items()
+                )
+                self.notes.append(f"{name}: {words}: bad samples")
+        return found.values
+
+    def drop_bad_quality(self, numbers: Mapping[str, Floats | None], found: Columns) -> None:
+        """Make the samples NaN that a column of quality calls bad.
+
+        Args:
+            numbers: values by role, changed in place.
+            found: number of each role's column.
+        """
+        asked = {role: found.get(role) for role in numbers}
+        for number, roles in quality_columns(self._file.header, asked).items():
+            name = self._file.header[number]
+            good = self._good(number)
+            if good is None:
+                self.notes.append(f"{name} is left out: which of its values mean good is not known")
                 continue
-            try:
-                values[index] = self._file.number(cell)
-            except ValueError:
-                wrong += 1
-                if wrong <= _MAX_PROBLEMS:
-                    self.report(
-                        self._file.header[column],
-                        f"{cell!r} is not a number",
-                        "correct it, or leave the cell empty where the sample is bad",
-                        row.line,
-                    )
-        if wrong > _MAX_PROBLEMS:
-            self._report_more(column, wrong - _MAX_PROBLEMS)
-        elif not wrong and values.size and np.isnan(values).all():
-            name = self._file.header[column]
-            self.report(name, "holds no number at all", "choose another column")
-        return values
+            dropped = 0
+            for role in roles:
+                values = numbers[role]
+                if values is not None:
+                    dropped = max(dropped, int(np.count_nonzero(~np.isnan(values) & ~good)))
+                    values[~good] = np.nan
+            if dropped:
+                self.notes.append(f"{name}: {dropped} rows are not good: bad samples")
+
+    def _good(self, column: int) -> NDArray[np.bool_] | None:
+        """Whether each row of a column of quality means good; None when that is not known."""
+        cells = [row.cells[column].casefold() for row in self._file.rows]
+        filled = {cell for cell in cells if cell}
+        if filled & _GOOD_WORDS:
+            return np.array([cell in _GOOD_WORDS for cell in cells])
+        try:
+            codes = np.array([self._file.number(cell) if cell else 0.0 for cell in cells])
+        except ValueError:
+            return None
+        return codes >= _OPC_GOOD if (codes >= _OPC_GOOD).any() else None
 
     def switch(self, column: int | None, *, is_guessed: bool = False) -> NDArray[np.bool_] | None:
         """Return a column of yes and no; an empty cell is no.
@@ -149,7 +214,7 @@ class RecordedColumns:
         if column is None:
             return None
         if is_guessed and any(
-            row.cells[column].lower() not in _BAD | _TRUE | _FALSE for row in self._file.rows
+            row.cells[column].lower() not in BAD | _TRUE | _FALSE for row in self._file.rows
         ):
             name = self._file.header[column]
             self.notes.append(f"{name} is left out: name it with --auto if 1 means automatic there")
@@ -158,7 +223,7 @@ class RecordedColumns:
         wrong = 0
         for index, row in enumerate(self._file.rows):
             cell = row.cells[column].lower()
-            if cell in _BAD or cell in _FALSE:
+            if cell in BAD or cell in _FALSE:
                 continue
             if cell in _TRUE:
                 values[index] = True
@@ -178,15 +243,16 @@ class RecordedColumns:
             self._report_more(column, wrong - _MAX_PROBLEMS)
         return values
 
-    def sampling(self, column: int | None, *, is_guessed: bool = False) -> Sampling | None:
-        """Return what the time column says; nothing where a guessed one holds no time."""
+    def order(self, column: int | None, *, is_guessed: bool = False) -> OrderedRows | None:
+        """Return the rows in the order of a time column; nothing where a guessed one holds none."""
         if column is None:
             return None
         name = self._file.header[column]
-        cells = [row.cells[column] for row in self._file.rows]
+        cells = self._with_dates(column, [row.cells[column] for row in self._file.rows])
         remedy = "correct it, or give the seconds between rows with --period"
         try:
-            return sampling_of(parse_times(cells, self._file.number))
+            times = parse_times(cells, self._file.number)
+            found = put_in_order(times, [row.cells for row in self._file.rows])
         except NoClockError as error:
             if is_guessed:
                 self.notes.append(f"{name} is left out: {error}")
@@ -194,15 +260,25 @@ class RecordedColumns:
             line = None if error.index is None else self._file.rows[error.index].line
             self.report(name, str(error), remedy, line)
             return None
+        if times.note is not None:
+            self.notes.append(f"{name} {times.note}")
+        self.notes.extend(found.notes)
+        return found
+
+    def _with_dates(self, column: int, cells: list[str]) -> list[str]:
+        """Times of day with the dates that another column holds."""
+        if not is_time_of_day(next(filter(None, cells), "")):
+            return cells
+        for number in range(len(self._file.header)):
+            dates = [row.cells[number] for row in self._file.rows]
+            if number != column and all(map(is_date, dates)):
+                header = self._file.header
+                self.notes.append(f"time is {header[number]!r} and {header[column]!r} together")
+                return [
+                    f"{day} {cell}" if cell else "" for day, cell in zip(dates, cells, strict=True)
+                ]
+        return cells
 
     def _report_more(self, column: int, count: int) -> None:
         name = self._file.header[column]
         self.report(name, f"{count} more cells are wrong", "is it the right column?")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True

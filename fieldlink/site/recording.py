@@ -1,11 +1,12 @@
-"""Recorded loops: CSV files with a row a sample.
+"""Recorded loops: files with a row a sample.
 
     recording = read_recording(Path("FC101.csv"))
     recording.op, recording.pv, recording.period
 
 Columns are found by name in any case, whatever their order and whatever else the file holds: by the
-names of the roles, or by what people write for them (`column_names`). An empty cell, ``nan`` or
-``null`` is a bad sample (NaN); any other text in a number column is an error that names its row.
+names of the roles, or by what people write for them (`column_names`). An empty cell, ``nan`` or a
+historian's word for a bad value (`number_cells`) is a bad sample (NaN); any other text in a number
+column is an error that names its row. Rows are put in the order of time (`row_order`).
 """
 
 from __future__ import annotations
@@ -17,16 +18,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.csv_file import CsvFile, CsvRow, read_csv
+from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import RecordingError
 from fieldlink.site.recorded_columns import RecordedColumns
-from fieldlink.site.timestamps import Sampling
+from fieldlink.site.recorded_table import read_recorded_table
+from fieldlink.site.timestamps import Sampling, sampling_of
 from fieldlink.spreadsheet import from_cell
 
-__all__ = ["MIN_ROWS", "NanRun", "Recording", "read_recording", "read_recordings"]
+__all__ = [
+    "MIN_ROWS",
+    "NanRun",
+    "Recording",
+    "files_in",
+    "read_recording",
+    "read_recordings",
+]
 
 MIN_ROWS = 50
 """Fewer rows hold too little of an oscillation to judge."""
+
+ENDINGS = (".csv", ".tsv", ".xlsx", ".parquet", ".mat")
+"""Files of a folder that are recordings; a file that is named itself may end otherwise."""
 
 Floats = NDArray[np.float64]
 
@@ -90,6 +102,13 @@ class Recording:
         )
 
 
+def files_in(path: Path) -> list[Path]:
+    """Return the recordings of a folder in the order of their names, or the file itself."""
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+
+
 def read_recording(
     path: str | Path,
     *,
@@ -104,7 +123,7 @@ def read_recording(
     """Read a recorded loop.
 
     Args:
-        path: CSV file with a header; comma, semicolon or tab between cells.
+        path: as for `recorded_table.read_recorded_table`.
         op, pv, sp, auto, time: names of the columns; by default those of these names or of names
             that mean the same (`column_names`), of which only OP and PV must be there.
         period: seconds between rows; it counts more than a time column. Without either a row is a
@@ -114,9 +133,9 @@ def read_recording(
     Raises:
         RecordingError: naming the file, the row and the column, and what to do.
     """
-    file = read_csv(Path(path), RecordingError, pipe=True)
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
-    return _recording_of(file, wanted, period, needs_pv=needs_pv)
+    table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
+    return _recording_of(table.file, wanted, period, needs_pv=needs_pv, notes=table.notes)
 
 
 def read_recordings(
@@ -135,17 +154,18 @@ def read_recordings(
     Raises:
         RecordingError: see `read_recording`.
     """
-    file = read_csv(Path(path), RecordingError, pipe=True)
     wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
+    table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
+    file, notes = table.file, table.notes
     number = next((n for n, name in enumerate(file.header) if name.lower() == "loop"), None)
     if number is None:
-        yield "", _recording_of(file, wanted, period)
+        yield "", _recording_of(file, wanted, period, notes=notes)
         return
     rows: dict[str, list[CsvRow]] = {}
     for row in file.rows:
         rows.setdefault(from_cell(row.cells[number]), []).append(row)
     for name, own in rows.items():
-        yield name, _recording_of(replace(file, rows=tuple(own)), wanted, period)
+        yield name, _recording_of(replace(file, rows=tuple(own)), wanted, period, notes=notes)
 
 
 def _recording_of(
@@ -154,6 +174,7 @@ def _recording_of(
     period: float | None,
     *,
     needs_pv: bool = True,
+    notes: tuple[str, ...] = (),
 ) -> Recording:
     columns = RecordedColumns(file, ("op", "pv") if needs_pv else ("op",))
     found = columns.find_all(wanted)
@@ -161,13 +182,18 @@ def _recording_of(
     switched = columns.switch(found["auto"], is_guessed=columns.is_guessed("auto"))
     if period is not None and not 0 < period < np.inf:
         columns.report("", f"a period of {period} s is impossible", "give seconds above 0")
+    columns.drop_bad_quality(numbers, found)
     sampling = None
-    if wanted["time"] is not None or period is None:
-        sampling = columns.sampling(found["time"], is_guessed=columns.is_guessed("time"))
     if not columns.problems and len(file.rows) < MIN_ROWS:
         columns.report(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
         )
+    elif wanted["time"] is not None or period is None:
+        order = columns.order(found["time"], is_guessed=columns.is_guessed("time"))
+        if order is not None:
+            sampling = sampling_of(order.times)
+            numbers = {role: None if v is None else v[order.rows] for role, v in numbers.items()}
+            switched = None if switched is None else switched[order.rows]
     op_values, pv_values = numbers["op"], numbers["pv"]
     if op_values is not None and pv_values is None and not needs_pv:
         pv_values = np.full(op_values.size, np.nan)
@@ -185,7 +211,7 @@ def _recording_of(
         start=None if sampling is None else sampling.start,
         irregular=0 if sampling is None else sampling.irregular,
         nan_runs=nan_runs,
-        notes=(*columns.notes, *_notes(period, sampling, nan_runs)),
+        notes=(*notes, *columns.notes, *_notes(op_values, period, sampling, nan_runs)),
     )
 
 
@@ -204,9 +230,11 @@ def _nan_runs(numbers: Mapping[str, Floats | None]) -> tuple[NanRun, ...]:
 
 
 def _notes(
-    period: float | None, sampling: Sampling | None, nan_runs: tuple[NanRun, ...]
+    op: Floats, period: float | None, sampling: Sampling | None, nan_runs: tuple[NanRun, ...]
 ) -> tuple[str, ...]:
     notes = []
+    if np.nanmin(op) >= 0.0 and np.nanmax(op) <= 1.0:
+        notes.append("op lies between 0 and 1: S and J are fractions of its range, not percent")
     if period is None and sampling is None:
         notes.append("no time column and no period given: a row is taken for a second")
     if period is not None and sampling is not None and abs(sampling.period / period - 1) > 0.05:
@@ -223,6 +251,11 @@ def _notes(
     for column in dict.fromkeys(run.column for run in nan_runs):
         rows = [run.rows for run in nan_runs if run.column == column]
         notes.append(
-            f"{column}: {sum(rows)} bad samples in {len(rows)} runs, at most {max(rows)} in a row"
+            f"{column}: {_counted(sum(rows), 'bad sample')} in {_counted(len(rows), 'run')}, "
+            f"at most {max(rows)} in a row"
         )
     return tuple(notes)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

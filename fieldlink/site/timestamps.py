@@ -14,12 +14,25 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["NoClockError", "Sampling", "Times", "is_moment", "parse_times", "sampling_of"]
+__all__ = [
+    "NoClockError", "Sampling", "Times", "is_date", "is_moment", "is_time_of_day", "parse_times",
+    "sampling_of",
+]  # fmt: skip
 
 _DAY = 86400.0
 _DATED_FROM, _DATED_TO = 946_684_800.0, 4_102_444_800.0
 """Numbers between the years 2000 and 2100, taken as seconds since 1970, are moments."""
 _TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?$")
+_DATE = re.compile(r"^\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}$")
+_WITH_OFFSET = re.compile(r"(Z|UTC|GMT|[+-]\d{2}:?\d{2})$")
+_MILLISECONDS_AFTER_COLON = re.compile(r"(\d:\d{2}:\d{2}):(\d{1,6})$")
+_COUNTS_A_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+"""What logs and databases count since 1970."""
+_SPREADSHEET_EPOCH = 25569.0
+"""1 January 1970 as a spreadsheet's number of days."""
+_FINE_DAYS = 0.01
+"""Days, a quarter of an hour: times that spread over years and step less are numbers of days. In
+seconds they would be a hundred samples a second, begun ten hours after their zero."""
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
 
@@ -41,10 +54,14 @@ class Times:
     Attributes:
         seconds: one for each cell, NaN for an empty one.
         origin: seconds since 1970 (UTC) when ``seconds`` is 0, None without a date.
+        is_local: whether the dates name no offset from UTC.
+        note: how the column was read, where that is not plain.
     """
 
     seconds: Floats
     origin: float | None
+    is_local: bool = False
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +103,28 @@ def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
     if len(filled) < 2:
         raise NoClockError("holds no times")
     seconds = np.full(len(cells), np.nan)
-    seconds[filled], origin = _parse(cells, filled, number)
-    return Times(seconds, origin)
+    first = cells[filled[0]]
+    note = None
+    is_local = False
+    if _is_number(first, number):
+        values = np.array([_number_at(cells, index, number) for index in filled])
+        seconds[filled], origin, note = _as_seconds(values)
+    elif is_time_of_day(first):
+        seconds[filled], origin = _unwrap([_time_of_day(cells, index) for index in filled]), None
+    else:
+        seconds[filled], origin = _dates(cells, filled)
+        is_local = not _WITH_OFFSET.search(first)
+    return Times(seconds, origin, is_local, note)
+
+
+def is_time_of_day(cell: str) -> bool:
+    """Whether a cell is a time without a date."""
+    return _TIME_OF_DAY.match(cell) is not None
+
+
+def is_date(cell: str) -> bool:
+    """Whether a cell is a date without a time."""
+    return _DATE.match(cell) is not None
 
 
 def sampling_of(times: Times) -> Sampling:
@@ -115,16 +152,17 @@ def sampling_of(times: Times) -> Sampling:
     )
 
 
-def _parse(
-    cells: Sequence[str], filled: list[int], number: Callable[[str], float]
-) -> tuple[Floats, float | None]:
-    first = cells[filled[0]]
-    if _is_number(first, number):
-        values = np.array([_number_at(cells, index, number) for index in filled])
-        return values, 0.0 if is_moment(values[0]) else None
-    if _TIME_OF_DAY.match(first):
-        return _unwrap([_time_of_day(cells, index) for index in filled]), None
-    return _dates(cells, filled)
+def _as_seconds(values: Floats) -> tuple[Floats, float | None, str | None]:
+    """Numbers as seconds, with their origin and how they were read."""
+    if is_moment(values[0]):
+        return values, 0.0, None
+    for unit, counts in _COUNTS_A_SECOND.items():
+        if is_moment(values[0] / counts):
+            return values / counts, 0.0, f"holds {unit} since 1970"
+    days = (values - _SPREADSHEET_EPOCH) * _DAY
+    if is_moment(days[0]) and is_moment(days[-1]) and abs(np.median(np.diff(values))) < _FINE_DAYS:
+        return np.round(days, 3), 0.0, "holds days, as a spreadsheet counts them"
+    return values, None, None
 
 
 def _is_number(cell: str, number: Callable[[str], float]) -> bool:
@@ -144,7 +182,7 @@ def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float])
 
 def _time_of_day(cells: Sequence[str], index: int) -> float:
     cell = cells[index]
-    if not _TIME_OF_DAY.match(cell):
+    if not is_time_of_day(cell):
         raise NoClockError(f"{cell!r} is not a time of day", index)
     parts = [float(part) for part in cell.replace(",", ".").split(":")]
     return math.fsum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
@@ -166,7 +204,7 @@ def _dates(cells: Sequence[str], filled: list[int]) -> tuple[Floats, float]:
     # Here, because only recordings with dates need pandas, and a daemon has none.
     import pandas as pd
 
-    column = pd.Series([cells[index] for index in filled])
+    column = pd.Series([_MILLISECONDS_AFTER_COLON.sub(r"\1.\2", cells[i]) for i in filled])
     iso = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
     if iso.notna().all():
         return _seconds(iso)

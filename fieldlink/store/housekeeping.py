@@ -87,7 +87,7 @@ class RetentionClock:
         self._ahead: tuple[float, float] | None = None
 
     def now(self) -> float:
-        """Seconds since 1970 that no step forward has touched."""
+        """Seconds since 1970, without steps of the clock into the future."""
         elapsed = self._monotonic()
         offset = self._wall() - elapsed
         if offset <= self._anchor + 60.0:

@@ -84,7 +84,7 @@ def next_commands(unit: ServiceUnit, site_file: Path) -> list[str]:
             commands.append(f"useradd --system --home-dir {folder} {unit.user}")
         if not unit.made_by_systemd:
             commands.append(f"install -d -m 750 -o {unit.user} -g {unit.user} {folder}")
-        commands.append(f"sudo -u {unit.user} fieldlink check {file}")
+        commands.append(f"sudo -u {unit.user} {shlex.quote(str(unit.program))} check {file}")
     else:
         commands.append("loginctl enable-linger   # so that it runs without a login")
     commands += [

@@ -43,6 +43,7 @@ class ServiceUnit:
         data_dir: the folder that the daemon writes.
         user: whose rights it has; None for a user's own unit.
         made_by_systemd: whether systemd makes the data folder.
+        program: the ``fieldlink`` that it runs.
     """
 
     name: str
@@ -50,6 +51,7 @@ class ServiceUnit:
     data_dir: Path
     user: str | None
     made_by_systemd: bool
+    program: Path
 
     @property
     def file_name(self) -> str:
@@ -98,7 +100,7 @@ def unit_of(
         protect_home="read-only" if at_home else "yes",
         private_tmp="no" if in_tmp else "yes",
     )
-    return ServiceUnit(unit_name, text, data_dir, user, made)
+    return ServiceUnit(unit_name, text, data_dir, user, made, program)
 
 
 def render_unit(

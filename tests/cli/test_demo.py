@@ -28,7 +28,10 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Demo]]
     folder = tmp_path_factory.mktemp("demos")
     wanted: dict[str, list[str]] = {"simulated": []}
     if (recording := SHARED_DATA / "isdb" / "CHEM10.csv").is_file():
-        wanted["recorded"] = ["--recording", str(recording)]
+        # fewer rows in the same time: a busy machine reads them all
+        rows = recording.read_text().splitlines(keepends=True)[:601]
+        (folder / recording.name).write_text("".join(rows))
+        wanted["recorded"] = ["--recording", str(folder / recording.name)]
     started = {
         name: (
             subprocess.Popen(

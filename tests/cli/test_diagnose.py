@@ -49,4 +49,4 @@ def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None
     (tmp_path / "none").mkdir()
     result = fieldlink("diagnose", tmp_path / "none")
     assert result.returncode == 2
-    assert "no .csv file" in result.stderr
+    assert "holds no recording" in result.stderr

@@ -121,7 +121,7 @@ def test_one_slip_among_many_does_not_change_the_style() -> None:
 
 
 def test_a_list_without_addresses_says_which_heading_is_missing(tmp_path: Path) -> None:
-    with pytest.raises(SiteError, match="address: no column means it"):
+    with pytest.raises(SiteError, match="address: no heading is known to mean it"):
         import_map(write(tmp_path, "name,type\nA,int16\n"))
 
 

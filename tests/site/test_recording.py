@@ -75,8 +75,8 @@ def test_columns_are_named_on_request(write: Write) -> None:
     ],
 )
 def test_separators_decimal_commas_and_line_ends(content: str, write: Write) -> None:
-    for encoded in (content.encode(), content.encode("utf-8-sig"), content.encode("utf-16")):
-        recording = read_recording(write(encoded))
+    for encoding in ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"):
+        recording = read_recording(write(content.encode(encoding)))
         assert len(recording) == 60
         assert (recording.op[3], recording.pv[59]) == (50.5, 20.25)
 
@@ -165,7 +165,7 @@ def test_empty_cells_are_bad_samples_and_counted(write: Write) -> None:
     assert np.flatnonzero(np.isnan(recording.pv)).tolist() == [3, 4, 5, 10]
     assert recording.nan_runs == (NanRun("op", 59, 1), NanRun("pv", 3, 3), NanRun("pv", 10, 1))
     assert recording.notes == (
-        "op: 1 bad samples in 1 runs, at most 1 in a row",
+        "op: 1 bad sample in 1 run, at most 1 in a row",
         "pv: 4 bad samples in 2 runs, at most 3 in a row",
     )
 
@@ -197,11 +197,15 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,pv\n" + "1,2\n" * 49, {}, "has 49 rows, at least 50"),
         ("op,pv\n" + "1,x\n" * 60, {}, "2: pv: 'x' is not a number"),
         ("op,pv\n" + "1,1.234,5\n" * 60, {}, "2: 3 cells where the header has 2"),
-        ("op;pv\n" + "1;1.234,5\n" * 60, {}, "'1.234,5' is not a number"),
-        ("op,pv\n" + "1,inf\n" * 60, {}, "'inf' is not a number"),
+        ("op,pv\n" + '1,"1,234"\n' * 60, {}, "'1,234' may be a decimal comma or grouped digits"),
+        ("op,pv\n" + "1,inf\n" * 60, {}, "pv: holds no number at all"),
+        ("time,op,pv\n" + "1,4,1,2,3\n" * 60, {}, "5 cells where the header has 3, as in 60 rows"),
+        ("Time,Tag,Value\n" + "1,OP,2\n" * 60, {}, "has a row for each value"),
+        ("2026-03-29 10:00,1,2\n" * 60, {}, "the first row holds values, no names"),
+        ("op,pv,pv\n" + "1,2,3\n" * 60, {}, "they differ, so rename one of them"),
         ("op,pv\n" + "1,1_000\n" * 60, {}, "'1_000' is not a number"),
         ("op,pv\n" + "1,\n" * 60, {}, "pv: holds no number at all"),
-        ("1,2\n" * 60, {}, "the first row holds numbers, no names"),
+        ("1,2\n" * 60, {}, "the first row holds values, no names"),
         ("op,flow\n" + "1,2\n" * 60, {}, "1: pv: no column of that name; use one of: op, flow"),
         (
             "op,pv,set\n" + "1,2,3\n" * 60,
@@ -212,7 +216,10 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,pv\n" + "1,2\n" * 60, {"period": 0.0}, "a period of 0.0 s is impossible"),
         ("", {}, "is empty"),
         (b"\x00\x01\x02", {}, "is not a CSV file: it is a binary file"),
-        (b"PK\x03\x04 a workbook", {}, "is not a CSV file"),
+        (b"PK\x03\x04 no workbook", {}, "is a binary file and no workbook"),
+        (b"PAR1 and no more", {}, "cannot be read as Parquet"),
+        (b"MATLAB 5.0 and no more", {}, "is no MATLAB file that can be read"),
+        (b"\xd0\xcf\x11\xe0 of 1997", {}, "save it as .xlsx or CSV"),
         ('op,pv\n"1,2\n' + "1,2\n" * 60, {}, "is not a CSV file"),
     ],
 )
@@ -223,7 +230,11 @@ def test_bad_files_are_refused_with_place_and_remedy(
 
 
 def test_many_wrong_cells_are_summed_up(write: Write) -> None:
-    lines = messages(write("op,pv", lambda k: f"{k},x")).splitlines()
+    assert messages(write("op,pv", lambda k: f"{k},x")).splitlines() == [
+        "2: pv: 'x' is not a number (and 59 more of this kind); "
+        "correct it, or leave the cell empty where the sample is bad"
+    ]
+    lines = messages(write("op,pv", lambda k: f"{k},x{k}")).splitlines()
     assert len(lines) == 11
     assert any("50 more cells are wrong" in line for line in lines)
 

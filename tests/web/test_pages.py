@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -15,6 +16,7 @@ from fieldlink.daemon import Daemon
 from fieldlink.site import load_site
 from fieldlink.store import StoreError, read_events
 from fieldlink.web import WebError, store_server, web_server
+from fieldlink.web.view.curves import stem_of
 
 TOKEN = "0123456789abcdef0123456789abcdef"
 PAGES = ("/", "/devices", "/api/loops", "/api/loops/LIC-0001", "/api/devices", "/fragments/fleet")
@@ -73,6 +75,20 @@ async def test_thinned_samples_keep_every_extreme(client: httpx.AsyncClient) -> 
     bad = await client.get("/api/loops/LIC-0001/samples?since=yesterday")
     assert bad.status_code == 400
     assert bad.json()["error"] == "since is 'yesterday'; give a number"
+
+
+def test_after_a_gap_the_stem_is_shown_again_when_it_is_known() -> None:
+    judged = {"verdict": "stiction", "stick_band": 6.0, "slip_jump": 2.0}
+    swing = [50.0 + 10.0 * math.sin(k / 15.0) for k in range(400)]
+    held = [*range(200), *range(210, 410)]
+    after = stem_of(swing, judged, held)
+    assert after is not None
+    assert after[199] is not None
+    assert after[200] is None
+    assert None not in after[300:]
+    at_rest = stem_of([*swing[:200], *[52.0] * 200], judged, held)
+    assert at_rest is not None
+    assert set(at_rest[200:]) == {None}
 
 
 async def test_only_what_changed_is_sent_again(client: httpx.AsyncClient) -> None:

@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="write a contact sheet")
-    parser.add_argument("--samples", type=int, default=600, help="shown of each loop")
+    parser.add_argument("--samples", type=int, default=600, help="samples shown of each loop")
     chosen = parser.parse_args()
     loops = draw_all(chosen.kinds, chosen.seeds)
     for loop in loops:

@@ -110,6 +110,6 @@ def find_strokes(stem, threshold):  # type: ignore[no-untyped-def]
 
 
 def count_knots(signal: Floats) -> int:
-    """Samples at which a held or interpolated record bends: what it still knows of the signal."""
+    """Count the measured samples of a record that is held or interpolated between them."""
     bend = np.abs(np.diff(signal, 2))
     return int(np.sum(bend > 1e-9 * max(float(np.ptp(signal)), 1e-12)))

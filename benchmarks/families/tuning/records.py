@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 @njit(cache=True)
 def hold(signal, deviation):  # type: ignore[no-untyped-def]
-    """Store a sample that left the stored one by more than `deviation`; hold it until the next."""
+    """Compress by exception: hold a sample until one differs from it by more than `deviation`."""
     out = np.empty_like(signal)
     last = signal[0]
     for k in range(len(signal)):

@@ -39,7 +39,7 @@ class Scene:
     quantum: tuple[float, float] = (0.0, 0.0)
 
     def run(self, part: LoopPart | None = None) -> Simulated:
-        """Signals after the warm-up, with another recorded loop if given."""
+        """Return the signals after the warm-up; a second loop is recorded too, if given."""
         parts = self.parts if part is None else (part, *self.parts[1:])
         whole = simulate(
             parts, self.sp, cascade=self.cascade, coupling=self.coupling, quantum=self.quantum

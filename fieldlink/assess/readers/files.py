@@ -88,6 +88,11 @@ class FileReader:
 
 
 def _kind(path: str) -> tuple[_Pieces, _Windows]:
+    if path.lower().endswith(".mat"):
+        from fieldlink.assess.readers.isdb import holds_one_loop
+
+        if holds_one_loop(Path(path)):
+            return _csv()
     return ENDINGS.get(Path(path).suffix.lower(), _csv)()
 
 

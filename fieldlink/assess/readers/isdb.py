@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["ReaderError", "RecordedLoop", "isdb_loops", "read_isdb"]
+__all__ = ["ReaderError", "RecordedLoop", "holds_one_loop", "isdb_loops", "read_isdb"]
 
 Array = NDArray[np.float64]
 
@@ -73,6 +73,15 @@ def _load(path: Path, _changed: int) -> Mapping[str, Any]:
         names = [name for name in contents if not name.startswith("__")]
         raise ReaderError(f"{path}: no structure 'cdata' (the file holds {names})")
     return cdata
+
+
+def holds_one_loop(path: Path) -> bool:
+    """Whether a MATLAB file can be read and is not the data base."""
+    try:
+        return "cdata" not in {name for name, _, _ in whosmat(path)}
+    except (NotImplementedError, ValueError, TypeError, LookupError, OSError, MatReadError):
+        # Reading it says why.
+        return False
 
 
 def isdb_loops(path: str | Path) -> tuple[str, ...]:

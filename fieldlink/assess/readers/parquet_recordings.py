@@ -19,6 +19,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.series import Recorded, Series
+from fieldlink.site.column_names import guess_columns
 from fieldlink.site.errors import nearest
 from fieldlink.site.timestamps import is_moment
 
@@ -125,7 +126,17 @@ def _find_columns(schema: Any, path: str, job: Job) -> _Columns:
         return found
 
     found = {role: find(role) for role in wanted}
+    known = {role: names.index(name) for role, name in found.items() if name is not None}
+    named = {role: number for role, number in known.items() if role != "loop"}
+    guess = guess_columns(names, named)
+    found |= {role: names[number] for role, number in guess.columns.items() if not found[role]}
     for role in ("op", "pv"):
+        if found[role] is None and role in guess.ambiguous:
+            several = ", ".join(guess.ambiguous[role])
+            raise ReadingError(
+                f"{Path(path).name}: several columns may be {role}: {several}; "
+                f"choose one with --{role} {guess.ambiguous[role][0]!r}"
+            )
         if found[role] is None:
             remedy = f"{nearest(role, names)}, or say which column is {role}"
             raise ReadingError(f"{Path(path).name} has no column {role}; {remedy}")

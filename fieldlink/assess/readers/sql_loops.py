@@ -154,7 +154,7 @@ class ValueLoop(_Loop):
         return stamps, table.numbers([row[1] for row in found])
 
     def _held(self, role: str, begin: float, end: float, count: int) -> Floats:
-        """A signal that holds its value, from the one before the window on."""
+        """Read a signal stored by change: each slot holds the last value before it."""
         before = self._values(role, -math.inf, begin, 1, newest=True)
         within = self._values(role, begin, end, 4 * count)
         stamps, values = (np.concatenate(pair) for pair in zip(before, within, strict=True))

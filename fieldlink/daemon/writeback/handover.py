@@ -89,7 +89,7 @@ class Handover:
         block = candidate.block(self._loop_id, seq, self._valid_for)
         return Attempt(
             WritebackOutcome.BEGUN,
-            f"{control.commit:#06x} was committed before",
+            f"the commit word before it was {control.commit:#06x}",
             candidate,
             block,
             tuple(self._exchange.encode(block)),

@@ -47,7 +47,7 @@ class Waiting:
         self.candidate, self._reported = candidate, reported
 
     def supersede(self, candidate: Candidate) -> None:
-        """Let a newer candidate take the place of what waits; that is on record."""
+        """Replace the waiting candidate by a newer one, and record it."""
         if self.candidate is not None:
             self._report(Attempt(WritebackOutcome.SUPERSEDED, "", self.candidate))
         self.put(candidate)

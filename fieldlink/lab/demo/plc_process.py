@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
+import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -93,7 +94,7 @@ class PlcProcess:
         return answer
 
     def close(self) -> None:
-        """Make sure that it is gone."""
+        """End the process, by force if it does not end by itself."""
         self._pipe.close()
         if self._process.pid is None:
             return
@@ -121,6 +122,8 @@ class PlcProcess:
 
 def _run(pipe: Connection, site_file: Path, loop: str) -> None:
     """Serve until told to stop, or until the process that started this is gone."""
+    # Ctrl-C reaches every process of the terminal; the program that started this one ends it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         asyncio.run(_serve(pipe, site_file, loop))
     except FieldlinkError as error:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import jinja2
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from estimator import identify
@@ -143,17 +144,21 @@ def _summary(scene: Scene, outcome: DemoOutcome) -> str:
     return (
         f"The daemon read OP and PV over Modbus TCP, identified {found}; the true one is "
         f"{_text(S.true)}. It wrote the block, and the PLC's compensator took over: PV's standard "
-        f"deviation fell to {_text(outcome.pv_std.ratio)} of what it was, valve travel to "
-        f"{_text(outcome.valve_travel.ratio)}."
+        f"deviation fell to {_share(outcome.pv_std.ratio)} of what it was, valve travel to "
+        f"{_share(outcome.valve_travel.ratio)}."
     )
+
+
+def _share(ratio: float) -> str:
+    return f"{100.0 * ratio:.3g} %" if np.isfinite(ratio) else "an unknown share"
 
 
 def _caption(scene: Scene) -> str:
     if scene.recording is not None:
         return "OP and PV as replayed. The shaded part is the window behind the block."
     return (
-        "What happened in the PLC, control cycle by control cycle. The stem is the plant's own and "
-        "nobody but this picture sees it. The shaded part is the window behind the block; the line "
+        "What happened in the PLC, control cycle by control cycle. The stem is not measured; only "
+        "the simulated plant knows it. The shaded part is the window behind the block; the line "
         "marks the cycle in which the compensator took over."
     )
 
@@ -172,11 +177,21 @@ def _course(truth: Truth, slots: tuple[int, int]) -> Figure:
         axes.axvspan(*slots, color=MODEL, alpha=0.10, lw=0.0)
         if after is not None:
             axes.axvline(float(truth.cycle[truth.compensated][0]), color="black", lw=1.0)
-        axes.legend(loc="upper right", ncols=3, fontsize="small")
+        axes.legend(loc="lower right", ncols=3, fontsize="small")
         axes.margins(x=0.0)
+    _label(upper, sum(slots) / 2.0, "judged window")
+    if after is not None:
+        begin = float(truth.cycle[truth.compensated][0])
+        _label(upper, (begin + float(truth.cycle[-1])) / 2.0, "under the compensator")
     upper.set_ylabel("OP")
     lower.set(ylabel="PV", xlabel="control cycle")
     return figure
+
+
+def _label(axes: Axes, cycle: float, text: str) -> None:
+    """A word about a stretch of cycles, below the upper edge of the axes."""
+    place = axes.get_xaxis_transform()
+    axes.text(cycle, 0.97, text, transform=place, ha="center", va="top", fontsize="medium")
 
 
 def _writes(frame: pd.DataFrame) -> TableText:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from fieldlink.daemon import Daemon, DaemonStatus, Findings, LoopStatus
+from fieldlink.daemon import Daemon, DaemonStatus, Findings, LoopStatus, stop_on_signals
 from fieldlink.lab.demo.outcome import SETTLE
 from fieldlink.lab.demo.plc_process import PlcCourse, PlcProcess
 from fieldlink.lab.demo.registers import RegisterRow, read_block
@@ -86,7 +87,7 @@ def perform(
     Args:
         scene: what to run.
         watch: called several times a second with the course.
-        hold: wall seconds for which PLC, daemon and page go on afterwards.
+        hold: wall seconds for which PLC, daemon and page go on afterwards; may be infinite.
         opened: called with the page's address when it answers; None where it has no port.
         finished: called, in a thread, with the performance before that time begins.
 
@@ -148,11 +149,22 @@ class _Director:
                 if finished is not None:
                     await asyncio.to_thread(finished, performance)
                 if hold > 0.0:
-                    await asyncio.wait([daemon], timeout=hold)
+                    await self._stay(daemon, hold)
             finally:
                 stop.set()
                 await daemon
         return performance
+
+    async def _stay(self, daemon: asyncio.Task[DaemonStatus], hold: float) -> None:
+        """Go on until the time is over, the daemon ends or a signal comes."""
+        with stop_on_signals() as stop:
+            signalled = asyncio.create_task(stop.wait())
+            await asyncio.wait(
+                [daemon, signalled],
+                timeout=hold if math.isfinite(hold) else None,
+                return_when=asyncio.FIRST_COMPLETED,
+            )
+            signalled.cancel()
 
     async def _watch_course(self, daemon: asyncio.Task[DaemonStatus]) -> None:
         try:

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldlink.web.view.store_queries import Row, StoreQueries
 from loop_model import ValveModel
@@ -25,6 +28,10 @@ MOST = 20_000
 
 LONGEST_MS = 400 * 86_400_000
 """Range of a request: a year and the weeks around it."""
+
+SHORT_GAP = 3
+"""Slots from one sample to the next up to which the stem is taken to stay; over a longer gap it may
+have slipped unseen, as in the seconds in which a compensator takes over."""
 
 Numbers = list[float | None]
 
@@ -77,8 +84,14 @@ def curves(
     }
 
 
-def stem_of(op: Numbers, judged: Row | None) -> Numbers | None:
-    """Return the stem of the identified valve for each OP; None without a sticky valve."""
+def stem_of(op: Numbers, judged: Row | None, slots: Sequence[int] | None = None) -> Numbers | None:
+    """Return the stem of the identified valve for each OP; None without a sticky valve.
+
+    Args:
+        op: None where a value is missing.
+        judged: the estimate that names the valve.
+        slots: of the values, where some slots have none; without it they follow each other.
+    """
     if judged is None or judged["verdict"] != "stiction" or not op:
         return None
     S, J = judged["stick_band"], judged["slip_jump"]
@@ -93,7 +106,20 @@ def stem_of(op: Numbers, judged: Row | None) -> Numbers | None:
     stem = ValveModel(S, J).simulate(signal[last], float(signal[good[0]]))
     moved = np.flatnonzero(stem != signal[good[0]])
     first = int(moved[0]) if moved.size else signal.size
-    return [None if k < first else round(float(x), 6) for k, x in enumerate(stem)]
+    stem[:first] = math.nan
+    lost: Sequence[int] = (
+        () if slots is None else (np.flatnonzero(np.diff(slots) > SHORT_GAP) + 1).tolist()
+    )
+    for begin, end in pairwise([*lost, signal.size]):
+        stem[begin:end] = _known_again(ValveModel(S, J), signal[last[begin:end]])
+    return [None if math.isnan(x) else round(float(x), 6) for x in stem]
+
+
+def _known_again(valve: ValveModel, op: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The stem where both ends of what it may have been at first come within a slip, else NaN."""
+    ends = (op[0] - valve.static_friction, op[0] + valve.static_friction)
+    low, high = (valve.simulate(op, float(end)) for end in ends)
+    return np.where(np.abs(low - high) <= valve.slip_jump + 1e-9, low, math.nan)
 
 
 def phase(rows: list[Row], judged: Row | None) -> dict[str, Numbers]:
@@ -123,7 +149,7 @@ def _raw(rows: list[Row], judged: Row | None) -> dict[str, Any]:
         "op": op,
         "pv": [row["pv"] for row in rows],
         "sp": sp if any(value is not None for value in sp) else None,
-        "stem": stem_of(op, judged),
+        "stem": stem_of(op, judged, [row["slot"] for row in rows]),
         "slots": [row["slot"] for row in rows],
     }
 

@@ -43,19 +43,21 @@ def why(judged: Row | None, last: Row | None, *, compensated: bool) -> list[str]
     if judged is None:
         return said or ["No window has been judged yet."]
     document: Mapping[str, Any] = judged["document"] or {}
-    said += [_sentence(text) for text in document.get("reasons", [])]
+    reasons = [_sentence(text) for text in document.get("reasons", [])]
+    said += reasons
     fit, evidence = document.get("fit") or {}, document.get("evidence") or {}
-    if fit.get("r2") is not None and fit.get("r2_healthy_valve") is not None:
+    has_figures = any("log Bayes factor" in reason for reason in reasons)
+    if not has_figures and fit.get("r2") is not None and fit.get("r2_healthy_valve") is not None:
         said.append(
             f"With the identified valve the model explains {percent_text(fit['r2'])} of PV's "
             f"variance, with a healthy one {percent_text(fit['r2_healthy_valve'])}."
         )
     factor = evidence.get("log_bayes_factor")
-    if factor is not None:
-        likelier = "sticky" if factor > 0.0 else "healthy"
+    if not has_figures and factor is not None:
+        likelier, other = ("sticky", "healthy") if factor > 0.0 else ("healthy", "sticky")
         said.append(
-            f"The window is {_times(abs(factor))} likelier with a {likelier} valve than with the "
-            f"other one (log Bayes factor {number_text(factor, 3)})."
+            f"The window is {_times(abs(factor))} likelier with a {likelier} valve than with a "
+            f"{other} one (log Bayes factor {number_text(factor, 3)})."
         )
     if judged["verdict"] == "stiction" and evidence.get("reversals") is not None:
         said.append(

@@ -124,7 +124,7 @@ class StoredLoops:
                 known.annotated_ms = event["utc_ms"]
 
     def read_points(self, now_ms: int) -> None:
-        """Read the points of every loop's trend, the newest first."""
+        """Read the points of every loop's trend, newest first."""
         try:
             parts = [partial(self._queries.newest_estimates, NEWEST_ROWS)]
             parts += [

@@ -1,0 +1,148 @@
+"""Recordings that are no text: Excel workbooks, Parquet and MATLAB files, as rows of text cells.
+
+    read_binary_table(Path("loop.mat"))  # rows, the first of which holds the names; None for text
+
+A MATLAB file has a vector for each signal, at its top or in a structure, and may have the seconds
+between samples as ``Ts``.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Mapping
+from datetime import date, datetime, time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldlink.site.csv_file import CsvRow
+from fieldlink.site.errors import Problem, RecordingError
+
+__all__ = ["read_binary_table"]
+
+_PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "sampling_period")
+"""Names of a MATLAB scalar that is the seconds between samples."""
+
+
+def read_binary_table(path: Path) -> list[CsvRow] | None:
+    """Return the rows of a workbook, Parquet or MATLAB file; None for any other file.
+
+    Raises:
+        RecordingError: it cannot be read, holds no table, or its library is not installed.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as stream:
+            begin = stream.read(8)
+    except OSError:
+        # The reader of text says why.
+        return None
+    if begin.startswith(b"PK\x03\x04"):
+        return _excel(path)
+    if begin.startswith(b"PAR1"):
+        return _parquet(path)
+    if begin.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
+        return _matlab(path)
+    if begin.startswith(b"\xd0\xcf\x11\xe0"):
+        raise _refusal(path, "is a workbook of Excel 97-2003", "save it as .xlsx or CSV")
+    return None
+
+
+def _excel(path: Path) -> list[CsvRow]:
+    try:
+        from openpyxl import load_workbook
+        from openpyxl.utils.exceptions import InvalidFileException
+    except ImportError as error:
+        remedy = "pip install 'fieldlink[excel]', or save it as CSV"
+        raise _refusal(path, "is a workbook, which openpyxl reads", remedy) from error
+    from zipfile import BadZipFile
+
+    try:
+        book = load_workbook(path, read_only=True, data_only=True)
+    except (BadZipFile, InvalidFileException, KeyError, OSError, ValueError) as error:
+        raise _refusal(
+            path, "is a binary file and no workbook", "save it as .xlsx or CSV"
+        ) from error
+    try:
+        if not book.worksheets:
+            raise _refusal(path, "has no sheet of cells", "put the samples on the first sheet")
+        rows = book.worksheets[0].iter_rows(values_only=True)
+        return [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
+    finally:
+        book.close()
+
+
+def _parquet(path: Path) -> list[CsvRow]:
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        remedy = "pip install 'fieldlink[assess]', or export it as CSV"
+        raise _refusal(path, "is a Parquet file, which pyarrow reads", remedy) from error
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        said = " ".join(str(error).split())
+        raise _refusal(path, f"cannot be read as Parquet ({said})", "export it again") from error
+    return _rows({name: table.column(name).to_pylist() for name in table.column_names})
+
+
+def _matlab(path: Path) -> list[CsvRow]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        found = loadmat(path, simplify_cells=True)
+    except NotImplementedError as error:
+        what = "is a MATLAB 7.3 (HDF5) file"
+        raise _refusal(path, what, "save it again in MATLAB with -v7") from error
+    except (ValueError, TypeError, LookupError, OSError, MatReadError, zlib.error) as error:
+        raise _refusal(path, "is no MATLAB file that can be read", "save it again") from error
+    named = {name: value for name, value in found.items() if not name.startswith("__")}
+    if "cdata" in named:
+        what = "is the International Stiction Data Base, which holds many loops"
+        raise _refusal(path, what, "judge all of them with fieldlink assess")
+    structures = [value for value in named.values() if isinstance(value, Mapping)]
+    if len(structures) == 1 and len(named) == 1:
+        named = dict(structures[0])
+    vectors = {name: np.ravel(value) for name, value in named.items() if _is_vector(value)}
+    longest = max((vector.size for vector in vectors.values()), default=0)
+    columns: dict[str, Iterable[Any]] = {
+        name: vector.tolist() for name, vector in vectors.items() if vector.size == longest
+    }
+    if longest < 2:
+        what = f"has no vectors of samples (it holds {', '.join(named) or 'nothing'})"
+        remedy = "save vectors op and pv, and the seconds between samples as Ts"
+        raise _refusal(path, what, remedy)
+    periods = [v for name, v in named.items() if name.lower() in _PERIODS and np.size(v) == 1]
+    if len(periods) == 1 and not any(name.lower() in ("time", "t") for name in columns):
+        columns["time"] = (np.arange(longest) * float(np.ravel(periods[0])[0])).tolist()
+    return _rows(columns)
+
+
+def _is_vector(value: Any) -> bool:
+    array = np.asarray(value)
+    return array.dtype.kind in "bfiu" and array.size > 1 and array.size == max(array.shape)
+
+
+def _rows(columns: Mapping[str, Iterable[Any]]) -> list[CsvRow]:
+    header = CsvRow(1, tuple(columns))
+    body = zip(*([_text(value) for value in column] for column in columns.values()), strict=True)
+    return [header, *(CsvRow(line, cells) for line, cells in enumerate(body, start=2))]
+
+
+def _text(value: Any) -> str:
+    """A cell as a text file would hold it."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    if isinstance(value, (datetime, date, time)):
+        return value.isoformat(" ") if isinstance(value, datetime) else value.isoformat()
+    return str(value).strip()
+
+
+def _refusal(path: Path, what: str, remedy: str) -> RecordingError:
+    return RecordingError([Problem(str(path), "", what, remedy)])

@@ -1,0 +1,175 @@
+"""A column of text as numbers: decimal comma or point, grouped digits, a unit, bad values.
+
+    parse_numbers(["1.234,5 %", "998,0 %", "I/O Timeout"], comma_separates=False).values
+    # [1234.5, 998.0, nan]
+
+The notation is that of the whole column: a single cell such as ``1.234`` does not tell whether its
+point is a decimal point.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BAD", "NumberCells", "parse_numbers", "plain_number"]
+
+BAD = frozenset({"", "nan", "null", "na", "n/a", "none"})
+"""Cells without a value, in any case."""
+
+_BAD_STATES = frozenset(
+    (
+        "-", "--", "---", "----", "?", "??", "???", "????", "*", "**", "***", "****",
+        "inf", "+inf", "-inf", "infinity", "-infinity", "-nan", "nan(ind)", "-nan(ind)",
+        "1.#inf", "-1.#inf", "1.#qnan", "1.#ind", "-1.#ind",
+        "bad", "bad value", "bad quality", "bad input", "bad data", "missing", "invalid",
+        "no data", "nodata", "no value", "no sample", "no result", "no good data",
+        "not available", "i/o timeout", "io timeout", "timeout", "time out",
+        "comm fail", "comm. fail", "comm error", "error", "err", "fail", "failed",
+        "calc failed", "calc timeout", "under range", "over range", "underrange", "overrange",
+        "out of range", "out of serv", "out of service", "scan off", "scan timeout", "off scan",
+        "shutdown", "intf shut", "configure", "unit down", "pt created", "arc off-line",
+        "archive offline", "doubtful", "not connected", "equip fail", "sensor failure",
+        "device failure", "uncertain", "unknown", "stale", "disconnected",
+    )
+)  # fmt: skip
+"""What historians (PI's digital states, OPC's qualities) and spreadsheets write for a bad value."""
+
+_CELL = re.compile(
+    r"([-+]?[.,]?\d(?:[\d.,' ]*\d)?[.,]?(?:e[-+]?\d+)?)\s*([%\u00b0\u00b5a-z].*)?", re.IGNORECASE
+)
+_GROUPED = re.compile(r"[-+]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?(e[-+]?\d+)?", re.IGNORECASE)
+_PLAIN = str.maketrans(
+    {"\u2212": "-", "\u2019": "'", "\u00b4": "'", "\u00a0": " ", "\u202f": " ", "\u2009": " "}
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberCells:
+    """A column as numbers.
+
+    Attributes:
+        values: shape ``(n,)``, NaN where a cell holds no number.
+        bad_words: words that stand for bad values, with their number.
+        wrong: index of the first cell of each text that is neither, with the number of such cells.
+        ambiguous: a cell whose comma may group digits or begin decimals; None where none is.
+    """
+
+    values: NDArray[np.float64]
+    bad_words: Mapping[str, int]
+    wrong: Mapping[int, int]
+    ambiguous: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Notation:
+    decimal: str = "."
+    grouping: str = ""
+    unit: str = ""
+
+    def number(self, text: str) -> float:
+        """Raises ValueError where a text is written in another way."""
+        if self.unit and text.endswith(self.unit):
+            text = text[: -len(self.unit)].rstrip()
+        for mark in (self.grouping, "'", " "):
+            if mark and mark in text:
+                if not _GROUPED.fullmatch(text):
+                    raise ValueError(text)
+                text = text.replace(mark, "")
+        if self.decimal != ".":
+            if "." in text:
+                raise ValueError(text)
+            text = text.replace(self.decimal, ".")
+        return plain_number(text)
+
+
+def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells:
+    """Return a column's numbers.
+
+    Args:
+        cells: the text of each cell, without blanks around it.
+        comma_separates: whether the comma separates the cells of the file; otherwise a comma alone
+            begins decimals.
+    """
+    values = np.full(len(cells), np.nan)
+    bad: Counter[str] = Counter()
+    others: dict[int, str] = {}
+    for index, cell in enumerate(cells):
+        try:
+            values[index] = plain_number(cell)
+        except ValueError:
+            folded = cell.casefold()
+            if folded in BAD:
+                continue
+            if folded in _BAD_STATES or cell.startswith("#"):
+                bad[cell] += 1
+            else:
+                others[index] = cell.translate(_PLAIN)
+    if not others:
+        return NumberCells(values, bad, {}, None)
+    notation, ambiguous = _notation_of(others, len(cells), comma_separates=comma_separates)
+    if ambiguous is not None:
+        return NumberCells(values, bad, {}, ambiguous)
+    if notation.decimal != "." or notation.grouping == ".":
+        # What looked like a plain number may have grouped digits: it is read again.
+        plain = {i: c for i, c in enumerate(cells) if "." in c and not np.isnan(values[i])}
+        others = plain | others
+    first: dict[str, int] = {}
+    wrong: Counter[int] = Counter()
+    for index, text in others.items():
+        try:
+            values[index] = notation.number(text)
+        except ValueError:
+            values[index] = np.nan
+            wrong[first.setdefault(text, index)] += 1
+    return NumberCells(values, bad, wrong, None)
+
+
+def plain_number(text: str) -> float:
+    """Return a finite number with a decimal point.
+
+    Raises:
+        ValueError: the text is none.
+    """
+    # Python's grouping underscore is no notation of measured data.
+    if "_" in text:
+        raise ValueError(text)
+    value = float(text)
+    if value - value != 0.0:
+        raise ValueError(text)
+    return value
+
+
+def _notation_of(
+    others: Mapping[int, str], cells: int, *, comma_separates: bool
+) -> tuple[_Notation, str | None]:
+    """The notation of the cells that are no plain numbers, or a cell that is ambiguous."""
+    parts = [found for text in others.values() if (found := _CELL.fullmatch(text))]
+    units = {found[2] or "" for found in parts}
+    # One odd cell is a mistake, a text behind most numbers is their unit.
+    unit = units.pop() if len(units) == 1 and 2 * len(parts) > cells else ""
+    heads = [found[1] for found in parts]
+    both = [head for head in heads if "." in head and "," in head]
+    commas = [head for head in heads if "," in head and "." not in head]
+    if both:
+        decimal = max(".,", key=both[0].rfind)
+        return _Notation(decimal, "," if decimal == "." else ".", unit), None
+    if any(head.count(".") > 1 for head in heads):
+        return _Notation(",", ".", unit), None
+    if not commas:
+        return _Notation(unit=unit), None
+    if any(head.count(",") > 1 for head in commas):
+        return _Notation(".", ",", unit), None
+    if not comma_separates or any(
+        len(head.partition(",")[2]) != 3
+        or not _GROUPED.fullmatch(head)
+        or head.lstrip("+-")[0] == "0"
+        for head in commas
+    ):
+        return _Notation(",", "", unit), None
+    return _Notation(), commas[0]

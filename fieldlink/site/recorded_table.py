@@ -1,0 +1,176 @@
+"""The table in a recording: which line is its header, which lines are none of its samples.
+
+    table = read_recorded_table(Path("export.csv"), ())
+    table.file.header, table.notes
+
+Exports of historians and spreadsheets have titles above the header, units or descriptions below
+it, and a line at the end that counts the rows. Such lines are left out, and a note names them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from fieldlink.site.binary_tables import read_binary_table
+from fieldlink.site.column_names import guess_columns
+from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, parse_rows, read_text
+from fieldlink.site.errors import Problem, RecordingError
+
+__all__ = ["RecordedTable", "holds_values", "read_recorded_table"]
+
+_LOOKED_AT = 100
+"""First lines from which the separator and the header are found: more than any title has."""
+_AGREEING = 0.8
+"""Share of these lines that hold a separator equally often; the others are titles."""
+_ABOVE_DATA = 6
+"""Lines directly above the samples of which one is the header."""
+_BELOW_DATA = 5
+"""Lines at the end that may hold text in place of samples."""
+_NUMBER = re.compile(
+    r"[-+\u2212]?[.,]?\d[\d.,'\u2019\u00a0\u202f ]*(e[-+]?\d+)?\s*%?", re.IGNORECASE
+)
+_MOMENT = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ,].*)?|\d{1,2}:\d{2}(:.*)?")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTable:
+    """A recording's header and rows, and what a person should know of how they were found."""
+
+    file: CsvFile
+    notes: tuple[str, ...]
+
+
+def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
+    """Read the table of a recording.
+
+    Args:
+        path: text with comma, semicolon, tab, bar or blanks between the cells of a row; a
+            workbook, of which the first sheet is read; a Parquet or a MATLAB file.
+        named: columns that the user has named; the header holds them.
+
+    Raises:
+        RecordingError: not readable, empty, or rows of another length than the header.
+    """
+    binary = read_binary_table(path)
+    if binary is None:
+        separator, text = _separated(read_text(path, RecordingError, pipe=True))
+        rows = parse_rows(path, text, separator, RecordingError)
+    else:
+        separator, rows = "\t", binary
+        while rows and not any(rows[-1].cells):
+            rows.pop()
+    if not rows:
+        empty = Problem(str(path), "", "is empty", "give a header and rows of data")
+        raise RecordingError([empty])
+    header, begin = _find_header(rows, named)
+    end = _last_sample(rows, begin)
+    file = fit_rows(path, separator, header, rows[begin:end], RecordingError)
+    left_out = [
+        row.line
+        for row in [*rows[:begin], *rows[end:]]
+        if row.line != header.line and any(row.cells)
+    ]
+    notes: tuple[str, ...] = ()
+    if left_out:
+        lines = ", ".join(map(str, left_out))
+        word = "line" if len(left_out) == 1 else "lines"
+        notes = (f"the header is line {header.line}; {word} without samples: {lines}",)
+    return RecordedTable(file, notes)
+
+
+def holds_values(cells: Sequence[str]) -> bool:
+    """Whether at least half of the filled cells hold a number or a moment."""
+    filled = [cell for cell in cells if cell]
+    values = sum(bool(_NUMBER.fullmatch(cell) or _MOMENT.fullmatch(cell)) for cell in filled)
+    return 2 * values >= len(filled) > 0
+
+
+def _separated(text: str) -> tuple[str, str]:
+    """Return the separator, and the text in which it stands between cells."""
+    first, _, rest = text.partition("\n")
+    if told := re.fullmatch(r'"?sep=(.)"?', first.strip(), re.IGNORECASE):
+        return told[1], "\n" + rest
+    lines = [
+        line
+        for line in text.split("\n", 3 * _LOOKED_AT)[: 3 * _LOOKED_AT]
+        if line.strip() and not line.lstrip().startswith("#")
+    ][:_LOOKED_AT]
+    shares = {separator: _agreement([line.count(separator) for line in lines], 1)
+              for separator in ";\t|,"}  # fmt: skip
+    for separator, share in shares.items():
+        if share >= _AGREEING:
+            return separator, text
+    best = max(shares, key=lambda separator: shares[separator])
+    if shares[best] == 0.0 and _agreement([len(line.split()) for line in lines], 2) >= _AGREEING:
+        return "\t", "\n".join("\t".join(line.split()) for line in text.split("\n"))
+    return (best if shares[best] > 0.0 else ","), text
+
+
+def _agreement(counts: Sequence[int], least: int) -> float:
+    """Share of the lines that have the most frequent count of at least ``least``."""
+    found = Counter(count for count in counts if count >= least)
+    return max(found.values(), default=0) / max(1, len(counts))
+
+
+def _find_header(rows: Sequence[CsvRow], named: Sequence[str]) -> tuple[CsvRow, int]:
+    """Return the header and the index of the first sample."""
+    looked_at = [_trimmed(row) for row in rows[:_LOOKED_AT]]
+    width = Counter(map(len, looked_at)).most_common(1)[0][0]
+    is_sample = [len(cells) == width and holds_values(cells) for cells in looked_at]
+    begin = next((n for n in range(len(is_sample)) if all(is_sample[n : n + 2])), 0)
+    candidates = [
+        row
+        for row, cells in zip(
+            rows[max(0, begin - _ABOVE_DATA) : begin],
+            looked_at[max(0, begin - _ABOVE_DATA) :],
+            strict=False,
+        )
+        if 2 * sum(map(bool, cells)) >= width and (width == 1 or len(cells) > 1)
+    ]
+    if not candidates:
+        return rows[0], 1
+    # A tag above, the signal below: FC101 over OP is FC101.OP.
+    joined = [
+        CsvRow(below.line, tuple(map(_join, above.cells, below.cells)))
+        for above, below in pairwise(candidates)
+        if len(above.cells) == len(below.cells)
+    ]
+    best = max([*candidates, *joined], key=lambda row: _roles_in(row, named))
+    return best, begin
+
+
+def _join(above: str, below: str) -> str:
+    return f"{above}.{below}" if above and below else above or below
+
+
+def _roles_in(row: CsvRow, named: Sequence[str]) -> tuple[int, int]:
+    """How many named columns and how many roles a header would have."""
+    folded = [cell.lower() for cell in row.cells]
+    known = sum(name.strip().lower() in folded for name in named)
+    guess = guess_columns(row.cells, {})
+    return known, 2 * len(guess.columns) + len(guess.ambiguous)
+
+
+def _last_sample(rows: Sequence[CsvRow], begin: int) -> int:
+    """The index behind the last sample: lines of text at the end do not count."""
+    end = len(rows)
+    while end > max(begin, len(rows) - _BELOW_DATA):
+        filled = [cell for cell in rows[end - 1].cells if cell]
+        if len(rows[begin].cells) == 1 or len(filled) != 1 or holds_values(filled):
+            break
+        end -= 1
+    while begin < end < len(rows) and not any(rows[end - 1].cells):
+        end -= 1
+    return end
+
+
+def _trimmed(row: CsvRow) -> tuple[str, ...]:
+    cells = row.cells
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    return cells

@@ -1,0 +1,160 @@
+"""Recordings as historians, spreadsheets and MATLAB write them: one loop in every dialect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from fieldlink.site import Recording, read_recording
+
+N = 120
+OP = np.round(40.0 + 10.0 * np.sin(np.arange(N) / 9.0), 3)
+PV = np.round(OP + 1.5, 3)
+BERLIN = ZoneInfo("Europe/Berlin")
+
+
+def lines(head: str, row: Callable[[int], str], order: list[int] | None = None) -> str:
+    return "\n".join([head, *(row(k) for k in order or range(N))]) + "\n"
+
+
+def stamp(k: int, begin: str = "2026-03-04T10:00:00", *, local: bool = False) -> datetime:
+    moment = datetime.fromisoformat(begin).replace(tzinfo=UTC) + timedelta(seconds=2 * k)
+    return moment.astimezone(BERLIN).replace(tzinfo=None) if local else moment
+
+
+def comma(value: float) -> str:
+    return f"{value:.3f}".replace(".", ",")
+
+
+def grouped(value: float, mark: str, decimal: str = ".") -> str:
+    text = f"{1000 * value:,.2f}".replace(",", "G").replace(".", decimal)
+    return text.replace("G", mark)
+
+
+def plain(k: int, pv: object = None) -> str:
+    return f"{stamp(k):%Y-%m-%d %H:%M:%S},{OP[k]},{PV[k] if pv is None else pv}"
+
+
+def check(recording: Recording, *, scale: float = 1.0, bad: int = 0) -> None:
+    """The loop of this file, with ``bad`` samples of PV left out."""
+    assert len(recording) == N
+    assert recording.period == pytest.approx(2.0, rel=1e-6)
+    np.testing.assert_allclose(recording.op, OP)
+    known = ~np.isnan(recording.pv)
+    assert int((~known).sum()) == bad
+    np.testing.assert_allclose(recording.pv[known], scale * PV[known])
+
+
+@pytest.mark.parametrize(
+    "text",
+    {
+        "units": lines("Time,FC1.OP,FC1.PV\n,%,m3/h", plain),
+        "descriptions": lines("Time,FC1.OP,FC1.PV\nTimestamp,Valve,Flow\ns,%,m3/h", plain),
+        "tag above signal": lines(",FC101,FC101\nTime,OP,PV", plain),
+        "titles and a count": lines("Export\nfrom the mill\n\nTime,FC1.OP,FC1.PV", plain)
+        + "\n120 rows\n",
+        "sep": lines("sep=;\nZeit;OP;PV", lambda k: f"{2 * k};{comma(OP[k])};{comma(PV[k])}"),
+        "bars": lines("time|op|pv", lambda k: f"{2 * k}|{OP[k]}|{PV[k]}"),
+        "blanks": lines(
+            "  time     op    pv", lambda k: f"{2 * k:8.1f} {OP[k]:8.3f}  {PV[k]:8.3f}"
+        ),
+        "percent": lines("time;op;pv", lambda k: f"{2 * k};{comma(OP[k])} %;{comma(PV[k])} m3/h"),
+        "DeltaV": lines("Date/Time,TIC1/OUT.CV,TIC1/PV.CV", plain),
+        "PI": lines(r"Timestamp,\\S\FC1.OUT - Average,\\S\FC1.MEAS - Average", plain),
+        "French": lines("Horodatage;Sortie;Mesure", lambda k: plain(k).replace(",", ";")),
+        "milliseconds": lines("t,op,pv", lambda k: f"{1772618400000 + 2000 * k},{OP[k]},{PV[k]}"),
+        "nanoseconds": lines(
+            "t,op,pv", lambda k: f"{(1772618400 + 2 * k) * 10**9},{OP[k]},{PV[k]}"
+        ),
+        "days": lines("time,op,pv", lambda k: f"{46085.5 + k / 43200:.9f},{OP[k]},{PV[k]}"),
+        "date beside time": lines(
+            "Datum;Uhrzeit;OP;PV",
+            lambda k: f"{stamp(k):%d.%m.%Y;%H:%M:%S};{comma(OP[k])};{comma(PV[k])}",
+        ),
+        "colon": lines("t,op,pv", lambda k: f"{stamp(k):%Y-%m-%d %H:%M:%S}:000,{OP[k]},{PV[k]}"),
+        "minutes": lines("t,op,pv", lambda k: f"{stamp(k):%d.%m.%Y %H:%M},{OP[k]},{PV[k]}"),
+        "newest first": lines("time,op,pv", plain, list(range(N))[::-1]),
+        "unsorted": lines("time,op,pv", plain, [*range(60, N), *range(60)]),
+        "repeated": lines("time,op,pv", plain, sorted([*range(N), 7, 60])),
+        "early stamps": lines(
+            "time,op,pv", lambda k: f"{stamp(k - (k % 40 == 30))},{OP[k]},{PV[k]}"
+        ),
+        "end of summer": lines(
+            "t,op,pv",
+            lambda k: f"{stamp(k, '2026-10-25T00:58:00', local=True)},{OP[k]},{PV[k]}",
+        ),
+        "summer": lines(
+            "t,op,pv",
+            lambda k: f"{stamp(k, '2026-03-29T00:58:00', local=True)},{OP[k]},{PV[k]}",
+        ),
+    }.items(),
+    ids=lambda case: case[0],
+)
+def test_a_dialect(text: tuple[str, str], tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(text[1])
+    check(read_recording(path))
+
+
+@pytest.mark.parametrize(
+    ("separator", "cell"),
+    [
+        (",", lambda v: f'"{grouped(v, ",")}"'),
+        (";", lambda v: grouped(v, ".", ",")),
+        (";", lambda v: grouped(v, " ", ",")),
+        (";", lambda v: grouped(v, "\u2019")),
+    ],
+    ids=["English", "German", "French", "Swiss"],
+)
+def test_grouped_digits(separator: str, cell: Callable[[float], str], tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    head = separator.join(("time", "op", "pv"))
+    path.write_text(
+        lines(head, lambda k: separator.join((str(2 * k), str(OP[k]), cell(PV[k])))), "utf-8"
+    )
+    check(read_recording(path), scale=1000.0)
+
+
+@pytest.mark.parametrize(
+    "word", ["Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created"]
+)
+def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("time,op,pv", lambda k: plain(k, word if k % 40 == 5 else None)))
+    recording = read_recording(path)
+    check(recording, bad=3)
+    assert any(f"{word!r} in 3 rows" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("good", "bad"), [("Good", "Bad"), ("192", "0")])
+def test_a_column_of_quality_leaves_bad_values_out(good: str, bad: str, tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    head = "time,FC1.OP,FC1.PV,FC1.PV.Quality"
+    path.write_text(
+        lines(head, lambda k: f"{plain(k, 999)},{bad}" if k % 40 == 5 else f"{plain(k)},{good}")
+    )
+    check(read_recording(path), bad=3)
+
+
+def test_matlab_excel_and_parquet(tmp_path: Path) -> None:
+    pandas, _ = pytest.importorskip("pandas"), pytest.importorskip("openpyxl")
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    savemat(tmp_path / "5.mat", {"op": OP, "pv": PV, "Ts": 2.0})
+    savemat(tmp_path / "4.mat", {"op": OP, "pv": PV, "Ts": 2.0}, format="4")
+    savemat(tmp_path / "struct.mat", {"loop": {"OP": OP, "PV": PV, "Ts": 2.0}})
+    frame = pandas.DataFrame({"Time": [stamp(k).replace(tzinfo=None) for k in range(N)]})
+    frame["FC1.OP"], frame["FC1.PV"] = OP, PV
+    frame.to_excel(tmp_path / "loop.xlsx", index=False)
+    for unit in ("s", "ms", "us", "ns"):
+        times = arrow.array(frame["Time"]).cast(arrow.timestamp(unit))
+        op = arrow.array([str(value) for value in OP]).cast(arrow.decimal128(9, 3))
+        table = arrow.table({"time": times, "op": op, "pv": arrow.array(PV).dictionary_encode()})
+        parquet.write_table(table, tmp_path / f"{unit}.parquet")
+    for path in sorted(tmp_path.iterdir()):
+        check(read_recording(path))
