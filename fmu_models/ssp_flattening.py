@@ -11,7 +11,7 @@ from lxml import etree
 
 from .errors import PlantFileError, PlantInputError
 from .ssp_changes import Change, Linear, read_transformation
-from .ssp_file import Link, SystemStructure
+from .ssp_structure import Link, SystemStructure
 from .ssp_values import Start, convert_unit, read_binding, read_units
 
 __all__ = ["flatten"]

@@ -18,6 +18,7 @@ import numpy as np
 
 from .errors import PlantError
 from .inprocess import InProcessPlant
+from .opening import OpenOptions
 from .shared_rows import SharedRows
 
 __all__ = ["serve"]
@@ -42,15 +43,8 @@ def serve(connection: Connection, folder: Path, memory: int) -> None:
             return
         try:
             if plant is None or rows is None:
-                plant = InProcessPlant(
-                    Path(argument["file"]),
-                    parameters=argument["parameters"],
-                    period=argument["period"],
-                    kind=argument["kind"],
-                    watch=argument["watch"],
-                    folder=folder,
-                    intermediate=argument["intermediate"],
-                )
+                options = OpenOptions(**argument["options"])
+                plant = InProcessPlant(Path(argument["file"]), options, folder)
                 rows = SharedRows(memory, len(plant.info.outputs))
                 os.close(memory)
                 answer: dict[str, Any] = {"ok": asdict(plant.info)}

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
 from fieldlink.lab.fmu import FmuError
-from fieldlink.lab.fmu.loop_scenario import LoopWish, respond, write_scenario
+from fieldlink.lab.fmu.loop_scenario import write_scenario
+from fieldlink.lab.fmu.step_test import LoopWish, respond
 from fieldlink.lab.rehearse import load_scenario, rehearse
 from fmu_models import fmu_path, summarise
 

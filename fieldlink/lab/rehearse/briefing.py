@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.lab.rehearse.happenings import Disable, Manual, Points, Repair
 from fieldlink.lab.rehearse.load import ScenarioFile
-from fieldlink.lab.rehearse.models import Disable, Manual, Points, Repair, Scenario
+from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.outcome import RunCourse
 from fieldlink.lab.rehearse.run import Rehearsal
 from fmu_models import FmuSummary, catalogue, fmu_path, summarise

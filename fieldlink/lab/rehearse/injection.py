@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fieldlink.lab.rehearse.defects import Defect
-from fieldlink.lab.rehearse.models import Repair, Scenario, ValveWear
+from fieldlink.lab.rehearse.happenings import Repair
+from fieldlink.lab.rehearse.models import Scenario, ValveWear
 
 __all__ = ["inject_into_scene"]
 

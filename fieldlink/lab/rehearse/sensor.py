@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fieldlink.lab.rehearse.models import SensorFault
+from fieldlink.lab.rehearse.happenings import SensorFault
 
 __all__ = ["Transmitter"]
 
