@@ -162,6 +162,7 @@ class IsolatedPlant(Plant):
             try:
                 answered = self._link.has_answer(_GLANCE)
                 if answered:
+                    self._note_progress()
                     self._link.receive("run")
             except OSError as error:
                 failure = self._link.crashed("run")
@@ -188,6 +189,12 @@ class IsolatedPlant(Plant):
                 if not isinstance(failure, PlantError):
                     self._link.abandon()
                 raise failure
+
+    def _note_progress(self) -> None:
+        """Take the time of the last row, which a crash leaves without an answer."""
+        done = int(self._shared.progress[0])
+        if done:
+            self._link.time = float(self._shared.moments[done - 1])
 
     def _piece(self, first: int, end: int) -> Piece:
         moments = self._shared.moments[first:end].copy()

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from .archive import MODEL_EXCHANGE, extract_fmu, read_description
@@ -19,8 +18,6 @@ from .plant import PlantInfo
 from .variables import VariableAccess
 
 __all__ = ["LoadedFmu", "OpenOptions", "load_fmu"]
-
-_NONE: Mapping[str, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +32,7 @@ class OpenOptions:
         intermediate: keep the outputs between the ends of a step, for `Plant.take_intermediate`.
     """
 
-    parameters: Mapping[str, float] = _NONE
+    parameters: Mapping[str, float] = field(default_factory=dict)
     period: float | None = None
     kind: str | None = None
     watch: Sequence[str] = ()

@@ -16,6 +16,17 @@ from .nursery_client import nursery
 __all__ = ["WorkerLink"]
 
 _SECONDS_TO_END = 5.0
+_DOING = {
+    "open": "while it started",
+    "step": "in a step",
+    "run": "in a step",
+    "outputs": "when its outputs were asked for",
+    "intermediate": "when its outputs were asked for",
+    "snapshot": "when its state was saved",
+    "restore": "when a state was restored",
+    "close": "while it was closed",
+}
+"""What the plant was doing, by request."""
 
 
 class WorkerLink:
@@ -112,9 +123,9 @@ class WorkerLink:
         """End the process, which has not answered in time; return the error."""
         self.kill()
         self.failure = (
-            f"plant {self._name} at {self.time:g} s did not answer to {action!r} within "
-            f"{self.timeout:g} s and was ended; is the FMU in an endless loop? Otherwise open it "
-            "with a longer timeout"
+            f"plant {self._name} at {self.time:g} s was ended: {_DOING[action]} it did not answer "
+            f"for {self.timeout:g} s; is the FMU in an endless loop? Otherwise open it with a "
+            "longer timeout"
         )
         return PlantTimeoutError(self.failure)
 
@@ -126,13 +137,13 @@ class WorkerLink:
         elif code < 0:
             what = f"its process died of {_signal_name(-code)}"
         else:
-            what = f"its process ended with exit status {code}"
+            what = f"its process ended itself with exit status {code}"
         hint = (
             "is the FMU truncated or damaged?"
             if action == "open"
             else "the fault is in the FMU or in the values it was given; open it again to go on"
         )
-        self.failure = f"plant {self._name} at {self.time:g} s: {what}, at {action!r}; {hint}"
+        self.failure = f"plant {self._name} at {self.time:g} s: {_DOING[action]} {what}; {hint}"
         return PlantCrashError(self.failure)
 
     def _exit_code(self) -> int | None:
