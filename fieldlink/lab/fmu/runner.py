@@ -126,6 +126,7 @@ class _Run:
                 f"{moments[-1] + self.step:g} s"
             )
         driven = self._driven(moments)
+        self._note_unused_inputs(start)
         table = RunTable(start, plant.outputs(), steps.count)
         rows = RowWriter(self.settings, self.signals, driven, table)
         save_row = self._save_row(start, steps.count)
@@ -144,6 +145,18 @@ class _Run:
         except KeyboardInterrupt:
             self.failure = "it was interrupted"
         return self._pack(plant.info.name, driven, table, rows)
+
+    def _note_unused_inputs(self, start: float) -> None:
+        """Say where the recorded inputs begin after the run or go on behind it."""
+        series = self.settings.inputs
+        if series is None or not series.time.size:
+            return
+        first, last = float(series.time[0]), float(series.time[-1])
+        if first >= self.stop or last >= self.stop + self.step:
+            self.notes.append(
+                f"the inputs go from {first:g} s to {last:g} s and the run from {start:g} s to "
+                f"{self.stop:g} s: rows after its end are not used (is their time in seconds?)"
+            )
 
     def _driven(self, moments: Array) -> dict[str, Array]:
         """Return the recorded inputs at every step, by tag and in the tag's unit."""
