@@ -225,8 +225,8 @@ def test_inputs_as_a_spreadsheet_writes_them(tmp_path: Path) -> None:
         (RunSettings(stop=float("nan")), "must be a finite second; got nan"),
         (RunSettings(stop=10.0, step=0.0), "period must be a positive number"),
         (RunSettings(stop=10.0, step=float("nan")), "period must be a positive number"),
-        (RunSettings(stop=0.0), "0 steps; give a stop time"),
-        (RunSettings(stop=-1.0), "give a stop time and a step"),
+        (RunSettings(stop=0.0), "the stop time 0 s must lie after the start at 0 s"),
+        (RunSettings(stop=-1.0), "give a later one with --stop"),
         (RunSettings(stop=10.0, save=Path("x"), save_at=11.0), "cannot be saved at 11 s"),
     ],
 )

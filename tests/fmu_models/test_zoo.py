@@ -85,7 +85,12 @@ def test_bad_fmus_beside_a_good_one(
         (altered(mini, tmp_path / "cut.fmu", "truncated"), once, [], "damaged"),
         (altered(mini, tmp_path / "few.fmu", "lacks functions"), once, [], "fmi2DoStep"),
         (altered(mini, tmp_path / "guid.fmu", "guid"), once, [], "the GUID is not {mini}"),
-        (str(faulty), {}, [{}, {"fault": SEGFAULT}], "at 1 s: in a step its process died of SIGSEGV"),
+        (
+            str(faulty),
+            {},
+            [{}, {"fault": SEGFAULT}],
+            "at 1 s: in a step its process died of SIGSEGV",
+        ),
         (str(faulty), {}, [{"fault": ABORT}], "its process died of SIGABRT"),
         (str(faulty), {}, [{"fault": ENDLESS}], "in a step it did not answer for 1 s"),
         (

@@ -18,6 +18,8 @@ __all__ = ["write_scenario"]
 
 _WINDOW_LAGS = 60.0
 """Lags in a window: several cycles of a sticky valve, whose period is some four to ten lags."""
+_NOISE = 0.01
+"""Of the set-point's step, standard deviation: a usual transmitter, seen and not in the way."""
 _LEAST_WINDOW, _MOST_WINDOW = 400, 1500
 
 
@@ -43,6 +45,7 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
         "between": 0.5 * (response.start + moved),
         "duration": 5.0 * seconds,
         "window": window,
+        "noise": _NOISE * abs(moved - response.start),
         "fmu": json.dumps(os.path.relpath(fmu.file, file.parent)),
         "period": period,
         "op_name": json.dumps(wish.op),
@@ -105,6 +108,13 @@ compensate = true
 in_front = true
 stick_band = [[0, {S}]]
 slip_jump = [[0, {J}]]
+
+# Without noise PV repeats one value while the valve rests, as a broken transmitter does.
+[[sensor]]
+kind = "noise"
+begin = 0
+end = {duration}
+size = {noise}
 
 [daemon]
 window = {window}

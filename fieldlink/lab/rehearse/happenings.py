@@ -95,12 +95,12 @@ class Load(ScenarioModel):
 class SensorFault(_Spell):
     """``[[sensor]]``: a fault of the transmitter of PV, seen by controller and daemon alike."""
 
-    kind: Literal["freeze", "drift", "spikes", "bad"]
-    """Value stands still; slope added; single outliers; NaN."""
+    kind: Literal["freeze", "drift", "spikes", "noise", "bad"]
+    """Value stands still; slope added; single outliers; white noise; NaN."""
     rate: float = 0.0
     """PV per second, of a drift."""
     size: float = 0.0
-    """PV, of a spike."""
+    """PV, of a spike; standard deviation of the noise."""
     share: Share = 0.02
     """Of the samples that are spikes."""
 
@@ -108,8 +108,8 @@ class SensorFault(_Spell):
     def _sized(self) -> Self:
         if self.kind == "drift" and not self.rate:
             raise ValueError('kind = "drift" needs a rate; give PV per second')
-        if self.kind == "spikes" and not self.size:
-            raise ValueError('kind = "spikes" needs a size; give it in units of PV')
+        if self.kind in ("spikes", "noise") and not self.size:
+            raise ValueError(f'kind = "{self.kind}" needs a size; give it in units of PV')
         return self
 
 
