@@ -11,6 +11,7 @@ from lxml import etree
 
 from .errors import PlantFileError, PlantInputError
 from .ssp_changes import Change, Linear, read_transformation
+from .ssp_dictionaries import SignalDictionaries
 from .ssp_structure import Link, SystemStructure
 from .ssp_values import Start, convert_unit, read_binding, read_units
 
@@ -50,6 +51,9 @@ class _Flattener:
         self._edges: dict[_Node, tuple[_Node, tuple[Change, ...]]] = {}
         self._systems: list[str] = []
         self._given: list[tuple[str, dict[str, Start]]] = []
+        self._dictionaries = SignalDictionaries(structure.file)
+        self._entries: set[_Node] = set()
+        self._references: dict[str, str] = {}
 
     def run(self, system: Any) -> None:
         to = self._to
@@ -82,6 +86,13 @@ class _Flattener:
         self._systems.append(path)
         self._connectors(system, path)
         self._bind(system, path, None)
+        for dictionary in system.findall("ssd:SignalDictionaries/ssd:SignalDictionary", _NS):
+            try:
+                entries = self._dictionaries.add(path, dictionary)
+            except ValueError as error:
+                raise self._fail(path, str(error)) from error
+            self._entries |= set(entries)
+            self._unit_of |= {node: unit for node, unit in entries.items() if unit}
         for element in system.findall("ssd:Elements/*", _NS):
             inner = f"{path}.{element.get('name')}" if path else element.get("name")
             tag = etree.QName(element).localname
@@ -97,7 +108,12 @@ class _Flattener:
                 self._connectors(element, inner)
                 self._bind(element, inner, source)
             else:
-                raise self._fail(inner, f"a {tag} is not supported; replace it by connections")
+                self._connectors(element, inner)
+                try:
+                    place = self._dictionaries.look_up(path, element.get("dictionary"))
+                except ValueError as error:
+                    raise self._fail(inner, str(error)) from error
+                self._references[inner] = place
         for connection in system.findall("ssd:Connections/ssd:Connection", _NS):
             self._connect(connection, path)
 
@@ -112,7 +128,7 @@ class _Flattener:
                     self._enumeration_of[node] = declared.get("name")
 
     def _connect(self, connection: Any, path: str) -> None:
-        ends = []
+        ends: list[tuple[_Node, bool | None]] = []
         for side in ("start", "end"):
             element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector")
             place = path if element is None else f"{path}.{element}" if path else element
@@ -121,9 +137,12 @@ class _Flattener:
                 raise self._fail(place, f"a connection names a connector {name!r}, there is none")
             own = self._kinds[node] in ("input", "parameter")
             gives = own if element is None else not own
-            ends.append((node, gives))
+            either = place in self._references and self._kinds[node] == "inout"
+            ends.append((self._shared(node), None if either else gives))
         (start, gives), (end, takes_not) = ends
-        if gives == takes_not:
+        if gives is None and takes_not is not None:
+            gives = not takes_not
+        if gives is None or gives == takes_not:
             raise self._fail(path, f"the connection of {start[1]} and {end[1]} has no direction")
         source, sink = (start, end) if gives else (end, start)
         if sink in self._edges:
@@ -136,6 +155,19 @@ class _Flattener:
             self._items_of(sink),
         )
         self._edges[sink] = (source, tuple(c for c in (unit, change) if c is not None))
+
+    def _shared(self, node: _Node) -> _Node:
+        """Return the entry of the dictionary where the node is one of a reference to it."""
+        place = self._references.get(node[0])
+        if place is None:
+            return node
+        entry = (place, node[1])
+        if entry not in self._entries:
+            known = [name for where, name in sorted(self._entries) if where == place]
+            raise self._fail(
+                node[0], f"{place} has no entry {node[1]!r}, it has {', '.join(known) or 'none'}"
+            )
+        return entry
 
     def _items_of(self, node: _Node) -> Callable[[str], float]:
         return partial(self._item_number, node)
