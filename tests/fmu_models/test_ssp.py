@@ -211,7 +211,8 @@ def test_signal_dictionaries_are_wires_with_names(
             f"{connection('second/tank.h', 'level')}</ssd:Connections></ssd:System>"
         )
         file = write(
-            tmp_path / f"{len(list(tmp_path.iterdir()))}.ssp", mini_fmus["fmi2"], tank("first") + inner + outer,
+            tmp_path / f"{len(list(tmp_path.iterdir()))}.ssp", mini_fmus["fmi2"],
+            tank("first") + inner + outer,
             connection("feed", "first/tank.inflow[1]") + connection("inner/level", "level")
             + connection(f"tap/{entry}", "first/tank.h") + more,
             own=OWN, extra={"bus.ssb": bus},
