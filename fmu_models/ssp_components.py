@@ -1,4 +1,4 @@
-"""Take the FMUs of a system out of its archive."""
+"""Take the FMUs of a system out of its archive, and describe them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from .errors import PlantFileError
+from .fmu_summary import summarise_fmu
+from .summary import FmuSummary
 
-__all__ = ["extract_components"]
+__all__ = ["extract_components", "summarise_components"]
 
 
 def extract_components(file: Path, sources: Mapping[str, str], folder: Path) -> dict[str, Path]:
@@ -30,3 +32,19 @@ def extract_components(file: Path, sources: Mapping[str, str], folder: Path) -> 
                 ) from error
             found[component] = target
     return found
+
+
+def summarise_components(file: Path, components: Mapping[str, Path]) -> dict[str, FmuSummary]:
+    """Describe the extracted FMU of every component of the system ``file``.
+
+    Raises:
+        PlantFileError: one of them cannot be read; the component is named.
+    """
+    parts: dict[str, FmuSummary] = {}
+    for component, fmu in components.items():
+        try:
+            parts[component] = summarise_fmu(fmu)
+        except PlantFileError as error:
+            text = str(error).removeprefix(f"{fmu}: ")
+            raise PlantFileError(f"{file}: {component}: {fmu.name}: {text}") from error
+    return parts

@@ -24,6 +24,7 @@ __all__ = ["RUN_TYPE", "read_structure", "read_system"]
 
 _NS = reader.ns
 
+_MAY_BE_EMPTY = ("Connectors", "Connections", "Elements", "ParameterBindings")
 RUN_TYPE = "fieldlink.run"
 """Type of the annotation that keeps step and master of a recorded run."""
 
@@ -49,6 +50,10 @@ def read_structure(file: Path) -> Any:
         raise PlantFileError(
             f"{file}: it is not an SSP archive (a zip file with SystemStructure.ssd): {why}"
         ) from error
+    for name in _MAY_BE_EMPTY:  # the schema wants them left out, some tools write them empty
+        for element in list(root.iter(f"{{{_NS['ssd']}}}{name}")):
+            if len(element) == 0:
+                element.getparent().remove(element)
     try:
         reader.validate_tree(root, "SystemStructureDescription.xsd")
     except Exception as error:  # FMPy raises nothing narrower

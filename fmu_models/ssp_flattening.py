@@ -54,10 +54,13 @@ class _Flattener:
         self._dictionaries = SignalDictionaries(structure.file)
         self._entries: set[_Node] = set()
         self._references: dict[str, str] = {}
+        self._elements: set[str] = {""}
 
     def run(self, system: Any) -> None:
         to = self._to
         self._walk(system, "")
+        if not to.sources:
+            raise self._fail("", "it has no component, so there is nothing to run")
         to.unit_of |= {
             node: self._units[unit] for node, unit in self._unit_of.items() if unit in self._units
         }
@@ -95,6 +98,9 @@ class _Flattener:
             self._unit_of |= {node: unit for node, unit in entries.items() if unit}
         for element in system.findall("ssd:Elements/*", _NS):
             inner = f"{path}.{element.get('name')}" if path else element.get("name")
+            if inner in self._elements:
+                raise self._fail(inner, "two elements have this name; rename one")
+            self._elements.add(inner)
             tag = etree.QName(element).localname
             if tag == "System":
                 self._walk(element, inner)
@@ -133,6 +139,8 @@ class _Flattener:
             element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector")
             place = path if element is None else f"{path}.{element}" if path else element
             node = (place, name)
+            if place not in self._elements:
+                raise self._fail(path, f"a connection names an element {place!r}, there is none")
             if node not in self._kinds:
                 raise self._fail(place, f"a connection names a connector {name!r}, there is none")
             own = self._kinds[node] in ("input", "parameter")

@@ -31,12 +31,11 @@ from .errors import (
     PlantStepError,
     nearest,
 )
-from .fmu_summary import summarise_fmu
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .opening import OpenOptions
 from .plant import Piece, Plant, PlantInfo
-from .ssp_components import extract_components
+from .ssp_components import extract_components, summarise_components
 from .ssp_file import read_system
 from .ssp_starts import resolve_starts
 from .ssp_structure import Master
@@ -95,7 +94,7 @@ class SystemPlant(Plant):
         )
         try:
             files = extract_components(file, self._structure.sources, Path(self._folder.name))
-            parts = {component: summarise_fmu(fmu) for component, fmu in files.items()}
+            parts = summarise_components(file, files)
             step = period or self._structure.step or _shortest_step(file, parts)
             names = (*self._structure.inputs, *self._structure.parameters)
             own = {name: parameters[name] for name in names if name in parameters}

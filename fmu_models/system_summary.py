@@ -6,8 +6,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from .fmu_summary import summarise_fmu
-from .ssp_components import extract_components
+from .ssp_components import extract_components, summarise_components
 from .ssp_file import read_system
 from .ssp_starts import resolve_starts
 from .ssp_structure import SystemStructure
@@ -31,7 +30,7 @@ def summarise_system(file: Path) -> FmuSummary:
     structure = read_system(file)
     with tempfile.TemporaryDirectory(prefix="fieldlink-ssp-") as folder:
         files = extract_components(file, structure.sources, Path(folder))
-        parts = {component: summarise_fmu(fmu) for component, fmu in files.items()}
+        parts = summarise_components(file, files)
     variables = [
         _variable(name, "input", unit, _input_start(structure, parts, name))
         for name, unit in structure.inputs.items()

@@ -247,6 +247,23 @@ def test_signal_dictionaries_are_wires_with_names(
             summarise(file)
 
 
+@pytest.mark.parametrize(
+    ("elements", "connections", "words"),
+    [
+        (tank("first") * 2, "", "first: two elements have this name; rename one"),
+        ("", "", "it has no component"),
+        (tank("first"), connection("second/tank.h", "level"), "an element 'second', there is none"),
+    ],
+)
+def test_structures_that_make_no_system(
+    mini_fmus: Minis, tmp_path: Path, elements: str, connections: str, words: str
+) -> None:
+    """Lists that a tool writes empty are no fault."""
+    file = write(tmp_path / "x.ssp", mini_fmus["fmi2"], elements, connections, own=OWN)
+    with pytest.raises(PlantFileError, match=words):
+        summarise(file)
+
+
 def test_info_and_run_take_a_system(mini_fmus: Minis, tmp_path: Path) -> None:
     file = write(
         tmp_path / "two.ssp", mini_fmus["fmi2"], tank("first") + tank("second"), CHAIN, own=OWN

@@ -276,6 +276,9 @@ class _Run:
     ) -> RunResult:
         rows.write_all()
         columns = rows.columns(0, table.rows)
+        rounded = self.signals.list_rounded(columns)
+        if rounded:
+            self.notes.append(f"whole numbers beyond 2^53 are rounded: {', '.join(rounded)}")
         return RunResult(
             model=model,
             time=table.time[: table.rows],
