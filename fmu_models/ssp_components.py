@@ -10,7 +10,7 @@ from .errors import PlantFileError
 from .fmu_summary import summarise_fmu
 from .summary import FmuSummary
 
-__all__ = ["extract_components", "summarise_components"]
+__all__ = ["extract_components", "name_component", "summarise_components"]
 
 
 def extract_components(file: Path, sources: Mapping[str, str], folder: Path) -> dict[str, Path]:
@@ -45,6 +45,11 @@ def summarise_components(file: Path, components: Mapping[str, Path]) -> dict[str
         try:
             parts[component] = summarise_fmu(fmu)
         except PlantFileError as error:
-            text = str(error).removeprefix(f"{fmu}: ")
-            raise PlantFileError(f"{file}: {component}: {fmu.name}: {text}") from error
+            raise name_component(file, component, fmu, error) from error
     return parts
+
+
+def name_component(file: Path, component: str, fmu: Path, error: PlantFileError) -> PlantFileError:
+    """Return the error of an extracted FMU as one of its component in the system ``file``."""
+    text = str(error).removeprefix(f"{fmu}: ").removeprefix(f"{fmu.resolve()}: ")
+    return PlantFileError(f"{file}: {component}: {fmu.name}: {text}")

@@ -26,6 +26,7 @@ from .errors import (
     PlantClosedError,
     PlantEndedError,
     PlantError,
+    PlantFileError,
     PlantInputError,
     PlantNameError,
     PlantStepError,
@@ -35,7 +36,7 @@ from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .opening import OpenOptions
 from .plant import Piece, Plant, PlantInfo
-from .ssp_components import extract_components, summarise_components
+from .ssp_components import extract_components, name_component, summarise_components
 from .ssp_file import read_system
 from .ssp_starts import resolve_starts
 from .ssp_structure import Master
@@ -108,11 +109,14 @@ class SystemPlant(Plant):
                 starts |= values.given_by(self._structure.links[component])
                 starts |= given.get(component, {})
                 options = OpenOptions(starts, step, kind, tuple(wanted.get(component, ())))
-                self._plants[component] = (
-                    IsolatedPlant(files[component], options, timeout)
-                    if isolated
-                    else InProcessPlant(files[component], options)
-                )
+                try:
+                    self._plants[component] = (
+                        IsolatedPlant(files[component], options, timeout)
+                        if isolated
+                        else InProcessPlant(files[component], options)
+                    )
+                except PlantFileError as error:
+                    raise name_component(file, component, files[component], error) from error
                 values.latest[component] = self._plants[component].outputs()
         except BaseException:
             self.close()
