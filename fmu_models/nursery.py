@@ -84,7 +84,7 @@ class _Nursery:
     def _bear(self, key: int, connection: int, status: int, memory: int) -> None:
         folder = tempfile.mkdtemp(prefix="fieldlink-fmu-")
         pid = os.fork()
-        # Here and in the worker: whoever comes second finds it done.
+        # Here and in the worker: the second of the two finds it done.
         with contextlib.suppress(OSError):
             os.setpgid(pid, pid)
         if pid == 0:

@@ -144,9 +144,9 @@ class _Flattener:
             if node not in self._kinds:
                 raise self._fail(place, f"a connection names a connector {name!r}, there is none")
             own = self._kinds[node] in ("input", "parameter")
-            gives = own if element is None else not own
+            direction = own if element is None else not own
             either = place in self._references and self._kinds[node] == "inout"
-            ends.append((self._shared(node), None if either else gives))
+            ends.append((self._shared(node), None if either else direction))
         (start, gives), (end, takes_not) = ends
         if gives is None and takes_not is not None:
             gives = not takes_not
