@@ -19,7 +19,8 @@ from compensator import OpLimits
 from compensator.prediction import Prediction, settling_samples
 from estimator import identify
 from fieldlink.lab.study.closed_loop import Performance, Study, Trace, assess, drive
-from fieldlink.lab.study.controllers import FmuPlant, Setup, StagedRun, mismatched, staged
+from fieldlink.lab.study.controllers import Setup, StagedRun, mismatched, staged
+from fieldlink.lab.study.fmu_plant import FmuPlant
 from fmu_models import catalogue, open_plant
 from loop_model import LoopModel
 

@@ -18,9 +18,10 @@ from .errors import (
 )
 from .plant import Piece, Plant, PlantInfo
 from .ssp_export import RunExport, export_run
-from .ssp_file import Master
+from .ssp_structure import Master
 from .stepping import open_plant
-from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
+from .summarising import summarise
+from .summary import FmuSummary, UnitDefinition, VariableSummary
 from .sweep import Sweep, SweepRun, run_sweep
 from .windows import collect_windows
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import fmpy
+from lxml import etree
 
 from .errors import PlantFileError
 
@@ -56,6 +57,14 @@ def read_description(file: Path, kind: str | None = None) -> tuple[Any, str]:
     with zipfile.ZipFile(file) as archive:
         names = archive.namelist()
     if library not in names:
+        folder, _, wanted = library.rpartition("/")
+        there = [n.rpartition("/")[2] for n in names if n.rpartition("/")[0] == folder]
+        libraries = [n for n in there if n.endswith(fmpy.sharedLibraryExtension)]
+        if libraries:
+            raise PlantFileError(
+                f"{file}: its description calls the library {wanted}, but {folder} has "
+                f"{', '.join(libraries)}; export it again, or correct modelIdentifier"
+            )
         found = ", ".join(platforms(names)) or "none"
         hint = "; it has sources: fmpy compile FILE builds it" if has_sources(names) else ""
         raise PlantFileError(
@@ -72,15 +81,32 @@ def parse_description(file: Path) -> Any:
         PlantFileError: absent, not a zip, too large, or no model description that can be read.
     """
     _check_archive(file)
+    _check_version(file)
     try:
         description = fmpy.read_model_description(os.fspath(file), validate=False)
     except Exception as error:  # FMPy raises nothing narrower
         raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {error}") from error
-    if not str(description.fmiVersion).startswith(("1.", "2.", "3.")):
-        raise PlantFileError(
-            f"{file}: FMI {description.fmiVersion} is not supported; export it as FMI 1, 2 or 3"
-        )
+    description.modelName = description.modelName or file.stem
     return description
+
+
+def _check_version(file: Path) -> None:
+    """Look at the root of the description, which FMPy takes for granted."""
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            root = etree.fromstring(archive.read("modelDescription.xml"), parser)
+    except (zipfile.BadZipFile, etree.XMLSyntaxError, NotImplementedError, RuntimeError) as error:
+        why = error.msg if isinstance(error, etree.XMLSyntaxError) else error
+        raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {why}") from error
+    version = root.get("fmiVersion")
+    if root.tag != "fmiModelDescription" or version is None:
+        raise PlantFileError(
+            f"{file}: its modelDescription.xml describes no FMU (it has no fmiModelDescription "
+            "with an fmiVersion); export it again"
+        )
+    if not version.startswith(("1.", "2.", "3.")):
+        raise PlantFileError(f"{file}: FMI {version} is not supported; export it as FMI 1, 2 or 3")
 
 
 def kinds(description: Any) -> tuple[str, ...]:
@@ -124,6 +150,8 @@ def extract_fmu(file: Path, folder: Path) -> None:
 
 
 def _check_archive(file: Path) -> None:
+    if file.is_dir():
+        raise PlantFileError(f"{file}: it is a folder; an FMU is a zip file, so zip its contents")
     if not file.is_file():
         raise PlantFileError(f"{file}: there is no such file")
     try:
@@ -137,5 +165,14 @@ def _check_archive(file: Path) -> None:
             f"{file}: it would extract to {size / 2**20:.0f} MB in {len(entries)} files; the limit "
             f"is {MAX_EXTRACTED_BYTES / 2**20:.0f} MB in {MAX_ENTRIES} files"
         )
-    if "modelDescription.xml" not in {entry.filename for entry in entries}:
-        raise PlantFileError(f"{file}: it is a zip file without modelDescription.xml: not an FMU")
+    names = {entry.filename for entry in entries}
+    if "modelDescription.xml" not in names:
+        deeper = min((n for n in names if n.endswith("/modelDescription.xml")), default=None)
+        hint = (
+            ""
+            if deeper is None
+            else f"; there is {deeper}: zip what is in the folder, without the folder itself"
+        )
+        raise PlantFileError(
+            f"{file}: it is a zip file without modelDescription.xml: not an FMU{hint}"
+        )

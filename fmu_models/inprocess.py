@@ -8,32 +8,26 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from numpy.typing import ArrayLike, NDArray
 
+from .columns import changed_rows, count_finite_rows, split_columns
+from .condition import PlantCondition
 from .errors import (
     PlantClosedError,
-    PlantEndedError,
-    PlantError,
     PlantInputError,
     PlantStepError,
 )
 from .instances import EndedError, Instance, StoppedError
-from .library import describe_refusal, forget_words, is_fatal, last_words
-from .opening import load_fmu
-from .plant import Piece, Plant, PlantInfo, count_finite_rows, split_columns
+from .library import forget_words, is_fatal, last_words
+from .opening import OpenOptions, load_fmu
+from .pieces import PIECE_SECONDS, fill_pieces
+from .plant import Piece, Plant, PlantInfo
 from .snapshots import pack_snapshot, unpack_snapshot
 
 __all__ = ["InProcessPlant"]
-
-_ROWS = 4096
-"""Steps whose outputs wait in memory before they are yielded."""
-_PIECE_SECONDS = 0.1
-"""Of the wall clock, after which steps are yielded and looked through for NaN: what Ctrl-C loses of
-a slow FMU, and a ten-thousandth of the time of a fast one."""
 
 
 class InProcessPlant(Plant):
@@ -41,48 +35,24 @@ class InProcessPlant(Plant):
 
     Args:
         file: the ``.fmu``.
-        parameters: start values by name.
-        period: seconds a step; None takes the FMU's default experiment.
-        kind: "co-simulation" or "model exchange"; None takes the first that it offers.
-        watch: names of further variables that come back with the outputs.
+        options: how to open it.
         folder: where to extract; None makes a temporary folder that `close` removes.
-        intermediate: keep the outputs between the ends of a step, for `take_intermediate`.
 
     Raises:
         PlantError: what `open_plant` says.
     """
 
-    def __init__(
-        self,
-        file: Path,
-        *,
-        parameters: Mapping[str, float],
-        period: float | None = None,
-        kind: str | None = None,
-        watch: Sequence[str] = (),
-        folder: Path | None = None,
-        intermediate: bool = False,
-    ) -> None:
-        self._failure: str | None = None
-        self._fatal = False
-        self._ended = False
+    def __init__(self, file: Path, options: OpenOptions, folder: Path | None = None) -> None:
         self._count = 0
-        loaded = load_fmu(
-            file,
-            parameters=parameters,
-            period=period,
-            kind=kind,
-            watch=watch,
-            folder=folder,
-            intermediate=intermediate,
-        )
+        loaded = load_fmu(file, options, folder)
         self._info, self._variables, self._base = loaded.info, loaded.variables, loaded.start_time
         self._period = self._info.period
+        self._condition = PlantCondition(self._info.name)
         self._folder, self._log = loaded.folder, loaded.intermediate
         self._instance: Instance | None = loaded.instance
         structural = loaded.structural
         try:
-            rest = {name: value for name, value in parameters.items() if name not in structural}
+            rest = {n: value for n, value in options.parameters.items() if n not in structural}
             self._begin(loaded.instance, structural, rest)
         except BaseException:
             self.close()
@@ -101,9 +71,7 @@ class InProcessPlant(Plant):
                 self._base,
             )
         except (FMICallException, StoppedError, EndedError) as error:
-            self._fatal = is_fatal(error)
-            self._failure = f"plant {self._info.name} refused to start: {describe_refusal(error)}"
-            raise PlantStepError(self._failure) from error
+            raise self._condition.refuse_start(error) from error
         self._outputs = self._variables.read_outputs(instance.fmu, self._base)
 
     @property
@@ -134,11 +102,11 @@ class InProcessPlant(Plant):
             self._outputs = self._variables.read_outputs(instance.fmu, now)
         except EndedError as error:
             self._go_to(error.reached)
-            raise self._finished(error) from error
+            raise self._condition.end(error) from error
         except (FMICallException, StoppedError) as error:
-            raise self._failed(error) from error
+            raise self._condition.refuse_step(error, self.time, self._period) from error
         except PlantStepError as error:
-            self._failure = str(error)
+            self._condition.fail(str(error))
             raise
         return self._outputs.copy()
 
@@ -146,33 +114,16 @@ class InProcessPlant(Plant):
         try:
             instance.change(lambda: self._variables.write(instance.fmu, inputs, before_start=False))
         except EndedError as error:
-            raise self._finished(error) from error
+            raise self._condition.end(error) from error
         except StoppedError as error:
-            raise self._failed(error) from error
+            raise self._condition.refuse_step(error, self.time, self._period) from error
         except FMICallException as error:
             if is_fatal(error):
-                raise self._failed(error) from error
+                raise self._condition.refuse_step(error, self.time, self._period) from error
             given = ", ".join(f"{name} = {float(value):g}" for name, value in inputs.items())
             raise PlantInputError(
                 f"plant {self._info.name} at {self.time:g} s does not take {given}{last_words()}"
             ) from error
-
-    def _failed(self, error: FMICallException | StoppedError) -> PlantStepError:
-        self._failure = (
-            f"plant {self._info.name}: the step from {self.time:g} s by {self._period:g} s "
-            f"failed: {describe_refusal(error)}"
-        )
-        if is_fatal(error):
-            self._fatal = True
-            self._failure += "; after a fatal status FMI allows no further call of this instance"
-        return PlantStepError(self._failure)
-
-    def _finished(self, error: EndedError) -> PlantEndedError:
-        self._ended = True
-        self._failure = (
-            f"plant {self._info.name}: {error} (has it reached its stop time?){last_words()}"
-        )
-        return PlantEndedError(self._failure)
 
     def _go_to(self, moment: float) -> None:
         """Take ``moment`` for the present time, from which periods are counted on."""
@@ -183,35 +134,7 @@ class InProcessPlant(Plant):
         self, count: int, inputs: Mapping[str, ArrayLike], *, last: float | None = None
     ) -> Iterator[Piece]:
         """Step ``count`` times; see `Plant.run_pieces`."""
-        held, columns = split_columns(count, inputs)
-        names = self._info.outputs
-        rows = min(count, _ROWS)
-        table, moments = np.empty((rows, len(names))), np.empty(rows)
-        progress = np.zeros(1, dtype=np.int64)
-        done = 0
-        while done < count:
-            rows = min(rows, count - done)
-            part: dict[str, Any] = {n: v[done : done + rows] for n, v in columns.items()}
-            failure: BaseException | None = None
-            try:
-                self.fill(
-                    part if done else held | part,
-                    table[:rows],
-                    moments[:rows],
-                    progress,
-                    last=last if done + rows == count else None,
-                    seconds=_PIECE_SECONDS,
-                )
-            except (PlantError, KeyboardInterrupt) as error:
-                failure = error
-            n = int(progress[0])
-            if n:
-                yield Piece(
-                    moments[:n].copy(), {name: table[:n, i].copy() for i, name in enumerate(names)}
-                )
-            if failure is not None:
-                raise failure
-            done += n
+        return fill_pieces(self.fill, self._info.outputs, count, inputs, last)
 
     def fill(
         self,
@@ -245,7 +168,7 @@ class InProcessPlant(Plant):
             self._write(instance, held)
         variables, fmu, period = self._variables, instance.fmu, self._period
         write = variables.column_writer(columns)
-        changes = _changed_rows(count, columns)
+        changes = changed_rows(count, columns)
         begun = looked = perf_counter()
         try:
             for k in range(count):
@@ -261,7 +184,7 @@ class InProcessPlant(Plant):
                 moments[k] = self._base + self._count * period
                 progress[0] = k + 1
                 now = perf_counter()
-                if now - looked > _PIECE_SECONDS:
+                if now - looked > PIECE_SECONDS:
                     looked = now
                     if count_finite_rows(table[: k + 1]) <= k or now - begun > seconds:
                         break
@@ -272,10 +195,10 @@ class InProcessPlant(Plant):
                 moments[k] = self.time
                 progress[0] = k + 1
             self._check_rows(table, moments, progress)
-            raise self._finished(error) from error
+            raise self._condition.end(error) from error
         except (FMICallException, StoppedError) as error:
             self._check_rows(table, moments, progress)
-            raise self._failed(error) from error
+            raise self._condition.refuse_step(error, self.time, self._period) from error
         self._check_rows(table, moments, progress)
         if progress[0]:
             row = table[int(progress[0]) - 1].tolist()
@@ -305,8 +228,9 @@ class InProcessPlant(Plant):
         progress[0] = row
         column = int(np.argmin(np.isfinite(table[row])))
         name = self._info.outputs[column]
-        self._failure = self._variables.not_finite(name, table[row, column], float(moments[row]))
-        raise PlantStepError(self._failure)
+        raise self._condition.fail(
+            self._variables.not_finite(name, table[row, column], float(moments[row]))
+        )
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Return what `step` returns for each of ``inputs``."""
@@ -344,8 +268,7 @@ class InProcessPlant(Plant):
                 f"plant {self._info.name} cannot restore this snapshot{last_words()}"
             ) from error
         self._count, self._base = count, base
-        self._failure = None
-        self._ended = False
+        self._condition.revive()
         self._variables.refresh(instance.fmu)
         self._outputs = self._variables.read_outputs(instance.fmu, self.time)
 
@@ -356,17 +279,11 @@ class InProcessPlant(Plant):
             )
 
     def _alive(self) -> Instance:
-        if self._failure is not None:
-            how = "has ended" if self._ended else "failed before"
-            raise PlantClosedError(f"the plant {how}: {self._failure}")
+        self._condition.check_alive()
         return self._opened()
 
     def _opened(self) -> Instance:
-        if self._fatal:
-            raise PlantClosedError(
-                f"plant {self._info.name} must not be called any more: {self._failure}; open it "
-                "again, isolated in a process of its own"
-            )
+        self._condition.check_callable()
         if self._instance is None:
             raise PlantClosedError(f"plant {self._info.name} is closed; open it again")
         return self._instance
@@ -375,21 +292,7 @@ class InProcessPlant(Plant):
         """End the instance, unload the library and remove the temporary folder."""
         instance, self._instance = self._instance, None
         # After a fatal status not even freeing the instance is allowed: it is left as it is.
-        if instance is not None and not self._fatal:
-            instance.close(healthy=self._failure is None or self._ended)
+        if instance is not None and not self._condition.fatal:
+            instance.close(healthy=self._condition.healthy)
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _changed_rows(count: int, columns: Mapping[str, NDArray[np.float64]]) -> list[bool]:
-    """Return for each row whether an input differs from the row before; the first always does.
-
-    An input that keeps its value is not written again: to a model with events that is an event.
-    """
-    changed = np.zeros(count, dtype=bool)
-    for values in columns.values():
-        changed[1:] |= values[1:] != values[:-1]
-    if columns and count:
-        changed[0] = True
-    result: list[bool] = changed.tolist()
-    return result

@@ -5,28 +5,25 @@ from __future__ import annotations
 import base64
 import contextlib
 import itertools
-import json
 import os
-import select
-import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import errors
-from .errors import PlantClosedError, PlantCrashError, PlantError, PlantTimeoutError
-from .nursery import STATUS
-from .nursery_client import nursery
-from .plant import Piece, Plant, PlantInfo, count_finite_rows, split_columns
+from .columns import count_finite_rows, split_columns
+from .errors import PlantCrashError, PlantError
+from .opening import OpenOptions
+from .plant import Piece, Plant, PlantInfo
 from .shared_rows import SharedRows, create_memory
+from .worker_link import WorkerLink
 
 __all__ = ["IsolatedPlant"]
 
-_SECONDS_TO_END = 5.0
 _GLANCE = 0.1
 """Seconds between two looks at the rows of a run: how often progress is seen and rows are yielded;
 a look costs microseconds."""
@@ -37,61 +34,37 @@ class IsolatedPlant(Plant):
 
     Args:
         file: the ``.fmu``.
-        parameters: start values by name.
-        period: seconds a step; None takes the FMU's default experiment.
-        kind: "co-simulation" or "model exchange"; None takes the first that it offers.
-        watch: names of further variables that come back with the outputs.
+        options: how to open it.
         timeout: seconds that one step may take, or the answer to another request, before the
             process is ended.
-        intermediate: keep the outputs between the ends of a step, for `take_intermediate`.
 
     Raises:
         PlantError: what `open_plant` says.
     """
 
-    def __init__(
-        self,
-        file: Path,
-        *,
-        parameters: Mapping[str, float],
-        period: float | None = None,
-        kind: str | None = None,
-        watch: Sequence[str] = (),
-        timeout: float = 30.0,
-        intermediate: bool = False,
-    ) -> None:
+    def __init__(self, file: Path, options: OpenOptions, timeout: float = 30.0) -> None:
         if os.name != "posix":
             raise PlantError(
                 "plants of their own process need a POSIX system; open it with isolated=False"
             )
         self._name = file.name
-        self._timeout = timeout
-        self._failure: str | None = None
-        self._time = 0.0
-        self._home = nursery()
+        self._step_begun: float | None = None
         memory = create_memory()
         try:
-            self._key, self._connection, self._status = self._home.bear(memory)
+            self._link = WorkerLink(self._name, memory, timeout)
         except BaseException:
             os.close(memory)
             raise
-        self._open = True
-        self._step_begun: float | None = None
-        request = {
-            "file": str(file.resolve()),
-            "parameters": _plain(parameters),
-            "period": None if period is None else float(period),
-            "kind": kind,
-            "watch": list(watch),
-            "intermediate": intermediate,
-        }
+        period = None if options.period is None else float(options.period)
+        given = replace(options, parameters=_plain(options.parameters), period=period)
+        request = {"file": str(file.resolve()), "options": asdict(given)}
         try:
             answer = self._ask("open", request)
             lists = ("inputs", "tunable", "outputs", "parameters")
             self._info = PlantInfo(**(answer | {name: tuple(answer[name]) for name in lists}))
             self._shared = SharedRows(memory, len(self._info.outputs))
         except BaseException:
-            self._release()
+            self._link.release()
             raise
         finally:
             os.close(memory)
@@ -104,7 +77,7 @@ class IsolatedPlant(Plant):
     @property
     def time(self) -> float:
         """Simulated seconds."""
-        return self._time
+        return self._link.time
 
     def outputs(self) -> dict[str, float]:
         """Return the outputs at the present time."""
@@ -133,17 +106,17 @@ class IsolatedPlant(Plant):
         """
         if self._step_begun is None:
             raise PlantError(f"plant {self._name}: no step was begun; call begin_step() first")
-        left = self._step_begun + self._timeout - time.monotonic()
+        left = self._step_begun + self._link.timeout - time.monotonic()
         try:
-            answered = self._connection.poll(max(0.0, min(wait, left)))
+            answered = self._link.has_answer(max(0.0, min(wait, left)))
         except OSError as error:
-            raise self._crashed("step") from error
+            raise self._link.crashed("step") from error
         if not answered:
             if left > wait:
                 return None
-            raise self._overdue("step")
+            raise self._link.overdue("step")
         self._step_begun = None
-        answer: dict[str, float] = self._receive("step")
+        answer: dict[str, float] = self._link.receive("step")
         return answer
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
@@ -187,11 +160,12 @@ class IsolatedPlant(Plant):
         while not answered:
             failure: BaseException | None = None
             try:
-                answered = self._connection.poll(_GLANCE)
+                answered = self._link.has_answer(_GLANCE)
                 if answered:
-                    self._receive("run")
+                    self._note_progress()
+                    self._link.receive("run")
             except OSError as error:
-                failure = self._crashed("run")
+                failure = self._link.crashed("run")
                 failure.__cause__ = error
             except (PlantError, KeyboardInterrupt) as error:
                 failure = error
@@ -206,19 +180,25 @@ class IsolatedPlant(Plant):
                     yield piece
                 except BaseException:  # nobody takes the rest
                     if not answered:
-                        self._abandon()
+                        self._link.abandon()
                     raise
                 moved = time.monotonic()  # the caller's own time is not the plant's
-            if failure is None and not answered and time.monotonic() - moved > self._timeout:
-                failure = self._overdue("run")
+            if failure is None and not answered and time.monotonic() - moved > self._link.timeout:
+                failure = self._link.overdue("run")
             if failure is not None:
                 if not isinstance(failure, PlantError):
-                    self._abandon()
+                    self._link.abandon()
                 raise failure
+
+    def _note_progress(self) -> None:
+        """Take the time of the last row, which a crash leaves without an answer."""
+        done = int(self._shared.progress[0])
+        if done:
+            self._link.time = float(self._shared.moments[done - 1])
 
     def _piece(self, first: int, end: int) -> Piece:
         moments = self._shared.moments[first:end].copy()
-        self._time = float(moments[-1])
+        self._link.time = float(moments[-1])
         table = self._shared.table[first:end]
         return Piece(
             moments, {name: table[:, i].copy() for i, name in enumerate(self._info.outputs)}
@@ -242,113 +222,27 @@ class IsolatedPlant(Plant):
 
     def close(self) -> None:
         """End the process; its folder is removed."""
-        if not self._open:
+        if not self._link.is_open:
             return
         if self._step_begun is not None:
-            self._home.kill(self._key)  # it may be in a step that never ends
-        elif self._failure is None:
+            self._link.kill()  # it may be in a step that never ends
+        elif self._link.failure is None:
             with contextlib.suppress(PlantCrashError):  # it ends either way
-                self._ask("close")
-        self._release()
+                self._link.ask("close")
+        self._link.release()
 
-    def _ask(self, action: str, argument: Any = None, numbers: bytes | None = None) -> Any:
-        """Send a request and return the answer; numbers go and come as bytes of a message more."""
-        self._send(action, argument, numbers)
-        try:
-            if not self._connection.poll(self._timeout):
-                raise self._overdue(action)
-        except OSError as error:
-            raise self._crashed(action) from error
-        except BaseException:
-            self._abandon()
-            raise
-        return self._receive(action)
+    def _ask(self, action: str, argument: Any = None) -> Any:
+        self._check_idle()
+        return self._link.ask(action, argument)
 
-    def _send(self, action: str, argument: Any = None, numbers: bytes | None = None) -> None:
-        if self._failure is not None:
-            raise PlantClosedError(f"the plant failed before: {self._failure}")
-        if not self._open:
-            raise PlantClosedError(f"plant {self._name} is closed; open it again")
+    def _send(self, action: str, argument: Any, numbers: bytes | None = None) -> None:
+        self._check_idle()
+        self._link.send(action, argument, numbers)
+
+    def _check_idle(self) -> None:
+        self._link.check_open()
         if self._step_begun is not None:
             raise PlantError(f"plant {self._name} is at a step; call finish_step() first")
-        try:
-            self._connection.send_bytes(json.dumps([action, argument]).encode())
-            if numbers is not None:
-                self._connection.send_bytes(numbers)
-        except (OSError, ValueError) as error:
-            raise self._crashed(action) from error
-        except BaseException:
-            self._abandon()
-            raise
-
-    def _receive(self, action: str) -> Any:
-        """Return the answer that is there; raise the error that it brings."""
-        try:
-            answer = json.loads(self._connection.recv_bytes())
-        except (EOFError, OSError, ValueError) as error:
-            raise self._crashed(action) from error
-        except BaseException:
-            self._abandon()
-            raise
-        self._time = answer.get("time", self._time)
-        if "error" in answer:
-            kind = getattr(errors, answer["error"], PlantError)
-            raise kind(answer["text"])
-        return answer["ok"]
-
-    def _abandon(self) -> None:
-        """The answer is still to come (Ctrl-C, for one): the connection cannot be used again."""
-        if self._failure is None:
-            self._failure = f"plant {self._name} was interrupted while it worked"
-            self._home.kill(self._key)
-
-    def _overdue(self, action: str) -> PlantTimeoutError:
-        self._home.kill(self._key)
-        self._failure = (
-            f"plant {self._name} at {self._time:g} s did not answer to {action!r} within "
-            f"{self._timeout:g} s and was ended; is the FMU in an endless loop? Otherwise open it "
-            "with a longer timeout"
-        )
-        return PlantTimeoutError(self._failure)
-
-    def _crashed(self, action: str) -> PlantCrashError:
-        code = self._exit_code()
-        if code is None:
-            what = "its process cannot be reached any more"
-        elif code < 0:
-            what = f"its process died of {_signal_name(-code)}"
-        else:
-            what = f"its process ended with exit status {code}"
-        hint = (
-            "is the FMU truncated or damaged?"
-            if action == "open"
-            else "the fault is in the FMU or in the values it was given; open it again to go on"
-        )
-        self._failure = f"plant {self._name} at {self._time:g} s: {what}, at {action!r}; {hint}"
-        return PlantCrashError(self._failure)
-
-    def _exit_code(self) -> int | None:
-        """Wait until the worker has ended; return its exit status, negative for a signal."""
-        ready, _, _ = select.select([self._status], [], [], _SECONDS_TO_END)
-        content = os.read(self._status, STATUS.size) if ready else b""
-        return int(STATUS.unpack(content)[0]) if len(content) == STATUS.size else None
-
-    def _release(self) -> None:
-        """Let go of the worker and wait until it and its folder are gone."""
-        self._open = False
-        self._connection.close()
-        ready, _, _ = select.select([self._status], [], [], _SECONDS_TO_END)
-        if not ready:
-            self._home.kill(self._key)
-            select.select([self._status], [], [], _SECONDS_TO_END)
-        os.close(self._status)
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return f"{signal.Signals(number).name} ({signal.strsignal(number)})"
-    except ValueError:
-        return f"signal {number}"  # real-time signals have no name
 
 
 def _plain(values: Mapping[str, float]) -> dict[str, float]:

@@ -31,7 +31,7 @@ __all__ = [
 # FMPy's logger of FMI 1 and 2 is one pointer for the whole process: it must be a function that
 # lives as long as the process, so what the FMUs say is kept here for the next error message.
 _said: deque[str] = deque(maxlen=5)
-_WARNING, _FATAL = 1, 4
+_WARNING, _FATAL, _PENDING = 1, 4, 5
 # FMPy declares these as returning text and would read a status as an address.
 _STATUS_FUNCTIONS = [
     f"fmi1{name}"
@@ -87,6 +87,11 @@ def is_fatal(error: BaseException) -> bool:
 
 def describe_refusal(error: BaseException) -> str:
     """Return FMPy's words about a refused call, with what the FMU said, as one line."""
+    if getattr(error, "status", None) == _PENDING:
+        return (
+            "the FMU wants to compute its step beside this program (status pending), which is not "
+            f"supported; export it without asynchronous steps{last_words()}"
+        )
     return f"{str(error).rstrip('.')}{last_words()}"
 
 

@@ -2,9 +2,10 @@
 
 It has imported everything once, so a plant starts in milliseconds and shares its memory with the
 others. It does three things: gives birth to a worker on request, kills one on request, and when a
-worker has ended, however, removes its folder and tells the exit status. When the process it serves
-goes away, however that happens, it kills the workers that are left and ends: no orphan, no litter.
-Should it be killed itself, the workers go on until they are closed.
+worker has ended, however, removes its folder, ends what its FMU had started and tells the exit
+status. When the process it serves goes away, however that happens, it kills the workers that are
+left and ends: no orphan, no litter. Should it be killed itself, the workers go on until they are
+closed. Every worker leads a process group, so that the processes of an FMU end with it.
 
 Requests on the control socket are ``_REQUEST``; a birth carries three descriptors, the worker's end
 of its connection, the pipe for its exit status and the memory for rows of outputs.
@@ -63,7 +64,7 @@ class _Nursery:
             if self._control in ready and not self._obey():
                 break
         for child in self._children.values():
-            os.kill(child.pid, signal.SIGKILL)
+            _kill_group(child.pid)
         self._reap(0)
 
     def _obey(self) -> bool:
@@ -77,12 +78,15 @@ class _Nursery:
         if kind == BIRTH:
             self._bear(key, *descriptors)
         elif key in self._children:
-            os.kill(self._children[key].pid, signal.SIGKILL)
+            _kill_group(self._children[key].pid)
         return True
 
     def _bear(self, key: int, connection: int, status: int, memory: int) -> None:
         folder = tempfile.mkdtemp(prefix="fieldlink-fmu-")
         pid = os.fork()
+        # Here and in the worker: the second of the two finds it done.
+        with contextlib.suppress(OSError):
+            os.setpgid(pid, pid)
         if pid == 0:
             self._live(Connection(connection), Path(folder), status, memory)
         os.close(connection)
@@ -117,10 +121,17 @@ class _Nursery:
                 return
             key = next(key for key, child in self._children.items() if child.pid == pid)
             child = self._children.pop(key)
+            _kill_group(pid)
             shutil.rmtree(child.folder, ignore_errors=True)
             with contextlib.suppress(BrokenPipeError):  # the client no longer waits for it
                 os.write(child.status, STATUS.pack(os.waitstatus_to_exitcode(status)))
             os.close(child.status)
+
+
+def _kill_group(pid: int) -> None:
+    """Kill a worker, and the processes that its FMU has started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(pid, signal.SIGKILL)
 
 
 def main(descriptor: int) -> None:

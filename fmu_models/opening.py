@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,26 @@ from .model_exchange import ModelExchange
 from .plant import PlantInfo
 from .variables import VariableAccess
 
-__all__ = ["LoadedFmu", "load_fmu"]
+__all__ = ["LoadedFmu", "OpenOptions", "load_fmu"]
+
+
+@dataclass(frozen=True, slots=True)
+class OpenOptions:
+    """How one FMU is opened.
+
+    Attributes:
+        parameters: start values by name.
+        period: seconds a step; None takes the FMU's default experiment.
+        kind: "co-simulation" or "model exchange"; None takes the first that it offers.
+        watch: names of further variables that come back with the outputs.
+        intermediate: keep the outputs between the ends of a step, for `Plant.take_intermediate`.
+    """
+
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    period: float | None = None
+    kind: str | None = None
+    watch: Sequence[str] = ()
+    intermediate: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,22 +62,19 @@ class LoadedFmu:
     intermediate: IntermediateLog | None
 
 
-def load_fmu(
-    file: Path,
-    *,
-    parameters: Mapping[str, float],
-    period: float | None,
-    kind: str | None,
-    watch: Sequence[str],
-    folder: Path | None,
-    intermediate: bool,
-) -> LoadedFmu:
-    """Read, extract and load an FMU; the arguments are those of `InProcessPlant`.
+def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu:
+    """Read, extract and load an FMU.
+
+    Args:
+        file: the ``.fmu``.
+        options: how to open it.
+        folder: where to extract; None makes a temporary folder, which is in the answer.
 
     Raises:
         PlantError: what `open_plant` says.
     """
-    description, kind = read_description(file, kind)
+    parameters, intermediate = options.parameters, options.intermediate
+    description, kind = read_description(file, options.kind)
     exchange = kind == MODEL_EXCHANGE
     interface = description.modelExchange if exchange else description.coSimulation
     version = int(description.fmiVersion[0])
@@ -70,13 +86,13 @@ def load_fmu(
         )
     sizes = {v.name for v in description.modelVariables if v.causality == "structuralParameter"}
     structural = {name: value for name, value in parameters.items() if name in sizes}
-    variables = VariableAccess(description, watch, structural)
+    variables = VariableAccess(description, options.watch, structural)
     roles = variables.roles
     info = PlantInfo(
         name=description.modelName,
         fmi_version=description.fmiVersion,
         kind=kind,
-        period=_period(description, period, file),
+        period=_period(description, options.period, file),
         inputs=roles.inputs,
         tunable=roles.tunable,
         outputs=(*roles.outputs, *variables.watched),

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import PlantInputError
 
-__all__ = ["Piece", "Plant", "PlantInfo", "count_finite_rows", "split_columns"]
+__all__ = ["Piece", "Plant", "PlantInfo"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,37 +173,3 @@ class Plant(ABC):
         traceback: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def split_columns(
-    count: int, inputs: Mapping[str, ArrayLike]
-) -> tuple[dict[str, float], dict[str, NDArray[np.float64]]]:
-    """Return the numbers and the arrays among ``inputs``.
-
-    Raises:
-        PlantInputError: an array of another length, or a count below zero.
-    """
-    if count < 0:
-        raise PlantInputError(f"the number of steps must not be negative; got {count}")
-    held: dict[str, float] = {}
-    columns: dict[str, NDArray[np.float64]] = {}
-    for name, given in inputs.items():
-        values = np.asarray(given, dtype=np.float64)
-        if values.ndim == 0:
-            held[name] = float(values)
-        elif values.shape == (count,):
-            columns[name] = np.ascontiguousarray(values)
-        else:
-            raise PlantInputError(
-                f"{name} has the shape {values.shape}; give a number or an array ({count},), one "
-                "value a step"
-            )
-    return held, columns
-
-
-def count_finite_rows(table: NDArray[np.float64]) -> int:
-    """Return how many rows stand before the first that has NaN or infinity."""
-    finite = np.isfinite(table)
-    if finite.all():
-        return len(table)
-    return int(np.argmin(finite.all(axis=1)))

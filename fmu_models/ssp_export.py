@@ -19,7 +19,8 @@ from fmpy.ssp import ssd as reader
 from lxml import etree
 
 from .errors import PlantError
-from .ssp_file import RUN_TYPE, Master, read_structure
+from .ssp_file import RUN_TYPE, read_structure
+from .ssp_structure import Master
 from .summary import FmuSummary, VariableSummary
 
 __all__ = ["RunExport", "export_run"]

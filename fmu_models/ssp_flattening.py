@@ -11,7 +11,8 @@ from lxml import etree
 
 from .errors import PlantFileError, PlantInputError
 from .ssp_changes import Change, Linear, read_transformation
-from .ssp_file import Link, SystemStructure
+from .ssp_dictionaries import SignalDictionaries
+from .ssp_structure import Link, SystemStructure
 from .ssp_values import Start, convert_unit, read_binding, read_units
 
 __all__ = ["flatten"]
@@ -50,10 +51,16 @@ class _Flattener:
         self._edges: dict[_Node, tuple[_Node, tuple[Change, ...]]] = {}
         self._systems: list[str] = []
         self._given: list[tuple[str, dict[str, Start]]] = []
+        self._dictionaries = SignalDictionaries(structure.file)
+        self._entries: set[_Node] = set()
+        self._references: dict[str, str] = {}
+        self._elements: set[str] = {""}
 
     def run(self, system: Any) -> None:
         to = self._to
         self._walk(system, "")
+        if not to.sources:
+            raise self._fail("", "it has no component, so there is nothing to run")
         to.unit_of |= {
             node: self._units[unit] for node, unit in self._unit_of.items() if unit in self._units
         }
@@ -82,8 +89,18 @@ class _Flattener:
         self._systems.append(path)
         self._connectors(system, path)
         self._bind(system, path, None)
+        for dictionary in system.findall("ssd:SignalDictionaries/ssd:SignalDictionary", _NS):
+            try:
+                entries = self._dictionaries.add(path, dictionary)
+            except ValueError as error:
+                raise self._fail(path, str(error)) from error
+            self._entries |= set(entries)
+            self._unit_of |= {node: unit for node, unit in entries.items() if unit}
         for element in system.findall("ssd:Elements/*", _NS):
             inner = f"{path}.{element.get('name')}" if path else element.get("name")
+            if inner in self._elements:
+                raise self._fail(inner, "two elements have this name; rename one")
+            self._elements.add(inner)
             tag = etree.QName(element).localname
             if tag == "System":
                 self._walk(element, inner)
@@ -97,7 +114,12 @@ class _Flattener:
                 self._connectors(element, inner)
                 self._bind(element, inner, source)
             else:
-                raise self._fail(inner, f"a {tag} is not supported; replace it by connections")
+                self._connectors(element, inner)
+                try:
+                    place = self._dictionaries.look_up(path, element.get("dictionary"))
+                except ValueError as error:
+                    raise self._fail(inner, str(error)) from error
+                self._references[inner] = place
         for connection in system.findall("ssd:Connections/ssd:Connection", _NS):
             self._connect(connection, path)
 
@@ -112,18 +134,23 @@ class _Flattener:
                     self._enumeration_of[node] = declared.get("name")
 
     def _connect(self, connection: Any, path: str) -> None:
-        ends = []
+        ends: list[tuple[_Node, bool | None]] = []
         for side in ("start", "end"):
             element, name = connection.get(f"{side}Element"), connection.get(f"{side}Connector")
             place = path if element is None else f"{path}.{element}" if path else element
             node = (place, name)
+            if place not in self._elements:
+                raise self._fail(path, f"a connection names an element {place!r}, there is none")
             if node not in self._kinds:
                 raise self._fail(place, f"a connection names a connector {name!r}, there is none")
             own = self._kinds[node] in ("input", "parameter")
-            gives = own if element is None else not own
-            ends.append((node, gives))
+            direction = own if element is None else not own
+            either = place in self._references and self._kinds[node] == "inout"
+            ends.append((self._shared(node), None if either else direction))
         (start, gives), (end, takes_not) = ends
-        if gives == takes_not:
+        if gives is None and takes_not is not None:
+            gives = not takes_not
+        if gives is None or gives == takes_not:
             raise self._fail(path, f"the connection of {start[1]} and {end[1]} has no direction")
         source, sink = (start, end) if gives else (end, start)
         if sink in self._edges:
@@ -136,6 +163,19 @@ class _Flattener:
             self._items_of(sink),
         )
         self._edges[sink] = (source, tuple(c for c in (unit, change) if c is not None))
+
+    def _shared(self, node: _Node) -> _Node:
+        """Return the entry of the dictionary where the node is one of a reference to it."""
+        place = self._references.get(node[0])
+        if place is None:
+            return node
+        entry = (place, node[1])
+        if entry not in self._entries:
+            known = [name for where, name in sorted(self._entries) if where == place]
+            raise self._fail(
+                node[0], f"{place} has no entry {node[1]!r}, it has {', '.join(known) or 'none'}"
+            )
+        return entry
 
     def _items_of(self, node: _Node) -> Callable[[str], float]:
         return partial(self._item_number, node)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .errors import PlantFileError, PlantInputError
-from .ssp_file import SystemStructure
+from .ssp_structure import SystemStructure
 from .ssp_values import SiUnit
 from .summary import FmuSummary
 

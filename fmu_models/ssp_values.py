@@ -8,6 +8,7 @@ over those of what is inside it.
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -175,7 +176,7 @@ def find_complaint(error: Exception) -> str:
     """Return the first complaint of a schema's validation, or the error's own words."""
     lines = str(error).splitlines()
     found = [line for line in lines if line.startswith(("ERROR", "FATAL"))]
-    return found[0] if found else str(error)
+    return re.sub(r"\{[^}]*\}", "", found[0] if found else str(error))
 
 
 def _start(parameter: Any, units: Units) -> Start:

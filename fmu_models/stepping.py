@@ -10,8 +10,9 @@ from .catalogue import catalogue, fmu_path
 from .errors import PlantInputError, PlantNameError, nearest
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
+from .opening import OpenOptions
 from .plant import Plant
-from .ssp_file import Master
+from .ssp_structure import Master
 from .system_plant import SystemPlant
 
 __all__ = ["open_plant"]
@@ -72,24 +73,8 @@ def open_plant(
         )
     if master is not None:
         raise PlantInputError(f"{file}: a master is for systems of FMUs (.ssp), this is one FMU")
-    if isolated:
-        return IsolatedPlant(
-            file,
-            parameters=parameters,
-            period=period,
-            kind=kind,
-            watch=watch,
-            timeout=timeout,
-            intermediate=intermediate,
-        )
-    return InProcessPlant(
-        file,
-        parameters=parameters,
-        period=period,
-        kind=kind,
-        watch=watch,
-        intermediate=intermediate,
-    )
+    options = OpenOptions(parameters, period, kind, tuple(watch), intermediate)
+    return IsolatedPlant(file, options, timeout) if isolated else InProcessPlant(file, options)
 
 
 def _file(model: str | Path) -> Path:

@@ -13,7 +13,6 @@ All components take the same step. Two masters:
 from __future__ import annotations
 
 import tempfile
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -22,6 +21,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .columns import split_columns
 from .errors import (
     PlantClosedError,
     PlantEndedError,
@@ -34,38 +34,21 @@ from .errors import (
 )
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
-from .plant import Piece, Plant, PlantInfo, split_columns
-from .ssp_file import Link, Master, read_system
+from .opening import OpenOptions
+from .plant import Piece, Plant, PlantInfo
+from .ssp_components import extract_components, name_component, summarise_components
+from .ssp_file import read_system
 from .ssp_starts import resolve_starts
-from .summary import FmuSummary, summarise
+from .ssp_structure import Master
+from .summary import FmuSummary
+from .system_values import SystemValues
 
-__all__ = ["SystemPlant", "extract_components"]
+__all__ = ["SystemPlant"]
 
 _PIECE_SECONDS = 0.1
 """Of the wall clock, after which rows are yielded."""
 _WAIT = 1.0
 """Seconds of one look at a component that steps; how long it may take is its own timeout."""
-
-
-def extract_components(file: Path, sources: Mapping[str, str], folder: Path) -> dict[str, Path]:
-    """Extract the FMU of every component of an SSP archive; return their paths by component.
-
-    Raises:
-        PlantFileError: one of them is not in the archive.
-    """
-    found: dict[str, Path] = {}
-    with zipfile.ZipFile(file) as archive:
-        for number, (component, source) in enumerate(sources.items()):
-            target = folder / f"{number}" / Path(source).name
-            target.parent.mkdir()
-            try:
-                target.write_bytes(archive.read(source))
-            except KeyError as error:
-                raise PlantFileError(
-                    f"{file}: {component}: its FMU {source} is not in the archive"
-                ) from error
-            found[component] = target
-    return found
 
 
 class SystemPlant(Plant):
@@ -104,7 +87,6 @@ class SystemPlant(Plant):
             )
         self._structure = read_system(file)
         self._master: Master = master or self._structure.master or "gauss-seidel"
-        self._latest: dict[str, dict[str, float]] = {}
         self._plants: dict[str, Plant] = {}
         self._failure: str | None = None
         self._ended = False
@@ -113,29 +95,29 @@ class SystemPlant(Plant):
         )
         try:
             files = extract_components(file, self._structure.sources, Path(self._folder.name))
-            parts = {component: summarise(fmu) for component, fmu in files.items()}
+            parts = summarise_components(file, files)
             step = period or self._structure.step or _shortest_step(file, parts)
             names = (*self._structure.inputs, *self._structure.parameters)
             own = {name: parameters[name] for name in names if name in parameters}
-            self._inputs = self._system_starts() | own
-            given = self._by_component({n: v for n, v in parameters.items() if n not in own})
+            self._values = values = SystemValues(self._structure, own)
+            given = values.split({n: v for n, v in parameters.items() if n not in own})
             inner = [name for name in watch if name not in self._structure.outputs]
-            wanted = self._by_component(dict.fromkeys(inner, 0.0))
+            wanted = values.split(dict.fromkeys(inner, 0.0))
             for component in self._structure.order():
                 starts, _ = resolve_starts(self._structure, component, parts[component])
-                starts |= self._given_by(self._structure.parameter_links[component])
-                starts |= self._given_by(self._structure.links[component])
+                starts |= values.given_by(self._structure.parameter_links[component])
+                starts |= values.given_by(self._structure.links[component])
                 starts |= given.get(component, {})
-                self._plants[component] = _open(
-                    files[component],
-                    starts,
-                    step,
-                    kind,
-                    tuple(wanted.get(component, ())),
-                    isolated,
-                    timeout,
-                )
-                self._latest[component] = self._plants[component].outputs()
+                options = OpenOptions(starts, step, kind, tuple(wanted.get(component, ())))
+                try:
+                    self._plants[component] = (
+                        IsolatedPlant(files[component], options, timeout)
+                        if isolated
+                        else InProcessPlant(files[component], options)
+                    )
+                except PlantFileError as error:
+                    raise name_component(file, component, files[component], error) from error
+                values.latest[component] = self._plants[component].outputs()
         except BaseException:
             self.close()
             raise
@@ -157,58 +139,6 @@ class SystemPlant(Plant):
             can_vary_step=all(info.can_vary_step for info in infos.values()),
         )
 
-    def _by_component(self, values: Mapping[str, float]) -> dict[str, dict[str, float]]:
-        found: dict[str, dict[str, float]] = {}
-        for name, value in values.items():
-            component = max(
-                (c for c in self._structure.sources if name.startswith(f"{c}.")),
-                key=len,
-                default=None,
-            )
-            if component is None:
-                known = (*self._structure.inputs, *(f"{c}." for c in self._structure.sources))
-                raise PlantNameError(
-                    f"system {self._structure.name} has no component of {name!r}; "
-                    f"{nearest(name, known)}"
-                )
-            found.setdefault(component, {})[name[len(component) + 1 :]] = value
-        return found
-
-    def _system_starts(self) -> dict[str, float]:
-        """Return the start values of the system's own inputs and parameters, where it has some.
-
-        An input that nothing gives leaves its components at their own start values; one that goes
-        straight to an output begins at 0.
-        """
-        structure = self._structure
-        straight = {link.name for link in structure.outputs.values() if not link.component}
-        values = dict.fromkeys(straight, 0.0)
-        for name, start in structure.starts.get("", {}).items():
-            try:
-                values[name] = start.number(structure.unit_of.get(("", name)), {})
-            except PlantInputError as error:
-                raise PlantFileError(f"{structure.file}: {name}: {error}") from error
-        return values
-
-    def _value(self, link: Link) -> float | None:
-        """Return what a link brings now; None while nothing has given it."""
-        if not link.component:
-            given = self._inputs.get(link.name)
-            return None if given is None else link.convert(given)
-        found = self._latest.get(link.component)
-        if found is None:
-            return None
-        if link.name not in found:
-            raise PlantNameError(
-                f"system {self._structure.name}: {link.component} has no output {link.name!r}; "
-                f"{nearest(link.name, found)}"
-            )
-        return link.convert(found[link.name])
-
-    def _given_by(self, links: Mapping[str, Link]) -> dict[str, float]:
-        pairs = {name: self._value(link) for name, link in links.items()}
-        return {name: value for name, value in pairs.items() if value is not None}
-
     @property
     def info(self) -> PlantInfo:
         """What the system is; variables of a component are ``component.variable``."""
@@ -222,10 +152,10 @@ class SystemPlant(Plant):
     def outputs(self) -> dict[str, float]:
         """Return the outputs of the system, and of every component."""
         self._alive()
-        own = self._given_by(self._structure.outputs)
+        own = self._values.given_by(self._structure.outputs)
         return own | {
             f"{c}.{name}": value
-            for c, values in self._latest.items()
+            for c, values in self._values.latest.items()
             for name, value in values.items()
         }
 
@@ -243,8 +173,10 @@ class SystemPlant(Plant):
                     f"system {self._structure.name} has no input or tunable parameter {name!r}; "
                     f"{nearest(name, known)}"
                 )
-        self._inputs |= {n: float(v) for n, v in inputs.items() if n in self._structure.inputs}
-        tuned = self._by_component({n: v for n, v in inputs.items() if n in self._info.tunable})
+        self._values.inputs |= {
+            n: float(v) for n, v in inputs.items() if n in self._structure.inputs
+        }
+        tuned = self._values.split({n: v for n, v in inputs.items() if n in self._info.tunable})
         try:
             if self._master == "jacobi":
                 self._step_side_by_side(tuned, last)
@@ -257,14 +189,17 @@ class SystemPlant(Plant):
 
     def _step_in_turn(self, tuned: Mapping[str, Mapping[str, float]], last: float | None) -> None:
         for component, plant in self._plants.items():
-            fed = {**tuned.get(component, {}), **self._given_by(self._structure.links[component])}
-            self._latest[component] = _step_once(plant, fed, last)
+            fed = {
+                **tuned.get(component, {}),
+                **self._values.given_by(self._structure.links[component]),
+            }
+            self._values.latest[component] = _step_once(plant, fed, last)
 
     def _step_side_by_side(
         self, tuned: Mapping[str, Mapping[str, float]], last: float | None
     ) -> None:
         fed = {
-            component: {**tuned.get(component, {}), **self._given_by(links)}
+            component: {**tuned.get(component, {}), **self._values.given_by(links)}
             for component, links in self._structure.links.items()
         }
         at_work: dict[str, IsolatedPlant] = {}
@@ -280,7 +215,7 @@ class SystemPlant(Plant):
             while found is None:  # an overdue step raises
                 found = isolated.finish_step(_WAIT)
             after[component] = found
-        self._latest = {component: after[component] for component in self._plants}
+        self._values.latest = {component: after[component] for component in self._plants}
 
     def steps(self, inputs: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
         """Return what `step` returns for each of ``inputs``."""
@@ -351,19 +286,3 @@ def _step_once(plant: Plant, inputs: Mapping[str, float], last: float | None) ->
         return plant.step(inputs)
     (piece,) = plant.run_pieces(1, inputs, last=last)
     return {name: float(column[-1]) for name, column in piece.columns.items()}
-
-
-def _open(
-    file: Path,
-    parameters: Mapping[str, float],
-    period: float,
-    kind: str | None,
-    watch: Sequence[str],
-    isolated: bool,
-    timeout: float,
-) -> Plant:
-    if isolated:
-        return IsolatedPlant(
-            file, parameters=parameters, period=period, kind=kind, watch=watch, timeout=timeout
-        )
-    return InProcessPlant(file, parameters=parameters, period=period, kind=kind, watch=watch)

@@ -6,10 +6,11 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from .ssp_file import SystemStructure, read_system
+from .ssp_components import extract_components, summarise_components
+from .ssp_file import read_system
 from .ssp_starts import resolve_starts
-from .summary import FmuSummary, UnitDefinition, VariableSummary, summarise
-from .system_plant import extract_components
+from .ssp_structure import SystemStructure
+from .summary import FmuSummary, UnitDefinition, VariableSummary
 
 __all__ = ["summarise_system"]
 
@@ -29,7 +30,7 @@ def summarise_system(file: Path) -> FmuSummary:
     structure = read_system(file)
     with tempfile.TemporaryDirectory(prefix="fieldlink-ssp-") as folder:
         files = extract_components(file, structure.sources, Path(folder))
-        parts = {component: summarise(fmu) for component, fmu in files.items()}
+        parts = summarise_components(file, files)
     variables = [
         _variable(name, "input", unit, _input_start(structure, parts, name))
         for name, unit in structure.inputs.items()

@@ -16,17 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import element_names, resolve_shape
-from .errors import PlantInputError, PlantNameError, PlantStepError, nearest
-from .library import call_checked
+from .errors import PlantNameError, PlantStepError, nearest
+from .variable_groups import VariableGroup, group_variables
 from .variable_types import (
     FUNCTIONS,
     LEFT_OUT,
     REAL_TYPES,
-    REFERENCE_TYPES,
-    describe_range,
     is_settable,
     list_starts,
-    view_memory,
 )
 
 __all__ = ["Roles", "VariableAccess"]
@@ -40,30 +37,6 @@ class Roles:
     tunable: tuple[str, ...]
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Variables of one type, read or written by one call; arrays with all their elements."""
-
-    names: tuple[str, ...]
-    given: tuple[str, ...]
-    """Of the names, those that the caller reads or writes."""
-    function: str
-    real: bool
-    boolean: bool
-    references: Any
-    values: Any
-    arguments: tuple[Any, ...]
-    """What the function takes after the instance."""
-    view: NDArray[Any]
-    """The memory of ``values`` as an array."""
-    columns: Any
-    """Where the values given go in a row of all outputs."""
-    order: tuple[int, ...]
-    """Where the values given stand in ``view``."""
-    places: Any
-    """The same as a slice, where they stand side by side."""
 
 
 class VariableAccess:
@@ -130,43 +103,13 @@ class VariableAccess:
         self.watched = tuple(n for n in dict.fromkeys(watch) if n not in self.roles.outputs)
         self._names = (*self.roles.outputs, *self.watched)
         self._outputs = self._groups(self._names, "Get")
-        self._writers: dict[tuple[str, ...], tuple[_Group, ...]] = {}
+        self._writers: dict[tuple[str, ...], tuple[VariableGroup, ...]] = {}
 
     def _where(self, condition: Any) -> tuple[str, ...]:
         return tuple(name for name, v in self._variables.items() if condition(v))
 
-    def _groups(self, names: Sequence[str], action: str) -> tuple[_Group, ...]:
-        position = {name: i for i, name in enumerate(names)}
-        by_type: dict[str, dict[str, Any]] = {}
-        for name in names:
-            v = self._variables[name]
-            by_type.setdefault(v.type, {})[v.name] = v
-        groups = []
-        for kind, variables in by_type.items():
-            function, c_type = self._types[kind]
-            members = [name for variable in variables for name in self._elements[variable]]
-            given = [i for i, name in enumerate(members) if name in position]
-            references = [v.valueReference for v in variables.values()]
-            values = (c_type * len(members))()
-            addresses = (REFERENCE_TYPES[self._version] * len(references))(*references)
-            sizes = (len(members),) if self._version == 3 else ()
-            groups.append(
-                _Group(
-                    names=tuple(members),
-                    given=tuple(members[i] for i in given),
-                    function=f"fmi{self._version}{action}{function}",
-                    real=kind in REAL_TYPES,
-                    boolean=kind == "Boolean",
-                    references=addresses,
-                    values=values,
-                    arguments=(addresses, len(references), values, *sizes),
-                    view=view_memory(values),
-                    columns=_as_slice([position[members[i]] for i in given]),
-                    order=tuple(given),
-                    places=_as_slice(given),
-                )
-            )
-        return tuple(groups)
+    def _groups(self, names: Sequence[str], action: str) -> tuple[VariableGroup, ...]:
+        return group_variables(self._version, names, self._variables, self._elements, action)
 
     def write(self, fmu: Any, values: Mapping[str, float], *, before_start: bool) -> None:
         """Set variables; nothing is set when a name or a value is wrong.
@@ -190,10 +133,10 @@ class VariableAccess:
             for i, name in zip(group.order, group.given, strict=True):
                 value = values[name]
                 if not (group.real and type(value) is float and isfinite(value)):
-                    value = self._checked(group, name, value)
+                    value = group.check(self._model, name, value)
                 group.view[i] = value
         for group in groups:
-            self._call(fmu, group)
+            group.call(fmu)
             self._remember(group)
 
     @property
@@ -209,16 +152,16 @@ class VariableAccess:
         """Set structural parameters; the FMU stands in configuration mode."""
         for group in self._groups(tuple(values), "Set"):
             for i, name in zip(group.order, group.given, strict=True):
-                group.view[i] = self._checked(group, name, values[name])
-            self._call(fmu, group)
+                group.view[i] = group.check(self._model, name, values[name])
+            group.call(fmu)
 
-    def _fill_rest(self, group: _Group) -> None:
+    def _fill_rest(self, group: VariableGroup) -> None:
         """Put the elements that are not given, which keep their values."""
         for i, name in enumerate(group.names):
             if name in self._last:
                 group.view[i] = self._last[name]
 
-    def _remember(self, group: _Group) -> None:
+    def _remember(self, group: VariableGroup) -> None:
         if self._last and len(group.references) < len(group.names):
             for i, name in enumerate(group.names):
                 if name in self._last:
@@ -228,7 +171,7 @@ class VariableAccess:
         """Read the elements of arrays that can be set, after a state was restored."""
         if self._last:
             for group in self._groups([n for n in self._last if n in self._may_set[False]], "Get"):
-                self._call(fmu, group)
+                group.call(fmu)
                 self._last |= zip(group.names, map(float, group.view), strict=True)
 
     def _check_names(self, names: Iterable[str], before_start: bool) -> None:
@@ -243,7 +186,7 @@ class VariableAccess:
             PlantStepError: one of them is NaN or infinite.
         """
         if len(self._outputs) == 1 and self._outputs[0].real:
-            self._call(fmu, self._outputs[0])
+            self._outputs[0].call(fmu)
             row = self._outputs[0].view.tolist()
         else:
             table = np.empty(len(self._names))
@@ -258,7 +201,7 @@ class VariableAccess:
     def read_row(self, fmu: Any, row: NDArray[np.float64]) -> None:
         """Read all outputs into ``row``; the caller looks for NaN, many rows at once."""
         for group in self._outputs:
-            self._call(fmu, group)
+            group.call(fmu)
             row[group.columns] = group.view[group.places]
 
     def column_writer(
@@ -278,13 +221,13 @@ class VariableAccess:
                 distinct = table[:, i] if group.real else np.unique(table[:, i])
                 doubtful = distinct[~np.isfinite(distinct)] if group.real else distinct
                 for value in doubtful:
-                    self._checked(group, name, float(value))
+                    group.check(self._model, name, float(value))
         pairs = list(zip(groups, tables, strict=True))
 
         def write(fmu: Any, k: int) -> None:
             for group, table in pairs:
                 group.view[group.places] = table[k]
-                self._call(fmu, group)
+                group.call(fmu)
                 self._remember(group)
 
         return write
@@ -295,28 +238,6 @@ class VariableAccess:
             f"plant {self._model}: output {name} is {value} at {time:g} s; the model is unstable "
             "or was given inputs outside of its range"
         )
-
-    def _call(self, fmu: Any, group: _Group) -> None:
-        call_checked(fmu, group.function, fmu.component, *group.arguments)
-
-    def _checked(self, group: _Group, name: str, value: float) -> float | int | bool:
-        number = float(value)
-        if not isfinite(number):
-            raise PlantInputError(
-                f"plant {self._model}: {name} = {number:g} cannot be set; it must be a finite "
-                "number"
-            )
-        if group.real:
-            return number
-        whole = int(number)
-        c_type = group.values._type_
-        fits = number in (0.0, 1.0) if group.boolean else c_type(whole).value == whole
-        if whole != number or not fits:
-            raise PlantInputError(
-                f"plant {self._model}: {name} = {number:g} cannot be set; it must be "
-                + ("0 or 1" if group.boolean else f"a whole number from {describe_range(c_type)}")
-            )
-        return whole
 
     def _refusal(self, name: str, before_start: bool) -> str:
         allowed = self._may_set[before_start]
@@ -333,10 +254,3 @@ class VariableAccess:
             f"plant {self._model}: {name!r} is {variable.causality} ({variable.variability}) and "
             f"cannot be set; {nearest(name, allowed)}"
         )
-
-
-def _as_slice(columns: list[int]) -> slice | list[int]:
-    """Return the columns as a slice where they stand side by side: copying is faster then."""
-    first = columns[0]
-    together = columns == list(range(first, first + len(columns)))
-    return slice(first, first + len(columns)) if together else columns

@@ -7,6 +7,7 @@ its own process must not become code in ours.
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 from dataclasses import asdict
@@ -18,6 +19,7 @@ import numpy as np
 
 from .errors import PlantError
 from .inprocess import InProcessPlant
+from .opening import OpenOptions
 from .shared_rows import SharedRows
 
 __all__ = ["serve"]
@@ -31,7 +33,7 @@ def serve(connection: Connection, folder: Path, memory: int) -> None:
         folder: where the FMU may be extracted; its maker removes it.
         memory: descriptor of the file for the rows of a run.
     """
-    _limit_core_dumps()
+    _limit_harm()
     plant: InProcessPlant | None = None
     rows: SharedRows | None = None
     while True:
@@ -42,15 +44,8 @@ def serve(connection: Connection, folder: Path, memory: int) -> None:
             return
         try:
             if plant is None or rows is None:
-                plant = InProcessPlant(
-                    Path(argument["file"]),
-                    parameters=argument["parameters"],
-                    period=argument["period"],
-                    kind=argument["kind"],
-                    watch=argument["watch"],
-                    folder=folder,
-                    intermediate=argument["intermediate"],
-                )
+                options = OpenOptions(**argument["options"])
+                plant = InProcessPlant(Path(argument["file"]), options, folder)
                 rows = SharedRows(memory, len(plant.info.outputs))
                 os.close(memory)
                 answer: dict[str, Any] = {"ok": asdict(plant.info)}
@@ -63,7 +58,10 @@ def serve(connection: Connection, folder: Path, memory: int) -> None:
             answer = {"error": type(error).__name__, "text": str(error)}
         if plant is not None:
             answer["time"] = plant.time
-        connection.send_bytes(json.dumps(answer).encode())
+        try:
+            connection.send_bytes(json.dumps(answer).encode())
+        except OSError:  # the client has gone, or the FMU has closed what is not its own
+            return
         if plant is None or action == "close":
             return
 
@@ -100,9 +98,11 @@ def _answer(plant: InProcessPlant, action: str, argument: Any) -> Any:
     raise AssertionError(f"unknown request {action!r}")
 
 
-def _limit_core_dumps() -> None:
-    """Let a crash of the FMU leave no core file; its signal is what the client reports."""
+def _limit_harm() -> None:
+    """Let a crash of the FMU leave no core file, and let a lack of memory end the FMU first."""
     import resource  # POSIX only, as this module's process is
 
     _soft, hard = resource.getrlimit(resource.RLIMIT_CORE)
     resource.setrlimit(resource.RLIMIT_CORE, (0, hard))
+    with contextlib.suppress(OSError):  # Linux only; without it the system chooses
+        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")

@@ -241,7 +241,8 @@ def loop(
     slip_jump: Annotated[float, typer.Option(min=0.0, help="J of the valve, % of OP.")] = 1.5,
 ) -> None:
     """Put a process of your own into a loop with a sticky valve: a scenario to rehearse."""
-    from fieldlink.lab.fmu.loop_scenario import LoopWish, respond, write_scenario
+    from fieldlink.lab.fmu.loop_scenario import write_scenario
+    from fieldlink.lab.fmu.step_test import LoopWish, respond
     from fmu_models import summarise
 
     summary = summarise(_file(fmu))

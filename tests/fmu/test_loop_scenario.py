@@ -12,8 +12,10 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
 from fieldlink.lab.fmu import FmuError
-from fieldlink.lab.fmu.loop_scenario import LoopWish, respond, write_scenario
-from fieldlink.lab.rehearse import load_scenario, rehearse
+from fieldlink.lab.fmu.loop_scenario import write_scenario
+from fieldlink.lab.fmu.step_test import LoopWish, respond
+from fieldlink.lab.rehearse import Defect, load_scenario, rehearse
+from fieldlink.lab.rehearse.happenings import Manual
 from fmu_models import fmu_path, summarise
 
 TANK = LoopWish("tank.inflow[1]", "tank.h", period=0.1)
@@ -63,6 +65,40 @@ def test_the_loop_is_identified_and_compensated(mini_fmus: dict[str, Path], tmp_
     # The valve is ours: the stem stands still or lies fD short of OP, never further off than fS.
     assert np.abs(trend.op - trend.stem).max() <= 0.5 * (5.0 + 1.5) + 1e-9
     assert trend.compensated.any()
+
+
+@pytest.mark.parametrize(
+    ("defect", "outcome"),
+    [
+        (Defect.TORN_BLOCKS, "readback_differs"),
+        (Defect.DAMAGED_BLOCKS, "readback_differs"),
+        (Defect.WRONG_SIGN, "writeback.refused"),
+        (Defect.HEALTHY_VALVE, "too_few_windows"),
+    ],
+)
+def test_defects_act_on_a_plant_of_ones_own(
+    mini_fmus: dict[str, Path], tmp_path: Path, defect: Defect, outcome: str
+) -> None:
+    """The FMU has no valve: it stands in front of it, sound or not; blocks never take over."""
+    fmu, file = summarise(mini_fmus["fmi2"]), tmp_path / "tank.toml"
+    wish = replace(TANK, op_start=40.0)
+    write_scenario(fmu, wish, respond(fmu, wish), file)
+    written = load_scenario(file)
+    scenario = written.scenario
+    summary = scenario.scenario.model_copy(update={"duration": 68.0})  # a window of 60 s and some
+    daemon = scenario.daemon.model_copy(
+        update={"min_windows": 1 + (defect is Defect.HEALTHY_VALVE), "estimate_every": 60.0}
+    )
+    manual = Manual(kind="manual", begin=66.0, end=67.0, op=((66.0, 40.0), (67.0, 48.0)))
+    update = {"scenario": summary, "daemon": daemon, "maintenance": (manual,)}
+    run = rehearse(replace(written, scenario=scenario.model_copy(update=update)), inject=defect)
+    outcomes = {record.outcome for record in run.course.writebacks}
+    assert outcome in outcomes | {record.kind for record in run.course.events}
+    trend = run.course.trend
+    assert not trend.compensated.any()
+    by_hand = (trend.time >= 66.0) & (trend.time < 67.0)
+    np.testing.assert_allclose(trend.op[by_hand], 40.0 + 8.0 * (trend.time[by_hand] - 66.0))
+    assert (trend.stick_band == (0.0 if defect is Defect.HEALTHY_VALVE else 5.0)).all()
 
 
 def test_what_is_refused(mini_fmus: dict[str, Path], tmp_path: Path) -> None:

@@ -192,13 +192,16 @@ def test_maps_that_do_not_fit(mini_fmus: Minis, tmp_path: Path, text: str, words
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("t,op\n0,1\n", "no column 'time'"),
+        ("t,op\n0,1\n", r"no column 'time' .* is it 't'\? Call it time, and give seconds"),
         ("time,opp\n0,1\n", r"column 'opp' is no input; did you mean 'op'"),
         ("time,op\n0,1\n1,x\n", r"row 3, column 'op': 'x' is no finite number"),
         ("time,op\n0,1\n1,inf\n", r"row 3, column 'op'"),
-        ("time,op\n0,1\n0,2\n", "time must increase; row 3 has 0 after 0"),
+        ("time,op\n0,1\n-1,2\n", "time must not decrease; row 3 has -1 after 0; sort the rows"),
+        ("time,op\n0,1,5\n", "row 2 has 3 cells, the header has 2"),
+        ("time,op\n0,NaN\n", "row 2, column 'op': 'NaN' is no finite number"),
+        ("time,op,op\n0,1,2\n", "two columns 'op'"),
         ("time,op\n", "no row below the header"),
-        ("", "cannot be read"),
+        ("", "it is empty"),
     ],
 )
 def test_inputs_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> None:
@@ -208,14 +211,22 @@ def test_inputs_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> No
         read_inputs(file, ("op", "load"))
 
 
+def test_inputs_as_a_spreadsheet_writes_them(tmp_path: Path) -> None:
+    """A byte order mark, semicolons, decimal commas; of two rows of one moment the last holds."""
+    file = tmp_path / "in.csv"
+    file.write_bytes("\ufefftime;op\r\n0,0;1,5\r\n0,5;2,5\r\n0,5;-3e0\r\n".encode())
+    at = read_inputs(file, ("op",)).at(np.array([0.0, 0.4, 0.5, 9.0]))
+    assert at["op"].tolist() == [1.5, 1.5, -3.0, -3.0]
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
         (RunSettings(stop=float("nan")), "must be a finite second; got nan"),
         (RunSettings(stop=10.0, step=0.0), "period must be a positive number"),
         (RunSettings(stop=10.0, step=float("nan")), "period must be a positive number"),
-        (RunSettings(stop=0.0), "0 steps; give a stop time"),
-        (RunSettings(stop=-1.0), "give a stop time and a step"),
+        (RunSettings(stop=0.0), "the stop time 0 s must lie after the start at 0 s"),
+        (RunSettings(stop=-1.0), "give a later one with --stop"),
         (RunSettings(stop=10.0, save=Path("x"), save_at=11.0), "cannot be saved at 11 s"),
     ],
 )

@@ -180,6 +180,90 @@ def test_systems_inside_systems_are_flattened(mini_fmus: Minis, tmp_path: Path) 
     assert "inner.second.tank.h" in tables[0]
 
 
+@pytest.mark.parametrize("beside", [True, False])
+def test_signal_dictionaries_are_wires_with_names(
+    mini_fmus: Minis, tmp_path: Path, beside: bool
+) -> None:
+    """The bus carries the level in mm from the outer system to a tank in the inner one, in m."""
+    space = "http://ssp-standard.org/SSP1/SystemStructureSignalDictionary"
+    bus = (
+        f'<ssb:SignalDictionary xmlns:ssb="{space}"{_NAMES} version="1.0">'
+        '<ssb:DictionaryEntry name="h"><ssc:Real unit="mm"/></ssb:DictionaryEntry>'
+        "</ssb:SignalDictionary>"
+    )
+    source = ' source="bus.ssb"' if beside else ""
+    declared = (
+        f'<ssd:SignalDictionaries><ssd:SignalDictionary name="bus"{source}>'
+        f"{'' if beside else bus}</ssd:SignalDictionary></ssd:SignalDictionaries>"
+    )
+
+    def reference(name: str, kind: str, entry: str = "h", to: str = "bus") -> str:
+        return (
+            f'<ssd:SignalDictionaryReference name="{name}" dictionary="{to}"><ssd:Connectors>'
+            f"{connector(entry, kind)}</ssd:Connectors></ssd:SignalDictionaryReference>"
+        )
+
+    def system(outer: str, entry: str = "h", more: str = "") -> Path:
+        inner = (
+            f'<ssd:System name="inner"><ssd:Connectors>{connector("level", "output", "m")}'
+            f"</ssd:Connectors><ssd:Elements>{reference('tap', 'output')}{tank('second', 'm')}"
+            f"</ssd:Elements><ssd:Connections>{connection('tap/h', 'second/tank.inflow[1]')}"
+            f"{connection('second/tank.h', 'level')}</ssd:Connections></ssd:System>"
+        )
+        file = write(
+            tmp_path / f"{len(list(tmp_path.iterdir()))}.ssp", mini_fmus["fmi2"],
+            tank("first") + inner + outer,
+            connection("feed", "first/tank.inflow[1]") + connection("inner/level", "level")
+            + connection(f"tap/{entry}", "first/tank.h") + more,
+            own=OWN, extra={"bus.ssb": bus},
+        )  # fmt: skip
+        with zipfile.ZipFile(file) as archive:
+            content = {name: archive.read(name) for name in archive.namelist()}
+        text = content["SystemStructure.ssd"].decode()
+        place = text.rindex("</ssd:System>")
+        content["SystemStructure.ssd"] = (text[:place] + declared + text[place:]).encode()
+        with zipfile.ZipFile(file, "w") as archive:
+            for name, part in content.items():
+                archive.writestr(name, part)
+        return file
+
+    plain = write(
+        tmp_path / "two.ssp", mini_fmus["fmi2"], tank("first") + tank("second"), CHAIN, own=OWN
+    )
+    levels = []
+    for file in (system(reference("tap", "inout")), plain):
+        with open_plant(file, period=0.1, parameters={"feed": 2.0}, isolated=False) as plant:
+            levels.append(plant.run(10, {})["level"])
+    np.testing.assert_allclose(levels[0], levels[1], rtol=1e-12)
+    for file, words in (
+        (system(reference("tap", "input", "x"), "x"), "has no entry 'x', it has h"),
+        (system(reference("tap", "input", to="bux")), "there is no signal dictionary 'bux'"),
+        (
+            system(reference("tap", "input"), more=connection("tap/h", "inner/level")),
+            "h is connected twice",
+        ),
+    ):
+        with pytest.raises(PlantFileError, match=words):
+            summarise(file)
+
+
+@pytest.mark.parametrize(
+    ("elements", "connections", "words"),
+    [
+        (tank("first") * 2, "", "first: two elements have this name; rename one"),
+        ("", "", "it has no component"),
+        (tank("first"), connection("second/tank.h", "level"), "an element 'second', there is none"),
+    ],
+)
+def test_structures_that_make_no_system(
+    mini_fmus: Minis, tmp_path: Path, elements: str, connections: str, words: str
+) -> None:
+    """Lists that a tool writes empty are no fault."""
+    file = write(tmp_path / "x.ssp", mini_fmus["fmi2"], elements, connections, own=OWN)
+    with pytest.raises(PlantFileError, match=words):
+        summarise(file)
+
+
 def test_info_and_run_take_a_system(mini_fmus: Minis, tmp_path: Path) -> None:
     file = write(
         tmp_path / "two.ssp", mini_fmus["fmi2"], tank("first") + tank("second"), CHAIN, own=OWN

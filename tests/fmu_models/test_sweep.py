@@ -170,7 +170,9 @@ def test_runs_that_crash_or_end_are_results(
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 1
     assert "3 runs, 2 failed" in done.output
-    assert "run 1: plant faulty.fmi3.fmu at 0 s: its process died of SIGSEGV" in done.output
+    assert (
+        "run 1: plant faulty.fmi3.fmu at 0 s: in a step its process died of SIGSEGV" in done.output
+    )
     assert "run 2: plant faulty: the step from 0 s by 1 s failed" in done.output
     table = pd.read_csv(out)
     assert table["steps_last"].tolist()[0] == 5.0

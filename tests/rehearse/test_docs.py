@@ -30,6 +30,6 @@ def test_every_scenario_and_defect_is_listed() -> None:
 
 
 def test_the_example_is_a_scenario(tmp_path: Path) -> None:
-    (example,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    (tmp_path / "example.toml").write_text(example)
+    example, more = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    (tmp_path / "example.toml").write_text(example + more)
     assert len(load_scenario(tmp_path / "example.toml").scenario.expect) == 2

@@ -49,7 +49,7 @@ def test_the_first_page_says_what_matters(make_scenario: MakeScenario, tmp_path:
     for words in (
         "What was rehearsed",
         "scanned every 1 s",
-        "PI, gain 0.8, integral time 10 s",
+        "PI, gain 0.8 % per unit of PV, integral time 10 s",
         "stick band S 3 at 0 s to 9 at 100 s",
         "Transmitter stands still from 30 to 40 s",
         "blocks of which a bit changes on the way from 0 to 50 s, 50% of them",
@@ -68,7 +68,9 @@ def test_the_first_page_says_what_matters(make_scenario: MakeScenario, tmp_path:
 def test_a_failed_rehearsal_says_not_to_go(make_scenario: MakeScenario, tmp_path: Path) -> None:
     expect = '[[expect]]\nkind = "samples"\nof = "bad"\nat_least = 1\n'
     page = write_report(rehearse(make_scenario(expect=expect)), tmp_path).read_text()
-    assert "Do not go yet: 1 of 1 expectations are not met" in text_of(page)
+    said = text_of(page)
+    assert "Do not go yet: 1 of 1 expectations are not met" in said
+    assert re.search(r"Missed: .* found: 0\b", said[: said.index("What was rehearsed")])
 
 
 def test_pictures_have_units(make_scenario: MakeScenario) -> None:

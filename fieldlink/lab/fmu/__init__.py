@@ -7,7 +7,8 @@ from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.exporting import export_system
 from fieldlink.lab.fmu.mapping import FmuMap, load_map
 from fieldlink.lab.fmu.recorder import RunResult, TableFile
-from fieldlink.lab.fmu.runner import RunSettings, run_fmu
+from fieldlink.lab.fmu.run_settings import RunSettings
+from fieldlink.lab.fmu.runner import run_fmu
 from fieldlink.lab.fmu.units import Conversion, conversion
 
 __all__ = [

@@ -62,7 +62,8 @@ def choose_step(fmu: FmuSummary, stop: float, wanted: float | None) -> tuple[flo
         if own:
             return own, None
         raise FmuError(
-            f"{fmu.file.name}: the stop time must lie after the start at {fmu.start_time:g} s"
+            f"{fmu.file.name}: the stop time {stop:g} s must lie after the start at "
+            f"{fmu.start_time:g} s; give a later one with --stop"
         )
     if own and span / own <= _MOST_BY_DEFAULT:
         return own, None
@@ -91,8 +92,15 @@ def divide(start: float, stop: float, step: float, *, variable: bool) -> Steps:
         variable: whether the FMU takes a shorter step; else the run ends one step earlier.
 
     Raises:
-        FmuError: no step, or too many.
+        FmuError: no step, or too many; a stop before the start.
     """
+    if not 0.0 < step < math.inf:
+        raise FmuError(f"a step must be a positive number of seconds; got {step:g}")
+    if not stop > start:
+        raise FmuError(
+            f"the stop time {stop:g} s must lie after the start at {start:g} s; give a later one "
+            "with --stop"
+        )
     exact = (stop - start) / step
     count = math.ceil(exact - 1e-9)
     last = stop - (start + (count - 1) * step)

@@ -1,15 +1,20 @@
-"""Recorded inputs: a CSV file with a column ``time`` and one column for each tag or variable."""
+"""Recorded inputs: a CSV file with a column ``time`` and one column for each tag or variable.
+
+What spreadsheets write is taken: a comma, semicolon, tab or bar between the cells, a byte order
+mark, and decimal commas where the cells stand between semicolons or tabs.
+"""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.errors import FmuError, nearest
@@ -25,7 +30,8 @@ class InputSeries:
     """Values that hold from their moment on; before the first moment the first value holds.
 
     Attributes:
-        time: seconds of the experiment, increasing, shape ``(n,)``.
+        time: seconds of the experiment, never decreasing, shape ``(n,)``. Of rows of one moment the
+            last holds.
         columns: values by tag, each of shape ``(n,)``.
     """
 
@@ -40,6 +46,8 @@ class InputSeries:
         return {name: values[np.maximum(rows, 0)] for name, values in self.columns.items()}
 
 
+_DELIMITERS = ",;\t|"
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NO_WORDS: Mapping[str, Mapping[str, float]] = MappingProxyType({})
 
 
@@ -49,52 +57,94 @@ def read_inputs(
     """Read the inputs of an experiment.
 
     Args:
-        file: CSV with a header; any delimiter that pandas finds.
+        file: CSV with a header.
         known: names that a column may have.
         words: by column, the words that stand for values, such as those of an enumeration.
 
     Raises:
         FmuError: unreadable, no column ``time``, an unknown column, a cell that is not a number, or
-            time that does not increase; row and column are named.
+            time that decreases; row and column are named.
     """
-    try:
-        frame = pd.read_csv(file, sep=None, engine="python", skipinitialspace=True, dtype=str)
-    except (OSError, ValueError, csv.Error) as error:
-        raise FmuError(f"{file}: the inputs cannot be read: {error}") from error
-    frame.columns = [str(name).strip() for name in frame.columns]
-    if "time" not in frame.columns:
+    header, rows, commas = _read_cells(file)
+    if "time" not in header:
+        like = [name for name in header if re.match(r"(?i)(t|time|zeit|seconds|s)\b", name)]
+        hint = f"; is it {like[0]!r}? Call it time, and give seconds" if like else ""
         raise FmuError(
             f"{file}: there is no column 'time' (seconds of the experiment); the columns are "
-            f"{', '.join(frame.columns)}"
+            f"{', '.join(header)}{hint}"
         )
+    twice = next((name for k, name in enumerate(header) if name in header[:k]), None)
+    if twice is not None:
+        raise FmuError(f"{file}: there are two columns {twice!r}; leave one out")
     names = {TIME_VARIABLE if name == "time" else name for name in known}
     columns: dict[str, Array] = {}
-    time = _numbers(file, "time", frame.pop("time"), {})
-    for name in frame.columns:
-        if name not in names:
+    for k, name in enumerate(header):
+        cells = [row[k] for row in rows]
+        if name == "time":
+            time = _numbers(file, name, cells, {}, commas)
+        elif name in names:
+            tag = "time" if name == TIME_VARIABLE else name
+            columns[tag] = _numbers(file, name, cells, words.get(tag, {}), commas)
+        else:
             raise FmuError(f"{file}: column {name!r} is no input; {nearest(name, names)}")
-        tag = "time" if name == TIME_VARIABLE else name
-        columns[tag] = _numbers(file, name, frame[name], words.get(tag, {}))
     if time.size == 0:
         raise FmuError(f"{file}: there is no row below the header")
-    wrong = np.flatnonzero(np.diff(time) <= 0.0)
+    wrong = np.flatnonzero(np.diff(time) < 0.0)
     if wrong.size:
         row = int(wrong[0])
         raise FmuError(
-            f"{file}: time must increase; row {row + 3} has {time[row + 1]:g} after {time[row]:g}"
+            f"{file}: time must not decrease; row {row + 3} has {time[row + 1]:g} after "
+            f"{time[row]:g}; sort the rows"
         )
     return InputSeries(time, columns)
 
 
-def _numbers(file: Path, name: str, column: pd.Series, words: Mapping[str, float]) -> Array:
+def _read_cells(file: Path) -> tuple[list[str], list[list[str]], bool]:
+    """Return header, rows, and whether a comma in a cell is a decimal comma."""
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise FmuError(f"{file}: the inputs cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise FmuError(
+            f"{file}: the inputs are no text in UTF-8; save them as CSV in UTF-8"
+        ) from error
+    lines = text.splitlines()
+    if not lines:
+        raise FmuError(f"{file}: it is empty; give a header and rows")
+    delimiter = max(_DELIMITERS, key=lines[0].count)
+    try:
+        rows = [
+            [cell.strip() for cell in row]
+            for row in csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        ]
+    except csv.Error as error:
+        raise FmuError(f"{file}: the inputs are no CSV: {error}") from error
+    header = rows[0]
+    for number, row in enumerate(rows[1:], start=2):
+        if row and len(row) != len(header):
+            raise FmuError(
+                f"{file}: row {number} has {len(row)} cells, the header has {len(header)}"
+            )
+    return header, [row for row in rows[1:] if row], delimiter != ","
+
+
+def _numbers(
+    file: Path, name: str, cells: Sequence[str], words: Mapping[str, float], commas: bool
+) -> Array:
     plain = {word.lower(): number for word, number in words.items()}
-    texts = [text.strip() if isinstance(text, str) else "" for text in column]
-    known = pd.Series([plain.get(text.lower(), text) for text in texts], dtype=object)
-    values = pd.to_numeric(known, errors="coerce").to_numpy(dtype=np.float64)
-    wrong = np.flatnonzero(~np.isfinite(values))
-    if wrong.size:
-        row = int(wrong[0])
-        found = repr(texts[row]) if texts[row] else "an empty cell"
-        hint = f" and none of {', '.join(words)}" if words else ""
-        raise FmuError(f"{file}: row {row + 2}, column {name!r}: {found} is no finite number{hint}")
+    values = np.empty(len(cells))
+    for row, cell in enumerate(cells):
+        text = cell.replace(",", ".") if commas and _DECIMAL_COMMA.fullmatch(cell) else cell
+        try:
+            value = plain[text.lower()] if text.lower() in plain else float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            found = repr(cell) if cell else "an empty cell"
+            hint = f" and none of {', '.join(words)}" if words else ""
+            raise FmuError(
+                f"{file}: row {row + 2}, column {name!r}: {found} is no finite number{hint}"
+            )
+        values[row] = value
     return values

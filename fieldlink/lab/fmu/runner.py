@@ -8,69 +8,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.control import LoopController
 from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.experiment import Steps, choose_step, choose_stop, divide
-from fieldlink.lab.fmu.inputs import InputSeries
 from fieldlink.lab.fmu.mapping import FmuMap
-from fieldlink.lab.fmu.recorder import TIME_VARIABLE, RunResult, RunTable, TableFile
+from fieldlink.lab.fmu.recorder import TIME_VARIABLE, RunResult, RunTable
+from fieldlink.lab.fmu.row_writer import RowWriter
+from fieldlink.lab.fmu.run_settings import RunSettings
 from fieldlink.lab.fmu.signals import SETPOINT, Signals
 from fieldlink.lab.fmu.state_file import load_state, save_state
-from fmu_models import FmuSummary, Master, Plant, PlantEndedError, PlantError, open_plant
+from fmu_models import FmuSummary, Plant, PlantEndedError, PlantError, open_plant
 
-__all__ = ["RunSettings", "run_fmu"]
+__all__ = ["run_fmu"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
-
-_WRITE_SECONDS = 0.5
-"""Of the wall clock, after which rows go to the disk: what a run that is killed loses."""
-
-
-@dataclass(frozen=True, slots=True)
-class RunSettings:
-    """How to run.
-
-    Attributes:
-        stop: second at which the run ends; None takes the default experiment's.
-        step: seconds a step; None takes the map's, the default experiment's, or a round one.
-        start_values: by variable, in the FMU's units; they win over the map's parameters.
-        inputs: recorded inputs, by tag or variable.
-        watch: further variables to record.
-        kind: "co-simulation" or "model exchange"; None takes the first that is offered.
-        speed: plant seconds a second; None runs as fast as it can.
-        isolated: run the FMU in a process of its own.
-        timeout: seconds that one step may take.
-        master: of a system, "gauss-seidel" or "jacobi"; None takes its own.
-        intermediate: a CSV for the outputs between the ends of a step; None for none.
-        table: the rows go there as they are computed.
-        load: a state file to begin from.
-        save: a state file to write.
-        save_at: the second at which it is written; None means the end.
-    """
-
-    stop: float | None = None
-    step: float | None = None
-    start_values: Mapping[str, float] = field(default_factory=dict)
-    inputs: InputSeries | None = None
-    watch: tuple[str, ...] = ()
-    kind: str | None = None
-    speed: float | None = None
-    isolated: bool = True
-    timeout: float = 60.0
-    master: Master | None = None
-    intermediate: Path | None = None
-    table: TableFile | None = None
-    load: Path | None = None
-    save: Path | None = None
-    save_at: float | None = None
 
 
 def run_fmu(
@@ -111,11 +68,9 @@ class _Run:
         if "time" in self.signals.outputs or "time" in self.signals.inputs:
             self.notes.append(f"the variable called time is the column {TIME_VARIABLE}")
         self.given: dict[str, float] = {}
-        self.began = False
         self.late = 0
         self.ended: str | None = None
         self.failure: str | None = None
-        self.written, self.written_at = 0, time.monotonic()
 
     def result(self) -> RunResult:
         begun = time.perf_counter()
@@ -171,23 +126,37 @@ class _Run:
                 f"{moments[-1] + self.step:g} s"
             )
         driven = self._driven(moments)
+        self._note_unused_inputs(start)
         table = RunTable(start, plant.outputs(), steps.count)
+        rows = RowWriter(self.settings, self.signals, driven, table)
         save_row = self._save_row(start, steps.count)
         one_by_one = self.mapping.controller is not None or self.settings.speed is not None
         try:
             if save_row == 0:
                 self._save(plant)
             if one_by_one:
-                self._stepwise(plant, moments, driven, table, steps, save_row)
+                self._stepwise(plant, moments, driven, table, rows, steps, save_row)
             else:
-                self._columnwise(plant, driven, table, steps, save_row)
+                self._columnwise(plant, driven, table, rows, steps, save_row)
         except PlantEndedError as error:
             self.ended = str(error)
         except PlantError as error:
             self.failure = str(error)
         except KeyboardInterrupt:
             self.failure = "it was interrupted"
-        return self._pack(plant.info.name, driven, table)
+        return self._pack(plant.info.name, driven, table, rows)
+
+    def _note_unused_inputs(self, start: float) -> None:
+        """Say where the recorded inputs begin after the run or go on behind it."""
+        series = self.settings.inputs
+        if series is None or not series.time.size:
+            return
+        first, last = float(series.time[0]), float(series.time[-1])
+        if first >= self.stop or last >= self.stop + self.step:
+            self.notes.append(
+                f"the inputs go from {first:g} s to {last:g} s and the run from {start:g} s to "
+                f"{self.stop:g} s: rows after its end are not used (is their time in seconds?)"
+            )
 
     def _driven(self, moments: Array) -> dict[str, Array]:
         """Return the recorded inputs at every step, by tag and in the tag's unit."""
@@ -223,6 +192,7 @@ class _Run:
         plant: Plant,
         driven: Mapping[str, Array],
         table: RunTable,
+        rows: RowWriter,
         steps: Steps,
         save_row: int | None,
     ) -> None:
@@ -234,27 +204,12 @@ class _Run:
             last = steps.last if end == steps.count else None
             for piece in plant.run_pieces(end - done, part, last=last):
                 table.extend(piece)
-                self._write_rows(driven, table, table.rows - 1)
+                rows.write_some()
                 self.progress(float(piece.time[-1]))
-            self._write_intermediate(plant)
+            rows.write_intermediate(plant)
             done = end
             if done == save_row:
                 self._save(plant)
-
-    def _write_intermediate(self, plant: Plant) -> None:
-        """Put the outputs between the ends of the steps so far on the disk, by variable."""
-        target = self.settings.intermediate
-        if target is None:
-            return
-        piece = plant.take_intermediate()
-        table = pd.DataFrame({"time": piece.time, **piece.columns})
-        try:
-            table.to_csv(
-                target, index=False, header=not self.began, mode="a" if self.began else "w"
-            )
-        except OSError as error:
-            raise FmuError(f"{target}: it cannot be written: {error.strerror}") from error
-        self.began = True
 
     def _stepwise(
         self,
@@ -262,6 +217,7 @@ class _Run:
         moments: Array,
         driven: dict[str, Array],
         table: RunTable,
+        rows: RowWriter,
         steps: Steps,
         save_row: int | None,
     ) -> None:
@@ -285,8 +241,8 @@ class _Run:
             last = steps.last if k == steps.count - 1 else None
             for piece in plant.run_pieces(1, inputs, last=last):
                 table.extend(piece)
-            self._write_rows(driven, table, table.rows - 1)
-            self._write_intermediate(plant)
+            rows.write_some()
+            rows.write_intermediate(plant)
             if k + 1 == save_row:
                 self._save(plant)
             if self.settings.speed is not None:
@@ -315,34 +271,14 @@ class _Run:
         driven[settings.op] = np.full(driven[SETPOINT].size, controller.op)
         return controller
 
-    def _columns(
-        self, driven: Mapping[str, Array], table: RunTable, first: int, end: int
-    ) -> dict[str, Array]:
-        """Return what is recorded in some rows, by tag.
-
-        The input of the last row is the last that was given.
-        """
-        rows = np.arange(first, end)
-        columns = {tag: v[np.minimum(rows, v.size - 1)] for tag, v in driven.items()}
-        for tag, out in self.signals.outputs.items():
-            columns[tag] = self.signals.to_tag(tag, table.column(out.variable)[first:end])
-        return columns
-
-    def _write_rows(self, driven: Mapping[str, Array], table: RunTable, end: int) -> None:
-        """Put the rows before ``end`` on the disk, now and then."""
-        if time.monotonic() > self.written_at + _WRITE_SECONDS:
-            self._write_until(driven, table, end)
-            self.written_at = time.monotonic()
-
-    def _write_until(self, driven: Mapping[str, Array], table: RunTable, end: int) -> None:
-        if self.settings.table is not None and end > self.written:
-            columns = self._columns(driven, table, self.written, end)
-            self.settings.table.add(table.time[self.written : end], columns)
-            self.written = end
-
-    def _pack(self, model: str, driven: Mapping[str, Array], table: RunTable) -> RunResult:
-        self._write_until(driven, table, table.rows)
-        columns = self._columns(driven, table, 0, table.rows)
+    def _pack(
+        self, model: str, driven: Mapping[str, Array], table: RunTable, rows: RowWriter
+    ) -> RunResult:
+        rows.write_all()
+        columns = rows.columns(0, table.rows)
+        rounded = self.signals.list_rounded(columns)
+        if rounded:
+            self.notes.append(f"whole numbers beyond 2^53 are rounded: {', '.join(rounded)}")
         return RunResult(
             model=model,
             time=table.time[: table.rows],

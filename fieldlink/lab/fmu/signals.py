@@ -16,6 +16,8 @@ __all__ = ["SETPOINT", "Signals", "is_number", "words_of"]
 
 Array = NDArray[np.float64]
 SETPOINT = "SP"
+_LARGEST_WHOLE = 2.0**53
+"""Up to which a double holds every whole number."""
 
 
 def is_number(variable: VariableSummary) -> bool:
@@ -104,6 +106,16 @@ class Signals:
             return ""
         variable = self._fmu.variable(entry.variable)
         return entry.unit or (variable.unit if variable is not None else "")
+
+    def list_rounded(self, columns: Mapping[str, Array]) -> list[str]:
+        """Return the outputs whose whole numbers are too large for a table of doubles."""
+        large = []
+        for tag, out in self.outputs.items():
+            variable = self._fmu.variable(out.variable)
+            whole = variable is not None and variable.type in ("Int64", "UInt64")
+            if whole and (np.abs(columns[tag]) >= _LARGEST_WHOLE).any():
+                large.append(tag)
+        return large
 
     def undriven(self, driven: set[str], start_values: Mapping[str, float]) -> list[str]:
         """Return the inputs that keep their start values.

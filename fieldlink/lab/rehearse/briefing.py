@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.lab.rehearse.happenings import Disable, Manual, Points, Repair
 from fieldlink.lab.rehearse.load import ScenarioFile
-from fieldlink.lab.rehearse.models import Disable, Manual, Points, Repair, Scenario
+from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.outcome import RunCourse
 from fieldlink.lab.rehearse.run import Rehearsal
 from fmu_models import FmuSummary, catalogue, fmu_path, summarise
@@ -49,6 +50,7 @@ _SENSOR = {
     "freeze": "stands still",
     "drift": "drifts",
     "spikes": "has spikes",
+    "noise": "has noise",
     "bad": "gives no number",
 }
 
@@ -74,7 +76,11 @@ def describe_scene(file: ScenarioFile) -> list[str]:
         f"Plant: {plant.fmu}{f' ({about})' if about else ''}, scanned every {plant.period:g} s."
     ]
     if controller.kind == "pi":
-        tuned = f"PI, gain {controller.gain:g}, integral time {controller.integral_time:g} s"
+        unit = find_unit(file) or "unit of PV"
+        tuned = (
+            f"PI, gain {controller.gain:.3g} % per {unit}, integral time "
+            f"{controller.integral_time:.3g} s"
+        )
     else:
         tuned = "MPC that knows the process and not the valve"
     spare = "; the compensator may take over" if controller.compensate else ""
@@ -103,7 +109,10 @@ def _incidents(scenario: Scenario) -> list[str]:
         )
         lines.append(f"Load: {_course(load.points)}{swings}.")
     for fault in scenario.sensor:
-        lines.append(f"Transmitter {_SENSOR[fault.kind]} from {fault.begin:g} to {fault.end:g} s.")
+        size = f" of {fault.size:.3g} (standard deviation)" if fault.kind == "noise" else ""
+        whole = fault.begin == 0.0 and fault.end >= scenario.scenario.duration
+        span = "throughout" if whole else f"from {fault.begin:g} to {fault.end:g} s"
+        lines.append(f"Transmitter {_SENSOR[fault.kind]}{size} {span}.")
     for trouble in scenario.network:
         share = f", {trouble.share:.0%} of them" if trouble.share < 1.0 else ""
         lines.append(
@@ -146,12 +155,19 @@ def list_findings(rehearsal: Rehearsal, unit: str) -> list[tuple[str, str]]:
             )
         )
     accepted = [r.utc_ms / 1000.0 for r in course.writebacks if r.outcome == "accepted"]
-    refused = len(course.writebacks) - sum(
-        r.outcome in ("accepted", "committed") for r in course.writebacks
-    )
     if course.writebacks:
         times = f", at {', '.join(f'{t:g}' for t in accepted[:4])} s" if accepted else ""
-        rows.append(("Blocks accepted by the PLC", f"{len(accepted)}{times}; {refused} held back"))
+        held = Counter(
+            r.reason for r in course.writebacks if r.outcome not in ("accepted", "committed")
+        )
+        why = f": {held.most_common(1)[0][0]}" if held else ""
+        often = f" ({held.most_common(1)[0][1]} times)" if len(held) > 1 else ""
+        rows.append(
+            (
+                "Blocks accepted by the PLC",
+                f"{len(accepted)}{times}; {held.total()} not written or not taken over{why}{often}",
+            )
+        )
     rows += _compensation(course, unit, rehearsal.file.scenario.daemon.window)
     return rows
 
@@ -172,7 +188,14 @@ def _compensation(course: RunCourse, unit: str, window: int) -> list[tuple[str, 
     if trend.compensated.any():
         share = trend.compensated.sum() / trend.time.size
         begin = trend.time[first]
-        rows.append(("Compensator had the loop", f"from {begin:g} s, {share:.0%} of the time"))
+        ends = _given_back(course)
+        last = (
+            f"; last given back at {trend.time[ends[-1] + 1]:g} s, {_why(course, ends[-1])}"
+            if ends.size
+            else ""
+        )
+        held = f"from {begin:g} s, {share:.0%} of the time{last}"
+        rows.append(("Compensator had the loop", held))
     return rows
 
 
@@ -201,7 +224,17 @@ def list_site_work(rehearsal: Rehearsal) -> list[str]:
     period, window = scenario.plant.period, scenario.daemon.window
     failed = [finding for finding in rehearsal.findings if not finding.passed]
     lines = []
-    if failed:
+    if rehearsal.defect is not None:
+        found = (
+            f"{len(failed)} of {len(rehearsal.findings)} expectations show it"
+            if failed
+            else "no expectation shows it, so add one that does"
+        )
+        lines.append(
+            f"This run has a defect on purpose: {found}. Compare it with the run without the "
+            "defect, and go by that one."
+        )
+    elif failed:
         lines.append(
             f"Do not go yet: {len(failed)} of {len(rehearsal.findings)} expectations are not met. "
             "Change the settings or the scenario until they are."
@@ -231,17 +264,28 @@ def list_site_work(rehearsal: Rehearsal) -> list[str]:
             f"{S[1]:g} %) and J ({J[0]:g} to {J[1]:g} %) suit the valve, and somebody watches the "
             "first block."
         )
-    trend = course.trend
-    # Where an operator takes the loop, nothing is given back.
-    ends = np.flatnonzero(trend.compensated[:-1] & ~trend.compensated[1:] & trend.automatic[1:])
+    ends = _given_back(course)
     if ends.size:
-        reasons = sorted({_REASONS.get(trend.reason[k + 1], "the PLC was off") for k in ends})
+        reasons = sorted({_why(course, k) for k in ends})
         times = "once" if ends.size == 1 else f"{ends.size} times"
         lines.append(
             f"The compensator gave the loop back {times} ({', '.join(reasons)}): show the "
             "operators how that looks, and that the controller has the loop then."
         )
     return lines
+
+
+def _given_back(course: RunCourse) -> NDArray[np.intp]:
+    """Return the last scans of the compensator before it gave the loop back.
+
+    Where an operator takes the loop, nothing is given back.
+    """
+    trend = course.trend
+    return np.flatnonzero(trend.compensated[:-1] & ~trend.compensated[1:] & trend.automatic[1:])
+
+
+def _why(course: RunCourse, scan: int) -> str:
+    return _REASONS.get(course.trend.reason[scan + 1], "the PLC was off")
 
 
 def _course(points: Points) -> str:

@@ -23,6 +23,9 @@ class Defect(StrEnum):
     NEVER_UNSURE = "never-unsure"
     WRONG_SCALE = "wrong-scale"
     LOST_BLOCKS = "lost-blocks"
+    DAMAGED_BLOCKS = "damaged-blocks"
+    TORN_BLOCKS = "torn-blocks"
+    WRONG_SIGN = "wrong-sign"
     NO_COMPENSATION = "no-compensation"
     NO_FALL_BACK = "no-fall-back"
     CLOSED_GAPS = "closed-gaps"
@@ -43,6 +46,9 @@ _TEXTS = {
     Defect.NEVER_UNSURE: "windows that cannot be judged are called healthy",
     Defect.WRONG_SCALE: "S and J are reported half as large again",
     Defect.LOST_BLOCKS: "the PLC never sees the commit of a block",
+    Defect.DAMAGED_BLOCKS: "a bit of every block changes on its way to the PLC",
+    Defect.TORN_BLOCKS: "only the first half of every block arrives at the PLC",
+    Defect.WRONG_SIGN: "every model has the process gain with the wrong sign",
     Defect.NO_COMPENSATION: "the PLC takes blocks over but never compensates",
     Defect.NO_FALL_BACK: "the PLC never notices that compensation makes the loop worse",
     Defect.HEARTBEAT_WITH_POLLS: "the heartbeat goes out with the polls only",

@@ -68,10 +68,10 @@ def _estimate(expected: EstimateExpected, course: RunCourse) -> Finding:
         near = low * (1.0 - expected.tolerance) <= found.value <= high * (1.0 + expected.tolerance)
         held = not expected.covered or (found.low <= high and low <= found.high)
         hits.append(near and held)
-        true = f"{low:.3g}" if high - low < 0.005 * high else f"{low:.3g} to {high:.3g}"
-        shown.append(
-            f"{window.end:g} s {found.value:.3g} [{found.low:.3g}, {found.high:.3g}], true {true}"
-        )
+        true = f"{low:.3g}" if high - low <= 0.005 * high else f"{low:.3g} to {high:.3g}"
+        estimate = f"{found.value:.3g} [{found.low:.3g}, {found.high:.3g}]"
+        known = estimate if math.isfinite(found.value) else "no estimate"
+        shown.append(f"{window.end:g} s {known}, true {true}")
     said = f"{name} within {expected.tolerance:.0%} of the truth"
     if expected.covered:
         said += " and its interval holds it"

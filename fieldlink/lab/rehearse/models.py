@@ -1,84 +1,42 @@
 """The scenario file, key by key, as typed and frozen models.
 
-What is expected of a run has models of its own, in `fieldlink.lab.rehearse.expected`.
+What happens in a run and what is expected of it have models of their own, in
+`fieldlink.lab.rehearse.happenings` and `fieldlink.lab.rehearse.expected`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.expected import Expectation
+from fieldlink.lab.rehearse.happenings import (
+    Load,
+    Maintenance,
+    Misestimate,
+    NetworkFault,
+    Points,
+    ScenarioModel,
+    Seconds,
+    SensorFault,
+)
 from fieldlink.site.models import Span
 
 __all__ = [
     "ControllerSettings",
     "DaemonSettings",
-    "Disable",
-    "Load",
-    "Manual",
-    "Misestimate",
-    "NetworkFault",
     "PlantVariables",
     "RehearsedPlant",
-    "Repair",
     "Scenario",
-    "SensorFault",
-    "Sinusoid",
     "Summary",
     "ValveWear",
 ]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
-
-
-def _ordered(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    times = [time for time, _ in points]
-    for earlier, later in pairwise(times):
-        if later < earlier:
-            raise ValueError(
-                f"the time {later:g} comes after {earlier:g}; sort the points (two of one time "
-                "make a step)"
-            )
-    return points
-
-
-Seconds = Annotated[float, Field(gt=0)]
-Moment = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(gt=0, le=1)]
-Points = Annotated[tuple[tuple[float, float], ...], Field(min_length=1), AfterValidator(_ordered)]
-
-
-class _Spell(_Model):
-    """Something that lasts from ``begin`` to ``end``."""
-
-    begin: Moment
-    """Plant second at which it begins."""
-    end: Moment
-    """Plant second at which it is over."""
-
-    @model_validator(mode="after")
-    def _lasts(self) -> Self:
-        if self.end <= self.begin:
-            raise ValueError(
-                f"end = {self.end:g} is not after begin = {self.begin:g}; exchange or correct them"
-            )
-        return self
-
-    def covers(self, time: float) -> bool:
-        """Whether it is on at ``time``."""
-        return self.begin <= time < self.end
-
-
-class Summary(_Model):
+class Summary(ScenarioModel):
     """``[scenario]``: the rehearsal as a whole."""
 
     title: str = Field(min_length=1)
@@ -93,7 +51,7 @@ class Summary(_Model):
     """Defects (see --inject) of which each must make the scenario fail."""
 
 
-class PlantVariables(_Model):
+class PlantVariables(ScenarioModel):
     """``[plant.variables]``: what the FMU calls things."""
 
     op: str = "op"
@@ -110,7 +68,7 @@ class PlantVariables(_Model):
     """Tunable parameter or input: J; needed with [valve]."""
 
 
-class RehearsedPlant(_Model):
+class RehearsedPlant(ScenarioModel):
     """``[plant]``: what stands behind the valve."""
 
     fmu: str = Field(min_length=1)
@@ -123,7 +81,7 @@ class RehearsedPlant(_Model):
     """What the FMU calls things."""
 
 
-class ControllerSettings(_Model):
+class ControllerSettings(ScenarioModel):
     """``[controller]``: what the simulated PLC runs."""
 
     kind: Literal["pi", "mpc"]
@@ -147,7 +105,7 @@ class ControllerSettings(_Model):
         return self
 
 
-class ValveWear(_Model):
+class ValveWear(ScenarioModel):
     """``[valve]``: stick band and slip jump over time, as points (plant second, value)."""
 
     stick_band: Points
@@ -158,110 +116,7 @@ class ValveWear(_Model):
     """Whether the FMU has no valve of its own: He's valve stands between OP and its input then."""
 
 
-class Sinusoid(_Spell):
-    """``sinusoids`` of ``[load]``: oscillations from outside, each a table."""
-
-    begin: Moment = 0.0
-    """Plant second at which it begins."""
-    end: Moment = 1e12
-    """Plant second at which it is over."""
-    amplitude: float
-    """In units of the load."""
-    period: Seconds
-    """Seconds of one swing."""
-
-
-class Load(_Model):
-    """``[load]``: what disturbs the process behind the valve."""
-
-    points: Points = ((0.0, 0.0),)
-    """Course as points (plant second, value)."""
-    sinusoids: tuple[Sinusoid, ...] = ()
-    """Oscillations from outside, added to it."""
-
-
-class SensorFault(_Spell):
-    """``[[sensor]]``: a fault of the transmitter of PV, seen by controller and daemon alike."""
-
-    kind: Literal["freeze", "drift", "spikes", "bad"]
-    """Value stands still; slope added; single outliers; NaN."""
-    rate: float = 0.0
-    """PV per second, of a drift."""
-    size: float = 0.0
-    """PV, of a spike."""
-    share: Share = 0.02
-    """Of the samples that are spikes."""
-
-    @model_validator(mode="after")
-    def _sized(self) -> Self:
-        if self.kind == "drift" and not self.rate:
-            raise ValueError('kind = "drift" needs a rate; give PV per second')
-        if self.kind == "spikes" and not self.size:
-            raise ValueError('kind = "spikes" needs a size; give it in units of PV')
-        return self
-
-
-class NetworkFault(_Spell):
-    """``[[network]]``: what is wrong between daemon and PLC, or with the PLC."""
-
-    kind: Literal["drop", "late", "write_lost", "write_flipped", "write_torn", "restart"]
-    """Polls unanswered; polls that get the cycle before; writes unanswered and without effect;
-    writes of several registers of which a bit has changed on the way, or of which the first half
-    arrives; the PLC off, to start with empty registers."""
-    share: Share = 1.0
-    """Of the polls or writes that are hit."""
-
-
-class Repair(_Model):
-    """``[[maintenance]]`` with kind = "repair": the valve is another one from then on."""
-
-    kind: Literal["repair"]
-    """The kind."""
-    at: Moment
-    """Plant second."""
-    stick_band: float = Field(default=0.0, ge=0)
-    """S afterwards."""
-    slip_jump: float = Field(default=0.0, ge=0)
-    """J afterwards."""
-
-
-class Manual(_Spell):
-    """``[[maintenance]]`` with kind = "manual": an operator has the loop."""
-
-    kind: Literal["manual"]
-    """The kind."""
-    op: Points | None = None
-    """OP meanwhile; it stays where it is unless given."""
-
-
-class Disable(_Spell):
-    """``[[maintenance]]`` with kind = "disable": the operator clears the enable register."""
-
-    kind: Literal["disable"]
-    """The kind."""
-
-
-Maintenance = Annotated[Repair | Manual | Disable, Field(discriminator="kind")]
-
-
-class Misestimate(_Spell):
-    """``[[misestimate]]``: windows that end in this time yield a wrong model, as it may happen."""
-
-    stick_band_factor: Seconds = 1.0
-    """On S and its interval."""
-    slip_jump_factor: Moment = 1.0
-    """On J and its interval; cut off at S."""
-    gain_factor: float = 1.0
-    """On the process gain; negative for a gain of the wrong sign."""
-
-    @model_validator(mode="after")
-    def _acts(self) -> Self:
-        if self.gain_factor == 0.0:
-            raise ValueError("gain_factor = 0 leaves no process; give another number")
-        return self
-
-
-class DaemonSettings(_Model):
+class DaemonSettings(ScenarioModel):
     """``[daemon]``: how fieldlink watches the loop; keys as in a site file."""
 
     window: int = Field(default=600, ge=50, le=100_000)
@@ -286,7 +141,7 @@ class DaemonSettings(_Model):
     """Fit criterion."""
 
 
-class Scenario(_Model):
+class Scenario(ScenarioModel):
     """Top of the file: its tables, and the set-point."""
 
     scenario: Summary

@@ -11,7 +11,8 @@ import numpy as np
 from fieldlink.lab.plc import LockstepLink
 from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.errors import ScenarioError
-from fieldlink.lab.rehearse.models import Disable, Scenario
+from fieldlink.lab.rehearse.happenings import Disable
+from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.simulated_site import SimulatedSite
 from fieldlink.links import (
     Clock,

@@ -68,10 +68,7 @@ def write_report(rehearsal: Rehearsal, folder: Path) -> Path:
         findings=rehearsal.findings,
         figure=svg(figure),
         windows=[_row(window) for window in rehearsal.course.windows],
-        writebacks=[
-            (f"{r.utc_ms / 1000.0:g}", r.outcome, r.status, _number(r.stick_band), r.reason)
-            for r in rehearsal.course.writebacks
-        ],
+        writebacks=_writes(rehearsal.course),
         events=[(f"{e.utc_ms / 1000.0:g}", e.kind, e.message) for e in rehearsal.course.events],
         scenario_text=rehearsal.file.path.read_text("utf-8"),
         site_text=rehearsal.site_text,
@@ -148,6 +145,26 @@ def _shade(axes: Axes, course: RunCourse) -> None:
     for number, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
         label = "compensated" if number == 0 else None
         axes.axvspan(times[begin], times[end], color=MARK, alpha=0.09, lw=0.0, label=label)
+
+
+def _writes(course: RunCourse) -> list[tuple[str, ...]]:
+    """Return a row for each outcome; what repeats itself without a block between is one row."""
+    rows: list[tuple[str, ...]] = []
+    runs: dict[tuple[str, ...], list[float]] = {}
+
+    def put_down() -> None:
+        for key, times in runs.items():
+            often = "" if len(times) == 1 else f" to {times[-1]:g}, {len(times)} times"
+            rows.append((f"{times[0]:g}{often}", *key))
+        runs.clear()
+
+    for r in course.writebacks:
+        if r.outcome in ("committed", "accepted"):
+            put_down()
+        key = (r.outcome, r.status or "-", _number(r.stick_band), r.reason)
+        runs.setdefault(key, []).append(r.utc_ms / 1000.0)
+    put_down()
+    return rows
 
 
 def _row(window: Window) -> tuple[str, ...]:

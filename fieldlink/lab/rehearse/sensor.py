@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fieldlink.lab.rehearse.models import SensorFault
+from fieldlink.lab.rehearse.happenings import SensorFault
 
 __all__ = ["Transmitter"]
 
@@ -17,7 +17,7 @@ class Transmitter:
 
     Args:
         faults: what is wrong when; where they overlap, each acts on what the one before gives.
-        seed: of the spikes.
+        seed: of spikes and noise.
     """
 
     def __init__(self, faults: Sequence[SensorFault], seed: int) -> None:
@@ -37,6 +37,8 @@ class Transmitter:
             elif fault.kind == "spikes":
                 hit, sign = self._random.random(2)
                 pv += fault.size * math.copysign(hit < fault.share, sign - 0.5)
+            elif fault.kind == "noise":
+                pv += fault.size * self._random.standard_normal()
             else:
                 pv = math.nan
         return pv

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 from fieldlink.lab.rehearse.errors import ScenarioError
-from fieldlink.lab.rehearse.models import Repair, Scenario
+from fieldlink.lab.rehearse.happenings import Repair
+from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.piecewise import value_at
 from fieldlink.lab.rehearse.sensor import Transmitter
 from fmu_models import Plant, PlantInfo

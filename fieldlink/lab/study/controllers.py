@@ -8,11 +8,8 @@ the loop under a `Supervisor`, as in the product: method and watch are judged to
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from types import TracebackType
-from typing import Self
 
 from compensator import (
     Action,
@@ -38,53 +35,12 @@ from compensator import (
     UnawareMpc,
     WithdrawReason,
 )
-from fmu_models import Plant
+from fieldlink.lab.study.timing import Timing, timed, timed_compensator
 from loop_model import LoopModel, ProcessModel, ValveModel
 
-__all__ = ["CONTROLLERS", "FmuPlant", "Setup", "Staged", "Timing", "mismatched", "staged"]
+__all__ = ["CONTROLLERS", "Setup", "Staged", "mismatched", "staged"]
 
 CONTROLLERS = ("pi", "unaware", "hybrid", "embedding", "knocker", "two-move")
-
-
-class FmuPlant:
-    """A plant of `fmu_models` for `fieldlink.lab.study.closed_loop`; it makes its own noise.
-
-    Args:
-        plant: open, with input ``op`` and outputs ``pv`` and, where it knows it, ``stem``.
-    """
-
-    def __init__(self, plant: Plant) -> None:
-        self._plant = plant
-        self._outputs = plant.outputs()
-
-    @property
-    def pv(self) -> float:
-        """PV now."""
-        return self._outputs["pv"]
-
-    @property
-    def stem(self) -> float:
-        """Stem position; NaN if the plant does not tell."""
-        return self._outputs.get("stem", math.nan)
-
-    def step(self, op: float, noise: float = 0.0, load: float = 0.0) -> float:
-        """Apply OP (and a load, in the plant's own units) for one period."""
-        inputs = {"op": op}
-        if load or "load" in self._plant.info.inputs:
-            inputs["load"] = load
-        self._outputs = self._plant.step(inputs)
-        return self.pv + noise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._plant.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,17 +60,6 @@ class Setup:
     model: LoopModel | None
     limits: OpLimits = field(default_factory=OpLimits)
     weight: float = 1.0
-
-
-@dataclass(slots=True)
-class Timing:
-    """Seconds of processor time of each scan: to take in PV, and to decide.
-
-    Not of the clock: what other programs do meanwhile is no property of a controller.
-    """
-
-    observe: list[float] = field(default_factory=list)
-    decide: list[float] = field(default_factory=list)
 
 
 class Staged:
@@ -197,21 +142,21 @@ def staged(name: str, setup: Setup, at: int, *, watched: bool = True) -> StagedR
     timing = Timing()
     if name in _COMPENSATORS:
         if setup.model is None:  # no valve model, no compensation: the plant's own goes on
-            return StagedRun(_timed(base, timing, at), timing)
+            return StagedRun(timed(base, timing, at), timing)
         build = _COMPENSATORS[name]
         if not watched:
-            alone = _timed(build(setup, setup.model), timing, at)
+            alone = timed(build(setup, setup.model), timing, at)
             return StagedRun(Staged(base, alone, at), timing)
         supervisor = Supervisor(
             base,
             SupervisorSettings(_hybrid(setup)),
-            build=lambda model, _: _timed_compensator(build(setup, model), timing),
+            build=lambda model, _: timed_compensator(build(setup, model), timing),
         )
         if setup.process.is_integrating and name == "two-move":
             _two_move(setup, setup.model)  # says why it cannot
         return StagedRun(_Supervised(supervisor, setup.model, at), timing, supervisor)
     after = _plain(name, setup)
-    return StagedRun(Staged(base, _timed(after, timing, at), at), timing)
+    return StagedRun(Staged(base, timed(after, timing, at), at), timing)
 
 
 def _base(setup: Setup) -> Controller:
@@ -275,47 +220,6 @@ _COMPENSATORS: Mapping[str, Callable[[Setup, LoopModel], Compensator]] = {
     "knocker": lambda setup, model: _followed(_knocker, setup, model),
     "two-move": lambda setup, model: _followed(_two_move, setup, model),
 }
-
-
-class _TimedController:
-    """A controller with a stop-watch, from sample ``at`` on."""
-
-    def __init__(self, controller: Controller, timing: Timing, at: int) -> None:
-        self._controller, self._timing, self._left = controller, timing, at
-
-    def observe(self, pv: float, op: float) -> None:
-        """See `Controller.observe`."""
-        begin = time.thread_time()
-        self._controller.observe(pv, op)
-        self._left -= 1
-        if self._left < 0:
-            self._timing.observe.append(time.thread_time() - begin)
-
-    def decide(self, sp: float) -> Action:
-        """See `Controller.decide`."""
-        begin = time.thread_time()
-        action = self._controller.decide(sp)
-        if self._left < 0:
-            self._timing.decide.append(time.thread_time() - begin)
-        return action
-
-
-def _timed(controller: Controller, timing: Timing, at: int) -> Controller:
-    return _TimedController(controller, timing, at)
-
-
-def _timed_compensator(compensator: Compensator, timing: Timing) -> Compensator:
-    """Put a stop-watch into a compensator; the rest of it stays what it is."""
-    watch = _TimedController(_Methods(compensator.observe, compensator.decide), timing, 0)
-    compensator.observe = watch.observe  # type: ignore[method-assign]
-    compensator.decide = watch.decide  # type: ignore[method-assign]
-    return compensator
-
-
-@dataclass(frozen=True, slots=True)
-class _Methods:
-    observe: Callable[[float, float], None]
-    decide: Callable[[float], Action]
 
 
 def mismatched(model: LoopModel, *, valve: float = 1.0, gain: float = 1.0) -> LoopModel:

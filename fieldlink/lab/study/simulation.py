@@ -12,7 +12,8 @@ from compensator import ActionStatus, OpLimits
 from estimator import identify
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.study.closed_loop import Performance, Study, Trace, assess, drive
-from fieldlink.lab.study.controllers import FmuPlant, Setup, mismatched, staged
+from fieldlink.lab.study.controllers import Setup, mismatched, staged
+from fieldlink.lab.study.fmu_plant import FmuPlant
 from fmu_models import CatalogueModel, catalogue, open_plant
 from loop_model import LoopModel
 

@@ -8,12 +8,13 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <time.h>
+#include <unistd.h>
 
 #define VARIABLES(X)                                                                               \
     X(op, input, Real, 50.0, -ANY, ANY, "%", "controller output")                                  \
     X(pv, output, Real, 0.0, -ANY, ANY, "1", "follows op")                                         \
     X(steps, output, Integer, 0, -ANY, ANY, "", "steps done")                                      \
-    X(fault, tunable, Integer, 0, 0, 6, "", "1 abort, 2 segfault, 3 endless, 4 no, 5 NaN, 6 slow") \
+    X(fault, tunable, Integer, 0, 0, 7, "", "1 abort, 2 segfault, 3 endless, 4 no, 5 NaN, 6 slow, 7 fork") \
     X(at_start, fixed, Integer, 0, 0, 1, "", "1: the fault happens at the start, not in a step")   \
     X(op_start, fixed, Real, 50.0, -ANY, ANY, "%", "OP at the start")
 
@@ -43,6 +44,11 @@ static const char *misbehave(plant *p) {
         break;
     case 6: /* 0.3 s a step */
         nanosleep(&(struct timespec){0, 300000000}, 0);
+        break;
+    case 7: /* a process of its own, which nobody waits for */
+        if (fork() == 0)
+            for (;;)
+                pause();
         break;
     }
     return 0;

@@ -1,0 +1,191 @@
+"""Step an FMU's input, describe its output as a lag with dead time, and tune a PI for it.
+
+The PI is tuned by SIMC (Skogestad, Simple analytic rules for model reduction and PID controller
+tuning, J. Process Control 13 (2003) 291-309).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldlink.lab.fmu.errors import FmuError, nearest
+from fieldlink.lab.fmu.experiment import round_to_125
+from fieldlink.lab.fmu.signals import is_number
+from fmu_models import FmuSummary, open_plant
+
+__all__ = ["LoopWish", "StepResponse", "respond"]
+
+Array = NDArray[np.float64]
+
+_STEP = 10.0
+"""Percent of OP: large beside rounding, small beside the range."""
+_FIRST_STEPS, _MOST_STEPS = 200, 51_200
+_SETTLED = 0.02
+"""Part of the response that its last fifth may still change by."""
+_SAMPLES_A_LAG = 10
+"""Samples in the time constant, where neither user nor FMU gives a period."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopWish:
+    """What the user says about the loop.
+
+    Attributes:
+        op: input of the FMU that OP in percent drives.
+        pv: output of the FMU.
+        period: seconds between two scans; None takes the FMU's step, or a tenth of its lag.
+        op_start: percent at the start; None takes the FMU's start value.
+        stick_band, slip_jump: of the valve, percent of OP.
+    """
+
+    op: str
+    pv: str
+    period: float | None = None
+    op_start: float | None = None
+    stick_band: float = 5.0
+    slip_jump: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class StepResponse:
+    """A first-order lag with dead time, as a step of OP shows it.
+
+    Attributes:
+        start: PV at rest before the step.
+        gain: PV per percent of OP; per second where ``integrates``.
+        lag, dead_time: seconds.
+        integrates: whether PV goes on as long as OP is off.
+        period: seconds between two scans.
+        op: percent before the step.
+    """
+
+    start: float
+    gain: float
+    lag: float
+    dead_time: float
+    integrates: bool
+    period: float
+    op: float
+
+    def tune(self) -> tuple[float, float]:
+        """Return gain and integral time (seconds) of a PI by SIMC."""
+        late = self.dead_time + 0.5 * self.period
+        closed = max(late, 0.2 * self.lag, 2.0 * self.period)
+        if self.integrates:
+            return 1.0 / (self.gain * (closed + late)), 4.0 * (closed + late)
+        return self.lag / (self.gain * (closed + late)), min(self.lag, 4.0 * (closed + late))
+
+
+def respond(fmu: FmuSummary, wish: LoopWish) -> StepResponse:
+    """Step the FMU's input by 10 % and describe what its output does.
+
+    Raises:
+        FmuError: a variable that is no input or no output, or an output that does not answer.
+        PlantError: the FMU does not run.
+    """
+    _require(fmu, wish.op, "input")
+    _require(fmu, wish.pv, "output")
+    op = _first_op(fmu, wish)
+    step = wish.period or fmu.step_size
+    if step is None:
+        span = (fmu.stop_time or fmu.start_time + 1000.0) - fmu.start_time
+        step = span / 500.0
+        rough = _measure(fmu, wish, op, step)
+        delay = rough.lag + rough.dead_time
+        if not rough.integrates or rough.dead_time > step:  # else there is no time to scale by
+            step = delay / _SAMPLES_A_LAG
+        step = round_to_125(step)
+    return _measure(fmu, wish, op, step)
+
+
+def _require(fmu: FmuSummary, name: str, causality: str) -> None:
+    known = [
+        element
+        for v in fmu.variables
+        if v.causality == causality and is_number(v)
+        for element in fmu.elements(v)
+    ]
+    if name not in known:
+        raise FmuError(f"{fmu.file.name}: it has no {causality} {name!r}; {nearest(name, known)}")
+
+
+def _first_op(fmu: FmuSummary, wish: LoopWish) -> float:
+    if wish.op_start is not None:
+        return wish.op_start
+    variable = fmu.variable(wish.op)
+    text = variable.start.split()[0] if variable is not None and variable.start else ""
+    try:
+        start = float(text)
+    except ValueError:
+        return 40.0
+    return start if 5.0 <= start <= 95.0 - _STEP else 40.0
+
+
+def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> StepResponse:
+    """Compare a run with the step with one without, so that what drifts anyway is left out."""
+    steps = _FIRST_STEPS
+    while True:
+        runs = []
+        for value in (op, op + _STEP):
+            with open_plant(fmu.file, parameters={wish.op: op}, period=step) as plant:
+                runs.append(plant.run(steps, {wish.op: value})[wish.pv])
+        rise = (runs[1] - runs[0]) / _STEP
+        start = float(runs[0][-1])
+        if not np.abs(rise).max() > 1e-9 * max(1.0, abs(start)):
+            raise FmuError(
+                f"{fmu.file.name}: {wish.pv} does not answer to {wish.op} stepping from {op:g} to "
+                f"{op + _STEP:g} in {steps * step:g} s; name other variables, or another OP with "
+                "--op-start"
+            )
+        tail = rise[-steps // 5 :]
+        if np.ptp(tail) <= _SETTLED * np.abs(rise).max():
+            return _describe(rise, step, start, op, integrates=False)
+        if _is_ramp(rise):
+            return _describe(rise, step, start, op, integrates=True)
+        if steps >= _MOST_STEPS:
+            raise FmuError(
+                f"{fmu.file.name}: {wish.pv} has not settled {steps * step:g} s after a step of "
+                f"{wish.op}; give a longer --period, or another OP with --op-start"
+            )
+        steps *= 2
+
+
+def _is_ramp(rise: Array) -> bool:
+    """Whether the second half rises as steadily as a straight line."""
+    half = rise[rise.size // 2 :]
+    k = np.arange(half.size)
+    slope, offset = np.polyfit(k, half, 1)
+    straight = np.abs(half - (slope * k + offset)).max() <= 0.01 * np.ptp(half)
+    quarter = rise[3 * rise.size // 4 :]
+    return bool(
+        straight
+        and abs(np.polyfit(np.arange(quarter.size), quarter, 1)[0] - slope) <= 0.01 * abs(slope)
+    )
+
+
+def _describe(
+    rise: Array, step: float, start: float, op: float, *, integrates: bool
+) -> StepResponse:
+    time = step * np.arange(1, rise.size + 1)
+    if integrates:
+        half = rise.size // 2
+        slope, offset = np.polyfit(time[half:], rise[half:], 1)
+        late = -offset / slope
+        late = late if late > 1e-6 * step else 0.0  # the rest is rounding
+        return StepResponse(start, float(slope), late, late, True, step, op)
+    final = float(rise[-1])
+    share = rise / final
+    early, later = (_first_passage(time, share, part) for part in (0.283, 0.632))
+    lag = max(1.5 * (later - early), step)
+    return StepResponse(start, final, lag, max(0.0, later - lag), False, step, op)
+
+
+def _first_passage(time: NDArray[Any], share: NDArray[Any], part: float) -> float:
+    """Return when ``share`` first passes ``part``, on a line between the samples."""
+    k = int(np.argmax(share >= part))
+    before = (0.0, 0.0) if k == 0 else (float(time[k - 1]), float(share[k - 1]))
+    return float(np.interp(part, (before[1], share[k]), (before[0], time[k])))
