@@ -227,9 +227,7 @@ def _kill(pool: ProcessPoolExecutor) -> None:
         process.kill()
 
 
-def begin_worker(
-    prepare: Callable[[], None], memory: int | None, stands_back: bool = True
-) -> None:
+def begin_worker(prepare: Callable[[], None], memory: int | None, stands_back: bool = True) -> None:
     """First thing in a worker: the daemon goes first and decides when it ends; then the kernels."""
     if memory is not None and sys.platform != "win32":
         import resource

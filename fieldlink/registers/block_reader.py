@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from fieldlink.registers.block import ParameterBlock, is_newer
-from fieldlink.registers.codec import decode_block, read_seq
+from fieldlink.registers.block_words import decode_block, read_seq
 from fieldlink.registers.codes import (
     ACCEPTED,
     NOTHING_SEEN,
