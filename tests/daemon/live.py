@@ -60,8 +60,10 @@ class Plant:
         deadline = time.monotonic()
         while True:
             self.step()
-            deadline += PERIOD_WALL
-            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
+            # A machine that stands still for a moment holds up the plant, too: no cycle is made up
+            # for, which a poll could not have seen.
+            deadline = max(deadline + PERIOD_WALL, time.monotonic())
+            await asyncio.sleep(deadline - time.monotonic())
 
 
 @asynccontextmanager

@@ -23,6 +23,7 @@ enabled = true
 loop_id = 101
 base = 100
 min_windows = 1
+min_interval = 0.0
 max_age = 86400.0
 """
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.loop_spec import LoopSpec
-from fieldlink.daemon.orders import keep_orders
+from fieldlink.daemon.operators.orders import keep_orders
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DeviceStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
