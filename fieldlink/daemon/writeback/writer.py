@@ -278,7 +278,7 @@ class BlockWriter:
         self._told.forget_all()
 
     def _heed_a_withdrawn_block(self) -> None:
-        """Write nothing over a withdrawn block, whichever process wrote it, until that is decided."""
+        """Write nothing over a withdrawn block, whichever process wrote it, unasked."""
         block = self._use.in_force.block
         withdrawn = block is not None and block.status is Status.WITHDRAWN
         if withdrawn and not self._permission.held and not self._unsettled.is_awaited:
