@@ -4,7 +4,6 @@ Nothing here opens, reads or waits: registers come in and go out as sequences of
 number of seconds.
 """
 
-from fieldlink.registers.block import Bounded, ParameterBlock, is_newer, next_seq
 from fieldlink.registers.block_layout import BLOCK_FIELDS, BLOCK_REGISTERS
 from fieldlink.registers.block_reader import BlockLimits, BlockReader, Fallback, ReaderState
 from fieldlink.registers.block_words import decode_block, encode_block
@@ -28,6 +27,7 @@ from fieldlink.registers.exchange import (
     split_commit,
 )
 from fieldlink.registers.heartbeat import HEARTBEAT_EVERY, HEARTBEAT_TIMEOUT
+from fieldlink.registers.parameter_block import Bounded, ParameterBlock, is_newer, next_seq
 from fieldlink.registers.plan import Apart, PlanError, ReadRequest, find_apart, plan_reads
 from fieldlink.registers.tag import DecodedValue, Tag, ValueQuality
 from fieldlink.registers.types import (

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fieldlink.registers.block import Bounded, ParameterBlock
 from fieldlink.registers.block_layout import (
     BLOCK_REGISTERS,
     LAYOUT_VERSION,
@@ -19,6 +18,7 @@ from fieldlink.registers.block_layout import (
 )
 from fieldlink.registers.codes import BlockError, BlockFault, Status, Verdict
 from fieldlink.registers.crc import crc16
+from fieldlink.registers.parameter_block import Bounded, ParameterBlock
 from fieldlink.registers.types import Order
 from loop_model import ProcessModel
 
