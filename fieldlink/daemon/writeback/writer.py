@@ -245,7 +245,8 @@ class BlockWriter:
             self._waiting.explain(WritebackOutcome.UNREACHABLE, str(error))
             raise
         if standing is Standing.CONTESTED:
-            self._told.tell("writeback.contested", standing.value)
+            advice = WritebackOutcome.CONTESTED.advice
+            self._told.tell("writeback.contested", f"{standing.value}; {advice}")
         if await self._unsettled.look_back(control):
             self._not_before = now + self._settings.min_interval
         self._unsettled.look_for_answer(control, now)
