@@ -46,7 +46,7 @@ WALKS: Mapping[str, Sequence[tuple[str, str]]] = {
         ("fieldlink.daemon.writeback.candidate", "Candidate"),
         ("fieldlink.daemon.writeback.rules", "Rules"),
         ("fieldlink.daemon.writeback.handover", "Handover"),
-        ("fieldlink.registers.block", "ParameterBlock"),
+        ("fieldlink.registers.parameter_block", "ParameterBlock"),
     ),
     "one window, from file to verdict": (
         ("fieldlink.cli.identify", "identify"),

@@ -89,8 +89,8 @@ def withdraw(
     No block follows until an operator clears the PLC's enable bit and sets it again.
     """
     from fieldlink.daemon.installation import is_in_use
+    from fieldlink.daemon.operators.withdrawal import withdraw_without_daemon
     from fieldlink.daemon.reporting.control_socket import ask_daemon
-    from fieldlink.daemon.withdrawal import withdraw_without_daemon
     from fieldlink.site import load_site
 
     loaded = load_site(site)

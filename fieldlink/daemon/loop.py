@@ -17,6 +17,7 @@ from fieldlink.daemon.loop_spec import LoopSpec
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import LoopStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
+from fieldlink.daemon.sampling.silence import SilenceWatch
 from fieldlink.daemon.windows.pipeline import LoopPipeline
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
@@ -29,9 +30,6 @@ from fieldlink.registers import HEARTBEAT_EVERY
 from fieldlink.store import SampleRecord, WritebackRecord
 
 __all__ = ["LoopRunner"]
-
-SILENT_AFTER = 20
-"""Periods without a new sample after which a loop counts as silent."""
 
 AGE_IN_ESTIMATES = 4.0
 """Estimate periods for which a finding may wait: two windows in which others would confirm it."""
@@ -73,14 +71,14 @@ class LoopRunner:
     ) -> None:
         self.spec = spec
         self.orders = orders or StandingOrders()
+        self.numbers = numbers
         self.epoch = next(_epochs)
         self.dropped = 0
         counter = None if spec.loop.scan is None else spec.tags.get(spec.loop.scan)
         self.pipeline = LoopPipeline(spec.name, spec.loop, counter, spec.speed, watch)
         self._journal = journal
         self._now = 0.0
-        self._sampled_at: float | None = None
-        self._silent = False
+        self._silence = SilenceWatch(spec.name, spec.loop.period, journal)
         self._asked = 0
         self._estimate: Estimate | None = None
         self._estimates = 0
@@ -90,7 +88,7 @@ class LoopRunner:
         self._unserved = False
         self._compensates: bool | None = None
         self.writer = (
-            self._writer(link, numbers, identity, read_only=read_only, live=live)
+            self._writer(link, identity, read_only=read_only, live=live)
             if spec.loop.writeback.enabled
             else None
         )
@@ -115,7 +113,7 @@ class LoopRunner:
         record = self.pipeline.take(scan, now, due)
         if record is not None:
             self._journal.sample(record)
-        self._watch_samples(now, sampled=record is not None, answers=answers)
+        self._silence.look(now, sampled=record is not None, answers=answers)
         return record
 
     def request(self, *, by_hand: bool = False) -> EstimateRequest:
@@ -199,7 +197,7 @@ class LoopRunner:
             last_attempt=self._attempt,
             last_accepted=self._accepted,
             outcomes=dict(self._outcomes),
-            idle=0.0 if self._sampled_at is None else self._now - self._sampled_at,
+            idle=self._silence.idle(self._now),
             dropped_estimates=self.dropped,
             waiting=None if writer is None else writer.waiting,
             refusal="" if writer is None else writer.refusal,
@@ -221,8 +219,9 @@ class LoopRunner:
             return
         self._now = old._now
         self.pipeline = old.pipeline
+        self.pipeline.name = self.name
         self.pipeline.resettle(self.spec.loop, again=old._asked > 0)
-        self._sampled_at, self._silent = old._sampled_at, old._silent
+        self._silence.carry_over(old._silence)
         self._estimate, self._estimates = old._estimate, old._estimates
         self._attempt, self._accepted = old._attempt, old._accepted
         self._outcomes = old._outcomes
@@ -242,28 +241,6 @@ class LoopRunner:
         if before is compensates or (before is None and not compensates):
             return
         self.pipeline.restart_window()
-
-    def _watch_samples(self, now: float, *, sampled: bool, answers: bool) -> None:
-        """Tell when the loop has no new samples although its device answers, and when it has."""
-        since = now if self._sampled_at is None else self._sampled_at
-        self._sampled_at = now if sampled else since
-        if sampled and self._silent:
-            self._silent = False
-            self._journal.event("loop.sampled", self.name, f"new samples after {now - since:.0f} s")
-        elif (
-            not sampled
-            and now - since > SILENT_AFTER * self.spec.loop.period
-            and not self._silent
-            and answers
-        ):
-            self._silent = True
-            self._journal.event(
-                "loop.silent",
-                self.name,
-                f"no new sample for {now - since:.0f} s: OP or PV cannot be read, or the cycle "
-                "counter stands still; look at the tags and whether the controller runs",
-                bad=True,
-            )
 
     def _note_service(self, error: str) -> None:
         """Tell when the exchange area stops answering, and when it answers again."""
@@ -287,7 +264,6 @@ class LoopRunner:
     def _writer(
         self,
         link: Link,
-        numbers: SequenceNumbers,
         identity: int | None,
         *,
         read_only: bool,
@@ -318,7 +294,7 @@ class LoopRunner:
             report=self._note_attempt,
             keep=partial(self._journal.begin, self.name),
             tell=self._tell,
-            numbers=numbers,
+            numbers=self.numbers,
             identity=identity,
             orders=self.orders,
             max_age=AGE_IN_ESTIMATES * spec.loop.estimate_period,

@@ -7,8 +7,8 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 
-from fieldlink.daemon.operator_requests import OperatorRequests
-from fieldlink.daemon.orders import Action
+from fieldlink.daemon.operators.orders import Action
+from fieldlink.daemon.operators.requests import OperatorRequests
 from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.links import Clock
 from fieldlink.notices import NoticesReport, Notifying

@@ -19,10 +19,11 @@ from fieldlink.daemon.diagnosis.scheduled_rounds import ScheduledRounds
 from fieldlink.daemon.estimation.judging import WindowJudging
 from fieldlink.daemon.estimation.pool import PoolSettings
 from fieldlink.daemon.installation import only_daemon
-from fieldlink.daemon.operator_requests import OperatorRequests
-from fieldlink.daemon.orders import Order
+from fieldlink.daemon.operators.orders import Order
+from fieldlink.daemon.operators.requests import OperatorRequests
 from fieldlink.daemon.outgoing import Outgoing
-from fieldlink.daemon.reload import FileWatch
+from fieldlink.daemon.reloading.site_change import FileWatch
+from fieldlink.daemon.reloading.site_takeover import SiteTakeover
 from fieldlink.daemon.reporting.control_socket import control_socket
 from fieldlink.daemon.reporting.scheduled_report import REPORT_LOOK, ScheduledReport
 from fieldlink.daemon.reporting.status import DaemonStatus
@@ -33,7 +34,6 @@ from fieldlink.daemon.sampling.tasks import spawn, wait_for, wait_for_end
 from fieldlink.daemon.schedule import Schedule
 from fieldlink.daemon.settings import pool_settings_of, retention_of
 from fieldlink.daemon.site_runner import SiteRunner
-from fieldlink.daemon.site_takeover import SiteTakeover
 from fieldlink.links import Clock, SystemClock
 from fieldlink.site import Site, load_site
 from fieldlink.store import (

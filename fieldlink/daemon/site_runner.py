@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from fieldlink.daemon.diagnosis.report import FindingsReport
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.loop import LoopRunner
-from fieldlink.daemon.orders import ORDER_EVENTS, recall_orders
+from fieldlink.daemon.operators.orders import ORDER_EVENTS, recall_orders
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch

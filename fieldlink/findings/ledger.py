@@ -13,16 +13,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from fieldlink.findings.observed import SAME_PERIOD, ObservedLoop, Repair, Round
+from fieldlink.findings.matching import nearness
+from fieldlink.findings.observed import ObservedLoop, Repair, Round
 from fieldlink.findings.open_finding import OpenFinding, State, Trial
-from fieldlink.findings.proposals import FOLLOWING, Proposal, propose
+from fieldlink.findings.proposals import Proposal, propose
 from fieldlink.findings.sentences import describe_finding, describe_follow_up, moment_text
 from fieldlink.store import FindingRecord
 
 __all__ = ["Ledger"]
-
-OVERLAP = 0.5
-"""Share of the smaller of two groups that both must have to be one and the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +167,8 @@ class _Step:
 
     def _match(self, proposal: Proposal) -> OpenFinding | None:
         """Return the open finding that the proposal is about; None where it is new."""
-        best = max(self.open.values(), key=lambda one: _nearness(one, proposal), default=None)
-        return best if best is not None and _nearness(best, proposal) > 0.0 else None
+        best = max(self.open.values(), key=lambda one: nearness(one, proposal), default=None)
+        return best if best is not None and nearness(best, proposal) > 0.0 else None
 
     def _bear(self, proposal: Proposal) -> OpenFinding:
         state = State.CONFIRMED if self.rules.confirm_after == 1 else State.WATCH
@@ -288,33 +286,3 @@ class _Step:
 def _is_hidden(found: OpenFinding, loop: ObservedLoop) -> bool:
     """Whether a compensator may hide the sticky valve: it still sticks."""
     return found.cause == "sticky_valve" and loop.compensated
-
-
-def _nearness(found: OpenFinding, proposal: Proposal) -> float:
-    """How well a proposal fits an open finding: 0 not at all, more is better."""
-    same_source = (found.loop, found.cause) == (proposal.loop, proposal.cause) and found.loop != ""
-    if len(proposal.loops) == 1:
-        if same_source:
-            return 3.0 if not found.is_group else 2.5
-        is_victim = (
-            proposal.loop in found.loops
-            and proposal.cause in FOLLOWING
-            and (
-                proposal.cause == "sticky_valve"
-                or _same_period(found.swing_period_s, proposal.swing_period_s)
-            )
-        )
-        return 1.0 if found.is_group and is_victim else 0.0
-    if same_source:
-        return 4.0 if found.is_group else 1.0
-    if not found.is_group:
-        return 0.0
-    shared = len(set(found.loops) & set(proposal.loops))
-    share = shared / min(len(found.loops), len(proposal.loops))
-    if share < OVERLAP or not _same_period(found.swing_period_s, proposal.swing_period_s):
-        return 0.0
-    return 2.0 + share
-
-
-def _same_period(one: float | None, other: float | None) -> bool:
-    return one is not None and other is not None and abs(one / other - 1.0) < SAME_PERIOD

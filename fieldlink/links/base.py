@@ -44,6 +44,11 @@ class Quality(Enum):
     INVALID = (7, "the register holds the value that the map declares to mean invalid")
     NOT_DUE = (8, "not asked for in this scan: its loop has a longer period than others")
     NO_COUNT = (9, "the cycle counter holds no count: check its type and its word order in the map")
+    RESTARTED = (
+        12,
+        "the first count after the cycle counter began anew: the controller's values may not be "
+        "there yet; if every sample is of this kind, check the counter's type and word order",
+    )
     LATE = (10, "asked for so late that the value is not of its slot: look at the lateness metric")
     BAD_STATUS = (11, "the server gives no good status with the value: look at its diagnostics")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")

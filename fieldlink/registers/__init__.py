@@ -4,8 +4,9 @@ Nothing here opens, reads or waits: registers come in and go out as sequences of
 number of seconds.
 """
 
-from fieldlink.registers.block import Bounded, ParameterBlock, is_newer, next_seq
-from fieldlink.registers.codec import decode_block, encode_block
+from fieldlink.registers.block_layout import BLOCK_FIELDS, BLOCK_REGISTERS
+from fieldlink.registers.block_reader import BlockLimits, BlockReader, Fallback, ReaderState
+from fieldlink.registers.block_words import decode_block, encode_block
 from fieldlink.registers.codes import (
     ACCEPTED,
     NOTHING_SEEN,
@@ -26,9 +27,8 @@ from fieldlink.registers.exchange import (
     split_commit,
 )
 from fieldlink.registers.heartbeat import HEARTBEAT_EVERY, HEARTBEAT_TIMEOUT
-from fieldlink.registers.layout import BLOCK_FIELDS, BLOCK_REGISTERS
+from fieldlink.registers.parameter_block import Bounded, ParameterBlock, is_newer, next_seq
 from fieldlink.registers.plan import Apart, PlanError, ReadRequest, find_apart, plan_reads
-from fieldlink.registers.reader import BlockLimits, BlockReader, Fallback, ReaderState
 from fieldlink.registers.tag import DecodedValue, Tag, ValueQuality
 from fieldlink.registers.types import (
     ORDERS,
@@ -36,11 +36,8 @@ from fieldlink.registers.types import (
     Order,
     RegisterValueError,
     Table,
-    decode,
-    decode_text,
-    encode,
-    encode_text,
 )
+from fieldlink.registers.words import decode, decode_text, encode, encode_text
 
 __all__ = [
     "ACCEPTED",

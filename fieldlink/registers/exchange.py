@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
 
-from fieldlink.registers.layout import BLOCK_REGISTERS
+from fieldlink.registers.block_layout import BLOCK_REGISTERS
 
 __all__ = ["Bank", "ExchangeLayout", "ExchangeWords", "commit_word", "split_commit"]
 

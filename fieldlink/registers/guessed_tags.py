@@ -10,7 +10,8 @@ import math
 from collections.abc import Iterator, Mapping
 
 from fieldlink.registers.tag import Tag
-from fieldlink.registers.types import DataType, Order, Table, decode
+from fieldlink.registers.types import DataType, Order, Table
+from fieldlink.registers.words import decode
 
 __all__ = ["guess_tags"]
 

@@ -12,17 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from fieldlink.registers.types import (
-    DataType,
-    Order,
-    RegisterValueError,
-    Table,
-    decode,
-    decode_text,
-    encode,
-    encode_text,
-    pattern,
-)
+from fieldlink.registers.types import DataType, Order, RegisterValueError, Table
+from fieldlink.registers.words import decode, decode_text, encode, encode_text, pattern
 
 __all__ = ["DecodedValue", "Tag", "ValueQuality"]
 

@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
-from fieldlink.daemon.orders import Action, Order
+from fieldlink.daemon.operators.orders import Action, Order
 from fieldlink.errors import FieldlinkError
 from fieldlink.web.access import COOKIE, SESSION_SECONDS, Access
 from fieldlink.web.requests import BadRequestError, body_of, refuse

@@ -11,7 +11,7 @@ from typing import Any
 import structlog
 
 from fieldlink.daemon import Daemon, DaemonStatus
-from fieldlink.daemon.orders import Order
+from fieldlink.daemon.operators.orders import Order
 from fieldlink.site import Site
 from fieldlink.store import StoreError
 from fieldlink.store.database import file_of

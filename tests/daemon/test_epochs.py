@@ -122,6 +122,30 @@ def test_numbers_of_blocks_go_on_when_a_loop_comes_back(tmp_path: Path, live: An
     assert again.writer._handover._numbers.last == 41
 
 
+def test_a_loop_with_a_new_name_keeps_its_window_its_numbers_and_its_orders(
+    tmp_path: Path, live: Any
+) -> None:
+    site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
+    before = runner_of(site)
+    loop = filled(before)
+    loop.numbers.learn(41)
+    loop.orders.hold = "B. Okafor: watched today"
+    told: list[Any] = []
+    renamed = reloaded(site, "[loops.PLC", "[loops.FIC101")
+    after = SiteRunner(renamed, SystemClock(), told.append).runners["plc"]
+    after.carry_over(before)
+    kept = after.loops["FIC101"]
+    assert kept.pipeline.counts.read == 60
+    assert (kept.numbers.last, kept.orders.hold) == (41, "B. Okafor: watched today")
+    assert [(row.kind, row.source) for row in told] == [
+        ("loop.renamed", "FIC101"),
+        ("operator.hold", "FIC101"),
+    ]
+    record = kept.take(scan_of(60), 60.0, None, answers=True)
+    assert record is not None
+    assert record.loop == "FIC101"
+
+
 def test_a_request_carries_its_loops_epoch(tmp_path: Path, live: Any) -> None:
     site = live.site_for(tmp_path, {"plc": 502})
     loop = filled(runner_of(site))

@@ -23,6 +23,8 @@ enabled = true
 loop_id = 101
 base = 100
 min_windows = 1
+min_interval = 0.0
+max_age = 86400.0
 """
 
 
@@ -58,7 +60,12 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
     file = str(site.path)
     async with plant_on(device, plc):
         async with running(site) as daemon:
-            await until(lambda: daemon.status().loops["PLC"].last_accepted is not None, "accepted")
+
+            def has_valid_block() -> bool:
+                last = daemon.status().loops["PLC"].last_accepted
+                return last is not None and last.block is not None and last.block.model is not None
+
+            await until(has_valid_block, "a valid block on record")
             found = json.loads(await command("status", file, "--json", "--must-run"))
             await command("withdraw", file, "PLC", "--reason", "the valve is repaired")
             await until(lambda: plc.state.fallback is Fallback.WITHDRAWN, "the withdrawal")

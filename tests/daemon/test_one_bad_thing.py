@@ -128,10 +128,14 @@ async def test_a_counter_of_the_wrong_word_order_is_bad_and_harms_nothing(
         await until(lambda: daemon.status().loops["PLC"].counts.bad >= 5, "bad samples")
         assert daemon.status().loops["PLC"].counts.read == 0
         device.words[8:12] = [0, 0, 0, 7]
+        await until(lambda: daemon.status().loops["PLC"].counts.restarts == 1, "a count")
+        device.words[11] = 8
         await until(lambda: daemon.status().loops["PLC"].counts.read == 1, "a good one")
         assert daemon.stuck() == ()
     samples = read_samples(site.historian_url)
-    bad = samples[samples["quality"] == Quality.NO_COUNT.code]
+    bad = samples[samples["quality"] != 0]
+    codes = {Quality.NO_COUNT.code, Quality.RESTARTED.code}
+    assert set(bad["quality"]) == codes
     assert len(bad) == daemon.status().loops["PLC"].counts.bad
     assert bad["op"].isna().all()
     assert samples["slot"].is_monotonic_increasing
@@ -145,6 +149,7 @@ def test_a_count_beyond_what_is_one_is_placed_by_the_clock() -> None:
         (0.5, 2.0**63),
         (1.0, 2.0**62),
         (2.0, math.nan),
+        (3.0, 19.5),
         (4.0, 20.0),
         (5.0, 21.0),
     ]
@@ -154,10 +159,11 @@ def test_a_count_beyond_what_is_one_is_placed_by_the_clock() -> None:
         Place.DUPLICATE,
         Place.NO_COUNT,
         Place.NO_COUNT,
+        Place.NO_COUNT,
         Place.RESTARTED,
         Place.NEXT,
     ]
-    assert [p.slot for p in placed] == [0, 0, 1, 2, 4, 5]
+    assert [p.slot for p in placed] == [0, 0, 1, 2, 3, 4, 5]
 
 
 async def test_a_dead_loop_misses_its_slots_while_it_is_dead(

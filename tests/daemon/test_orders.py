@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fieldlink.daemon.estimation.estimating import Findings
-from fieldlink.daemon.orders import Action, Order, OrderError
+from fieldlink.daemon.operators.orders import Action, Order, OrderError
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.errors import FieldlinkError

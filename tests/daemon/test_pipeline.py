@@ -77,6 +77,23 @@ def test_a_counter_of_the_map_wraps_as_its_register_does() -> None:
     assert loop.counts == LoopCounts(expected=3, read=3)
 
 
+def test_the_zeros_of_a_plc_that_starts_again_are_bad() -> None:
+    loop = pipeline()
+    rows = []
+    for at, count, value in ((0.0, 700, 40.0), (6.0, 0, 0.0), (8.0, 0, 0.0), (10.0, 1, 41.0)):
+        rows.append(loop.take(scan(at, SCAN=float(count), OP=value, PV=value), at))
+    assert [None if row is None else (row.slot, row.quality) for row in rows] == [
+        (700, 0),
+        (703, Quality.RESTARTED.code),
+        None,
+        (704, 0),
+    ]
+    np.testing.assert_array_equal(
+        loop.request().window.pv, [40.0, math.nan, math.nan, math.nan, 41.0]
+    )
+    assert loop.counts == LoopCounts(expected=5, read=2, bad=1, missed=2, duplicates=1, restarts=1)
+
+
 def test_without_a_counter_the_beat_places_samples() -> None:
     loop = pipeline(scan=None, sp=None, mode=None)
     for at in (0.0, 1.0, 2.0, 6.0):

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from fieldlink.daemon import Daemon, reload_on_hangup
-from fieldlink.daemon.reload import SiteChange
+from fieldlink.daemon.reloading.site_change import SiteChange
 from fieldlink.site import Site, load_site
 from fieldlink.store import read_events
 

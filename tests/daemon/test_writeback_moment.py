@@ -10,7 +10,7 @@ import pytest
 
 from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
-from fieldlink.registers import ExchangeLayout, Refusal, Status
+from fieldlink.registers import ExchangeLayout, Fallback, Refusal, Status
 from fieldlink.site import WriteLimits
 from tests.daemon.bench import Bench
 
@@ -177,8 +177,9 @@ async def test_a_model_that_the_plc_refuses_is_not_offered_again(
     assert b.plc.state.in_force.stick_band.value == 9.0
 
 
+@pytest.mark.parametrize("is_on_record", [True, False])
 async def test_a_withdrawn_block_is_followed_by_none_until_the_operator_decides(
-    bench: Benches, findings: Make, device: Any, layout: ExchangeLayout
+    bench: Benches, findings: Make, device: Any, layout: ExchangeLayout, is_on_record: bool
 ) -> None:
     b = bench(min_interval=600.0)
     await b.write(findings(7.0))
@@ -193,7 +194,8 @@ async def test_a_withdrawn_block_is_followed_by_none_until_the_operator_decides(
     await b.seconds(6)
     assert b.outcomes[-1] is WritebackOutcome.HELD
     again = bench()
-    again.writeback.resume(record)
+    if is_on_record:
+        again.writeback.resume(record)
     again.submit(findings(7.0))
     await again.seconds(6)
     assert again.outcomes == [WritebackOutcome.HELD]
@@ -204,6 +206,23 @@ async def test_a_withdrawn_block_is_followed_by_none_until_the_operator_decides(
     again.submit(findings(7.0))
     await again.seconds(6)
     assert again.plc.state.in_force.status is Status.VALID
+
+
+async def test_a_block_whose_bank_the_plc_has_cleared_is_written_again(
+    bench: Benches, findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+    await b.write(findings(7.0))
+    device.words[layout.bank_a : layout.bank_b + 100] = [0] * (layout.bank_b + 100 - layout.bank_a)
+    await b.seconds(4)
+    assert b.plc.state.fallback is Fallback.CLEARED
+    b.submit(findings(7.0), compensated=True)
+    await b.seconds(4)
+    assert b.outcomes[-1] is WritebackOutcome.CONTRADICTS_BLOCK
+    assert (b.writeback.compensates, b.told) == (False, [])
+    b.submit(findings(7.0))
+    await b.seconds(6)
+    assert b.plc.state.in_force.stick_band.value == 7.0
 
 
 async def test_what_the_estimator_doubts_is_not_written(

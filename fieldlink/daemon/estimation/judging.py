@@ -11,7 +11,7 @@ from functools import partial
 
 from fieldlink.daemon.estimation.pool import EstimatorPool, PoolReport, PoolSettings
 from fieldlink.daemon.loop import LoopRunner
-from fieldlink.daemon.orders import OrderError
+from fieldlink.daemon.operators.orders import OrderError
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.sampling.tasks import spawn
 from fieldlink.daemon.schedule import Schedule

@@ -53,12 +53,14 @@ class PoolSettings:
         limit: seconds that one window may take in a worker.
         grace: seconds beyond the limits of all windows ahead before a worker counts as lost.
         memory: bytes of data that a worker may hold; no bound when None.
+        stands_back: whether workers let everything else on the machine go first.
     """
 
     workers: int = max(1, (os.cpu_count() or 2) - 1)
     limit: float = 60.0
     grace: float = 10.0
     memory: int | None = 1_500_000_000
+    stands_back: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +191,7 @@ class EstimatorPool:
             self._settings.workers,
             mp_context=worker_context(),
             initializer=begin_worker,
-            initargs=(self._prepare, self._settings.memory),
+            initargs=(self._prepare, self._settings.memory, self._settings.stands_back),
         )
 
     def _replace(self, broken: ProcessPoolExecutor, *, kill: bool) -> None:
@@ -225,13 +227,14 @@ def _kill(pool: ProcessPoolExecutor) -> None:
         process.kill()
 
 
-def begin_worker(prepare: Callable[[], None], memory: int | None) -> None:
+def begin_worker(prepare: Callable[[], None], memory: int | None, stands_back: bool = True) -> None:
     """First thing in a worker: the daemon goes first and decides when it ends; then the kernels."""
     if memory is not None and sys.platform != "win32":
         import resource
 
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    stand_back()
+    if stands_back:
+        stand_back()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     threading.Thread(target=_die_with_parent, name="parent", daemon=True).start()

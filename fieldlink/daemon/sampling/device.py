@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.loop_spec import LoopSpec
+from fieldlink.daemon.operators.orders import keep_orders
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DeviceStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
@@ -174,9 +175,17 @@ class DeviceRunner:
     def carry_over(self, old: DeviceRunner) -> None:
         """Take over from a runner what a change of the site file leaves as it is."""
         self._now, self._state = old._now, old._state
+        gone = [loop for name, loop in old.loops.items() if name not in self.loops]
         for name, loop in self.loops.items():
             if name in old.loops:
                 loop.carry_over(old.loops[name])
+                continue
+            same = (one for one in gone if loop.spec.has_samples_of(one.spec))
+            if (former := next(same, None)) is not None:
+                # The same valve under another name.
+                gone.remove(former)
+                keep_orders(loop, former, self._journal)
+                loop.carry_over(former)
 
     def _watch(self, scan: Scan) -> None:
         self._failures += len(scan.failures)

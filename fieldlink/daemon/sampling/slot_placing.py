@@ -23,12 +23,16 @@ LARGEST_COUNT = 2.0**53
 a thousand cycles a second it takes 285,000 years. Such a count is that of another type or order."""
 
 
+WHOLE = 1e-3
+"""Counts by which a count may differ from a whole number: the rounding of a scaled register."""
+
+
 class Place(Enum):
     """What a sample turned out to be."""
 
     NEXT = "a new sample"
     DUPLICATE = "a sample that is in the window already"
-    RESTARTED = "a new sample after the controller's counter began anew; the gap is estimated"
+    RESTARTED = "the first sample after the controller's counter began anew, to be marked bad"
     NO_COUNT = "a sample whose counter holds no count: placed by the clock, to be marked bad"
 
 
@@ -97,10 +101,12 @@ class CounterPlacer:
 
         A step back, or one far beyond what the elapsed time allows, means that the counter began
         anew: then the gap is as long as the time that went by. A controller that stood still for a
-        moment and catches up is no restart, its counts are the truth.
+        moment and catches up is no restart, its counts are the truth. A number with a fraction is
+        no count, as little as one that is too large.
         """
-        if not abs(counter) <= LARGEST_COUNT:
+        if not (abs(counter) <= LARGEST_COUNT and abs(counter - round(counter)) <= WHOLE):
             return self._place_by_clock(now)
+        counter = round(counter)
         then, before = self._at, self._count
         if then is None:
             self._at, self._count, self._slot = now, counter, round(counter)

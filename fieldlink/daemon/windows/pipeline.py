@@ -34,6 +34,8 @@ _NOT_THERE = frozenset(
     {Quality.NOT_READ, Quality.NOT_DUE, Quality.QUARANTINED, Quality.UNKNOWN_TAG}
 )
 
+_MISPLACED = frozenset({Quality.NO_COUNT, Quality.RESTARTED, Quality.LATE})
+
 
 @dataclass(frozen=True, slots=True)
 class LoopCounts:
@@ -254,6 +256,9 @@ class LoopPipeline:
         """Return what the sample is worth: a moment that is not its slot's is as bad as a value."""
         if place is Place.NO_COUNT:
             return Quality.NO_COUNT
+        if place is Place.RESTARTED:
+            # A PLC that starts again may show zeros before it has measured anything.
+            return Quality.RESTARTED
         if due is not None and self.loop.scan is None and scan.monotonic - due > self._latest_start:
             return Quality.LATE
         op, pv = scan[self.loop.op].quality, scan[self.loop.pv].quality
@@ -266,7 +271,7 @@ class LoopPipeline:
             mode = scan[self.loop.mode]
             auto = float(mode.value in self.loop.auto_values) if mode.good else math.nan
         op, pv = scan[self.loop.op], scan[self.loop.pv]
-        misplaced = worst in (Quality.NO_COUNT, Quality.LATE)
+        misplaced = worst in _MISPLACED
         values = (math.nan, math.nan) if misplaced else (op.value, pv.value)
         return LoopSample(*values, sp, auto, pv.utc, worst.code)
 

@@ -54,14 +54,17 @@ class InForce:
         self._since = 0.0
         self._acknowledged: int | None = None
 
-    async def look(self, exchange: Exchange, control: ControlWords, now: float) -> None:
+    async def look(self, exchange: Exchange, control: ControlWords, now: float) -> bool:
         """Read the active bank when the PLC acknowledges a block that is not known yet.
+
+        Returns:
+            Whether it was read.
 
         Raises:
             LinkError: it could not be read.
         """
         if control.ack_seq == self._acknowledged:
-            return
+            return False
         block = None
         if control.ack_seq != 0 and not control.disagreement:
             active = control.inactive_bank.other
@@ -71,6 +74,11 @@ class InForce:
                 block = exchange.decode(await exchange.bank(active.other))
         self._acknowledged = control.ack_seq
         self.block, self.accepted_at, self._since = block, None, now
+        return True
+
+    def lose(self) -> None:
+        """Take note that the PLC has cleared the block that it acknowledges."""
+        self.block, self.accepted_at = None, None
 
     def accept(self, block: ParameterBlock, now: float) -> None:
         """Take note of a block that the PLC has just accepted."""

@@ -51,7 +51,10 @@ class WritebackOutcome(Enum):
         "a window under compensation never replaces the block in force; clear the enable bit for "
         "a window's length, or withdraw the block, to have the valve identified anew",
     )
-    CONTESTED = ("contested", "stop the other installation, then clear and set the enable bit")
+    CONTESTED = (
+        "contested",
+        "stop the other one, then clear the PLC's enable bit and set it again",
+    )
     DISAGREES = (
         "disagrees",
         "nothing is written until banks, commit and acknowledgement agree: look at the PLC's "

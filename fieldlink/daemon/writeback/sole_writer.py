@@ -26,8 +26,7 @@ class Standing(Enum):
     SOLE = ""
     WATCHING = "another installation wrote here; its heartbeat is watched for ten seconds first"
     CONTESTED = (
-        "another installation writes to this loop's block: stop one of the two, then clear the "
-        "PLC's enable bit and set it again"
+        "another installation, or the PLC's own program, writes Fieldlink's registers of this loop"
     )
 
 

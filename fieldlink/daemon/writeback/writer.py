@@ -20,7 +20,6 @@ import math
 from collections.abc import Awaitable, Callable
 
 from fieldlink.daemon.estimation.estimating import Findings
-from fieldlink.daemon.writeback.acknowledgement import Acknowledgement
 from fieldlink.daemon.writeback.block_use import BlockUse
 from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.daemon.writeback.exchange_io import ControlWords, Exchange
@@ -29,14 +28,17 @@ from fieldlink.daemon.writeback.intake import Intake
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.permission import WritePermission
 from fieldlink.daemon.writeback.recorded_handover import Receipt, RecordedHandover
-from fieldlink.daemon.writeback.rules import Objection, Rules
+from fieldlink.daemon.writeback.rules import Rules
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.sole_writer import SoleWriter, Standing
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
+from fieldlink.daemon.writeback.telling import ToldOnce
+from fieldlink.daemon.writeback.turn import Turn
+from fieldlink.daemon.writeback.unsettled import Unsettled
 from fieldlink.daemon.writeback.waiting import Waiting
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import LinkError
-from fieldlink.registers import HEARTBEAT_EVERY, BlockFault, ParameterBlock
+from fieldlink.registers import HEARTBEAT_EVERY, ParameterBlock, Status
 from fieldlink.site import WriteBack as WriteBackSettings
 from fieldlink.store import WritebackRecord
 
@@ -94,18 +96,25 @@ class BlockWriter:
         self._read_only = read_only
         self._orders = orders or StandingOrders()
         self._report = report
-        self._tell = tell
+        self._told = ToldOnce(tell)
         self._use = BlockUse(self._orders, tell)
         rules = Rules(settings, settings.loop_id, read_only, settings.max_age or max_age)
         self._permission = WritePermission(rules, self._orders, self._use, identity)
         self._waiting = Waiting(report)
-        self._acknowledgement = Acknowledgement(period)
         self._intake = Intake(self._permission, self._waiting, report)
         self._recorded = RecordedHandover(self._handover, self._permission, self._waiting, keep)
-        self._left: Attempt | None = None
+        self._unsettled = Unsettled(period, self._handover, self._use, self._waiting, report)
+        self._turn = Turn(
+            self._handover,
+            self._permission,
+            self._use,
+            self._waiting,
+            self._recorded,
+            self._told,
+            report,
+        )
         self._not_before = -math.inf
         self._next_look: float | None = None
-        self._told: set[str] = set()
 
     @property
     def requests(self) -> int:
@@ -125,7 +134,7 @@ class BlockWriter:
     @property
     def may_compensate(self) -> bool:
         """Whether the PLC's controller may be using a block, or be about to."""
-        return bool(self._use.in_use) or self._acknowledgement.is_awaited
+        return bool(self._use.in_use) or self._unsettled.is_awaited
 
     @property
     def refusal(self) -> str:
@@ -137,7 +146,7 @@ class BlockWriter:
         """What waits to be written, and why; None when nothing does."""
         if self._recorded.is_begun:
             return "its row is being stored"
-        if self._acknowledgement.is_awaited:
+        if self._unsettled.is_awaited:
             return "the PLC has not acknowledged yet"
         return self._waiting.words
 
@@ -149,10 +158,9 @@ class BlockWriter:
         """
         self._intake.carry_over(other._intake)
         self._waiting.put(other._waiting.candidate)
-        self._acknowledgement.carry_over(other._acknowledgement)
         # A handover that was given up in the middle is looked for in the PLC; one that was planned
         # and not begun is planned anew.
-        self._left = other._recorded.under_way or other._left
+        self._unsettled.carry_over(other._unsettled, other._recorded.under_way)
         if (given_up := other._recorded.give_up()) is not None:
             planned, may_wait = given_up
             self._report(planned)
@@ -161,7 +169,7 @@ class BlockWriter:
         self._use.carry_over(other._use)
         self._permission.carry_over(other._permission)
         self._not_before, self._next_look = other._not_before, other._next_look
-        self._told = other._told
+        self._told.carry_over(other._told)
 
     def identify(self, identity: int) -> None:
         """Take the identity of this installation; to be called before the first look."""
@@ -179,7 +187,7 @@ class BlockWriter:
         if attempt.candidate.withdrawal:
             self._permission.held = "withdrawn before the daemon began again"
         if attempt.outcome.leaves_open:
-            self._left = attempt
+            self._unsettled.leave(attempt)
 
     def submit(
         self, findings: Findings, end_utc: float, *, since: float, compensated: bool = False
@@ -231,15 +239,17 @@ class BlockWriter:
             self._use.watch_orders(now)
             if control.enabled and not self._orders.off:
                 await self._show_life(control)
-            await self._use.in_force.look(self._exchange, control, now)
+            if await self._use.in_force.look(self._exchange, control, now):
+                self._heed_a_withdrawn_block()
         except LinkError as error:
             self._waiting.explain(WritebackOutcome.UNREACHABLE, str(error))
             raise
         if standing is Standing.CONTESTED:
-            self._tell_once("writeback.contested", standing.value)
-        if self._left is not None:
-            await self._look_back(self._left, control, now)
-        self._look_for_answer(control, now)
+            advice = WritebackOutcome.CONTESTED.advice
+            self._told.tell("writeback.contested", f"{standing.value}; {advice}")
+        if await self._unsettled.look_back(control):
+            self._not_before = now + self._settings.min_interval
+        self._unsettled.look_for_answer(control, now)
         before = self._use.in_use
         self._use.watch(control, now)
         self._intake.follow_use(before, self._use.in_use, now)
@@ -247,12 +257,8 @@ class BlockWriter:
             self._waiting.explain(WritebackOutcome.SWITCHED_OFF, self._orders.off)
             return True
         waits = self._waiting.candidate
-        if (
-            not self._recorded.is_begun
-            and not self._acknowledgement.is_awaited
-            and waits is not None
-        ):
-            await self._try(waits, control, now)
+        if not self._recorded.is_begun and not self._unsettled.is_awaited and waits is not None:
+            await self._turn.take(waits, control, now, self._not_before)
         await self._go_on(control, now)
         return True
 
@@ -270,43 +276,14 @@ class BlockWriter:
         self._use.refused = None
         if self._permission.sole.standing is Standing.CONTESTED:
             self._permission.sole.start_again()
-        self._told.clear()
+        self._told.forget_all()
 
-    async def _try(self, candidate: Candidate, control: ControlWords, now: float) -> None:
-        objection = self._permission.before_turn(candidate, control, now, self._not_before)
-        if objection is not None:
-            self._waiting.heed(objection, candidate)
-            return
-        try:
-            banks = await self._handover.banks(control)
-        except LinkError as error:
-            self._waiting.explain(WritebackOutcome.UNREACHABLE, str(error))
-            return
-        if self._waiting.candidate is not candidate:
-            # A newer window came while the banks were read: the next look is for that.
-            return
-        if banks.disagreement:
-            self._tell_once("writeback.disagrees", banks.disagreement)
-            self._waiting.explain(WritebackOutcome.DISAGREES, banks.disagreement)
-            return
-        self._told.discard("writeback.disagrees")
-        if (objection := self._permission.to_replace(candidate, now)) is not None:
-            self._decline(candidate, objection, banks.active_words)
-            return
-        valve = self._use.in_force.valve(now)
-        if candidate.compensated and not candidate.withdrawal and valve is not None:
-            candidate = candidate.confirming(valve)
-        self._recorded.begin(candidate, control, banks, now)
-        self._waiting.candidate = None
-
-    def _decline(self, candidate: Candidate, objection: Objection, active: tuple[int, ...]) -> None:
-        """Give up a candidate that must not replace what the PLC has."""
-        if objection.outcome is WritebackOutcome.CONTRADICTS_BLOCK:
-            self._tell_once(
-                "writeback.experiment_wanted", f"{objection.reason}; {objection.outcome.advice}"
-            )
-        self._waiting.clear(candidate)
-        self._report(Attempt(objection.outcome, objection.reason, candidate, active_before=active))
+    def _heed_a_withdrawn_block(self) -> None:
+        """Write nothing over a withdrawn block, whichever process wrote it, unasked."""
+        block = self._use.in_force.block
+        withdrawn = block is not None and block.status is Status.WITHDRAWN
+        if withdrawn and not self._permission.held and not self._unsettled.is_awaited:
+            self._permission.held = "the PLC has a block that says withdrawn"
 
     async def _go_on(self, control: ControlWords, now: float) -> None:
         """Write what was begun once its row is in the store."""
@@ -315,42 +292,8 @@ class BlockWriter:
             return
         interval = self._settings.min_interval
         if done.outcome in (WritebackOutcome.COMMITTED, WritebackOutcome.COMMIT_FAILED):
-            self._acknowledgement.expect(done)
+            self._unsettled.expect(done)
             self._not_before = now + interval
         else:
             self._not_before = now + min(interval, RETRY)
         self._report(done)
-
-    async def _look_back(self, left: Attempt, control: ControlWords, now: float) -> None:
-        """Complete the record of what a process before this one had begun."""
-        found = await self._handover.look_back(left, control)
-        self._left = None
-        if found.outcome is WritebackOutcome.COMMITTED:
-            self._acknowledgement.expect(found)
-            self._not_before = now + self._settings.min_interval
-        elif found.candidate.withdrawal:
-            self._waiting.put(found.candidate)
-        if found.outcome is not left.outcome:
-            self._report(found)
-
-    def _look_for_answer(self, control: ControlWords, now: float) -> None:
-        """Take the PLC's answer to a committed block."""
-        found = self._acknowledgement.look(control, now)
-        if found is None:
-            return
-        if found.outcome is WritebackOutcome.ACCEPTED and found.block is not None:
-            self._use.in_force.accept(found.block, now)
-            # What a failed commit left waiting has arrived after all.
-            self._waiting.clear(found.candidate)
-        elif found.outcome is WritebackOutcome.REJECTED:
-            disabled = control.ack_result == BlockFault.NOT_ENABLED.code
-            if disabled and self._waiting.candidate is None:
-                # Not the finding was refused: it is judged anew and gets a new number.
-                self._waiting.put(found.candidate, WritebackOutcome.NOT_ENABLED)
-        self._report(found)
-
-    def _tell_once(self, kind: str, message: str) -> None:
-        """Tell what holds until an operator decides, once."""
-        if kind not in self._told:
-            self._told.add(kind)
-            self._tell(kind, message)

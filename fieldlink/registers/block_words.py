@@ -8,10 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fieldlink.registers.block import Bounded, ParameterBlock
-from fieldlink.registers.codes import BlockError, BlockFault, Status, Verdict
-from fieldlink.registers.crc import crc16
-from fieldlink.registers.layout import (
+from fieldlink.registers.block_layout import (
     BLOCK_REGISTERS,
     LAYOUT_VERSION,
     MAGIC,
@@ -19,6 +16,9 @@ from fieldlink.registers.layout import (
     pack,
     unpack,
 )
+from fieldlink.registers.codes import BlockError, BlockFault, Status, Verdict
+from fieldlink.registers.crc import crc16
+from fieldlink.registers.parameter_block import Bounded, ParameterBlock
 from fieldlink.registers.types import Order
 from loop_model import ProcessModel
 

@@ -12,11 +12,20 @@ from dataclasses import dataclass
 from enum import Enum
 
 from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.errors import FieldlinkError
 from fieldlink.store import EventRecord
 
-__all__ = ["ORDER_EVENTS", "Action", "Order", "OrderError", "carry_out", "recall_orders"]
+__all__ = [
+    "ORDER_EVENTS",
+    "Action",
+    "Order",
+    "OrderError",
+    "carry_out",
+    "keep_orders",
+    "recall_orders",
+]
 
 LONGEST_WHO = 80
 LONGEST_WHY = 500
@@ -145,6 +154,25 @@ def recall_orders(events: Sequence[EventRecord], orders: Mapping[str, StandingOr
         known = orders.get(event.source)
         if known is not None:
             _apply(known, Action.of(event.kind.removeprefix(_PREFIX)), event.message)
+
+
+def keep_orders(loop: LoopRunner, former: LoopRunner, journal: Journal) -> None:
+    """Keep what stands for a loop that has a new name in the site file, on the record.
+
+    Args:
+        loop: the loop under its new name.
+        former: the same loop under its former one.
+        journal: where it is recorded, so that it is known again when the daemon begins.
+    """
+    loop.numbers.learn(former.numbers.last)
+    journal.event("loop.renamed", loop.name, f"its name was {former.name}; its orders stand")
+    for action, words in (
+        (Action.HOLD, former.orders.hold),
+        (Action.WRITEBACK_OFF, former.orders.off),
+    ):
+        if words:
+            _apply(loop.orders, action, words)
+            journal.event(action.event, loop.name, words)
 
 
 def _apply(orders: StandingOrders, action: Action, words: str) -> None:

@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fieldlink.registers.types import DataType, Order, decode, encode
+from fieldlink.registers.types import DataType, Order
+from fieldlink.registers.words import decode, encode
 
 __all__ = [
     "BLOCK_FIELDS",

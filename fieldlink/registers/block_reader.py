@@ -18,8 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from fieldlink.registers.block import ParameterBlock, is_newer
-from fieldlink.registers.codec import decode_block, read_seq
+from fieldlink.registers.block_words import decode_block, read_seq
 from fieldlink.registers.codes import (
     ACCEPTED,
     NOTHING_SEEN,
@@ -30,6 +29,7 @@ from fieldlink.registers.codes import (
 )
 from fieldlink.registers.exchange import Bank, ExchangeLayout, ExchangeWords, split_commit
 from fieldlink.registers.heartbeat import HEARTBEAT_TIMEOUT
+from fieldlink.registers.parameter_block import ParameterBlock, is_newer
 from fieldlink.registers.types import Order
 from loop_model import LoopModel
 

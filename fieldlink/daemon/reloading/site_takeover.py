@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from fieldlink.daemon.devices_at_work import DevicesAtWork
 from fieldlink.daemon.estimation.judging import WindowJudging
-from fieldlink.daemon.reload import SiteChange
+from fieldlink.daemon.reloading.site_change import SiteChange
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.schedule import Schedule
 from fieldlink.daemon.site_runner import SiteRunner

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from fieldlink.daemon.estimation.judging import WindowJudging
 from fieldlink.daemon.loop import LoopRunner
-from fieldlink.daemon.orders import Action, Order, OrderError, carry_out
+from fieldlink.daemon.operators.orders import Action, Order, OrderError, carry_out
 from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import Clock

@@ -1,7 +1,7 @@
 """The parameter block: an identified loop as a PLC reads it.
 
 `ParameterBlock` is checked when it is built, so every block can be sent, and every decoded
-block can be used. `fieldlink.registers.codec` turns it into registers and back.
+block can be used. `fieldlink.registers.block_words` turns it into registers and back.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldlink.registers.block_layout import MAX_COEFFICIENTS
 from fieldlink.registers.codes import BlockError, BlockFault, Status, Verdict
-from fieldlink.registers.layout import MAX_COEFFICIENTS
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 __all__ = ["Bounded", "ParameterBlock", "is_newer", "next_seq"]

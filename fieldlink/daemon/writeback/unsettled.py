@@ -1,0 +1,101 @@
+"""Committed blocks whose outcome is open: of this process, and of one that ended before it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fieldlink.daemon.writeback.acknowledgement import Acknowledgement
+from fieldlink.daemon.writeback.block_use import BlockUse
+from fieldlink.daemon.writeback.exchange_io import ControlWords
+from fieldlink.daemon.writeback.handover import Handover
+from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.daemon.writeback.waiting import Waiting
+from fieldlink.registers import BlockFault
+
+__all__ = ["Unsettled"]
+
+
+class Unsettled:
+    """Finds out what came of blocks, one at a time.
+
+    Args:
+        period: plant seconds of the loop's period.
+        handover: looks for a block in the PLC.
+        use: takes note of an accepted block.
+        waiting: takes back what may be tried again.
+        report: called with every outcome.
+    """
+
+    def __init__(
+        self,
+        period: float,
+        handover: Handover,
+        use: BlockUse,
+        waiting: Waiting,
+        report: Callable[[Attempt], None],
+    ) -> None:
+        self._handover = handover
+        self._use = use
+        self._waiting = waiting
+        self._report = report
+        self._acknowledgement = Acknowledgement(period)
+        self._left: Attempt | None = None
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether the PLC's answer to a commit is open."""
+        return self._acknowledgement.is_awaited
+
+    def carry_over(self, other: Unsettled, under_way: Attempt | None) -> None:
+        """Go on where another one was.
+
+        Args:
+            other: of the writer before.
+            under_way: what that writer had begun to write: it is looked for in the PLC.
+        """
+        self._acknowledgement.carry_over(other._acknowledgement)
+        self._left = under_way or other._left
+
+    def leave(self, attempt: Attempt) -> None:
+        """Take over what another process left open."""
+        self._left = attempt
+
+    def expect(self, attempt: Attempt) -> None:
+        """Wait for the PLC's answer to a commit."""
+        self._acknowledgement.expect(attempt)
+
+    async def look_back(self, control: ControlWords) -> bool:
+        """Complete the record of what was left open; return whether that was committed.
+
+        Raises:
+            LinkError: the PLC's bank could not be read.
+        """
+        left = self._left
+        if left is None:
+            return False
+        found = await self._handover.look_back(left, control)
+        self._left = None
+        committed = found.outcome is WritebackOutcome.COMMITTED
+        if committed:
+            self._acknowledgement.expect(found)
+        elif found.candidate.withdrawal:
+            self._waiting.put(found.candidate)
+        if found.outcome is not left.outcome:
+            self._report(found)
+        return committed
+
+    def look_for_answer(self, control: ControlWords, now: float) -> None:
+        """Take the PLC's answer to a committed block."""
+        found = self._acknowledgement.look(control, now)
+        if found is None:
+            return
+        if found.outcome is WritebackOutcome.ACCEPTED and found.block is not None:
+            self._use.in_force.accept(found.block, now)
+            # What a failed commit left waiting has arrived after all.
+            self._waiting.clear(found.candidate)
+        elif found.outcome is WritebackOutcome.REJECTED:
+            disabled = control.ack_result == BlockFault.NOT_ENABLED.code
+            if disabled and self._waiting.candidate is None:
+                # Not the finding was refused: it is judged anew and gets a new number.
+                self._waiting.put(found.candidate, WritebackOutcome.NOT_ENABLED)
+        self._report(found)
