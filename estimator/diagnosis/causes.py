@@ -16,7 +16,7 @@ from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.tuning import Advice
 
-__all__ = ["Findings", "rank_causes"]
+__all__ = ["Findings", "amplification", "rank_causes"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def _sticky(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     )
 
 
-def _amplification(found: Findings) -> tuple[float, float]:
+def amplification(found: Findings) -> tuple[float, float]:
     """How the loop amplifies a disturbance at the oscillation's period, and Ms."""
     if found.loop is None:
         return math.nan, math.nan
@@ -163,7 +163,7 @@ def _rings(found: Findings, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
         return False
-    here, _ = _amplification(found)
+    here, _ = amplification(found)
     if here <= settings.judging.tight or found.explained.outside >= -settings.judging.unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
@@ -176,7 +176,7 @@ def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     one, judging = found.explained, settings.judging
     if one is None or found.loop is None or _is_sticky(found, settings):
         return None
-    here, peak = _amplification(found)
+    here, peak = amplification(found)
     period, damping = found.loop.swing()
     if found.swing.present:
         if not _rings(found, settings):
@@ -217,7 +217,7 @@ def _outside(found: Findings, settings: DiagnosisSettings) -> Cause | None:
         )
     if one is None or one.model is None:
         return None
-    here, _ = _amplification(found)
+    here, _ = amplification(found)
     unsure = settings.judging.unsure
     if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
         return None
@@ -298,7 +298,7 @@ def _none(found: Findings) -> Cause:
     elif found.controller is None:
         evidence.append("OP does not answer the control error: no controller can be read off")
     else:
-        here, _ = _amplification(found)
+        here, _ = amplification(found)
         evidence.append(
             f"a tight loop (amplification {here:.2g}) and a wave from outside explain it alike"
         )

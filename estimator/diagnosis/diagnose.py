@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.diagnosis.causes import Findings, rank_causes
+from estimator.diagnosis.causes import Findings, amplification, rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import Limits, limits_of, sensor_of, share_by_hand
@@ -122,6 +122,7 @@ def diagnose(
     if advice and explained is not None and controller is not None:
         proposal = _advise(cut, explained, controller, limits, settings)
     figures |= _shares(explained, loop, proposal)
+    figures["amplification_at_period"] = amplification(findings)[0]
     return Diagnosis(
         causes=rank_causes(findings, settings, proposal),
         oscillation=swing,

@@ -213,8 +213,12 @@ class Grouping:
 
     Attributes:
         same: periods nearer than this share may be one event's.
-        width: half-width of the narrow band, as a share of the frequency.
-        chance: probability that any two loops of a plant are taken for a group by chance.
+        width, wide: half-width of the band, as a share of the frequency: narrow for an oscillation,
+            wide for the irregular motion of a sticky valve.
+        delays: periods by which loops follow such a motion: a band that wide tells them apart.
+        chance: probability that a plant shows one group by chance.
+        regular: regularity below which the cycle of a sticky valve is compared in the wide band.
+        range: span of the periods that loops of a plant have, in nats: 3 is a factor of 20.
         coherence: least coherence of two loops that both oscillate; half of the amplitude's
             variance is then in common.
         hidden: least coherence of a loop that does not oscillate visibly itself.
@@ -223,38 +227,45 @@ class Grouping:
         cascade: share of a set-point's variance that a master's OP explains.
         sticky, tight, external: log odds that a loop is the source, by its own diagnosis
             (judged, not measured: a victim is seldom called sticky, more often tight).
-        harmonics, strength: log odds of the loop with the most harmonics, and of one that holds
-            nothing but the oscillation.
+        amplifies, maybe: amplification of a disturbance at the group's period from which a loop
+            whose cause is undetermined may swing by itself, and its log odds.
+        harmonics, strength: log odds of the loop with the most harmonics, and for each nat of the
+            odds of the oscillation over the rest of the motion.
         leads: log odds of a loop whose past tells the future of all others.
+        compared: likeliest loops that are compared for a lead.
         order, per_period: past values of the regressions that tell who leads, and samples of a
             period: together they reach back most of a period.
         lead_nats: difference of evidence from which a lead is clear.
         outside: log odds of a source that is none of the loops, where one of them swings by itself;
             unmade: its lead over the likeliest loop where none does.
-        cycle: height of the autocorrelation two periods away from which a sticky valve's irregular
-            cycle is followed through the plant.
     """
 
     same: float = 0.1
     width: float = 0.2
-    chance: float = 0.01
+    wide: float = 0.5
+    delays: tuple[float, ...] = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+    chance: float = 0.02
+    regular: float = 3.0
+    range: float = 3.0
     coherence: float = 0.7
     hidden: float = 0.85
     share: float = 0.1
     moving: float = 0.3
     cascade: float = 0.95
     sticky: float = 5.0
-    tight: float = 3.5
+    tight: float = 3.0
     external: float = 1.0
+    amplifies: float = 2.2
+    maybe: float = 2.5
     harmonics: float = 1.0
-    strength: float = 1.0
+    strength: float = 1.2
     leads: float = 3.0
+    compared: int = 8
     order: int = 10
     per_period: float = 15.0
     lead_nats: float = 15.0
     outside: float = 2.0
     unmade: float = 1.0
-    cycle: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
