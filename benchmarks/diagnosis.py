@@ -45,6 +45,13 @@ def judge_loop(job: tuple[tuple[str, ...], int], family: str) -> dict[str, Any]:
     noisy_pv = loop.pv + 0.05 * loop.pv.std() * np.random.default_rng(seed).standard_normal(
         loop.pv.size
     )
+    again = None
+    if found.tuning is not None:
+        proposed = (found.tuning["gain"], found.tuning["integral_time_s"] / loop.period)
+        new = FAMILIES[family].draw_loop(causes, seed, settings=proposed)
+        # the program leaves out as much of the beginning
+        error = (new.sp - new.pv)[new.pv.size // 10 :]
+        again = found.tuning["predicted_error_std"] / float(np.std(error))
     errors = []
     for pv in (loop.pv, noisy_pv):
         one = read(loop.op, pv, loop.sp, auto=loop.auto, period=loop.period)
@@ -62,6 +69,7 @@ def judge_loop(job: tuple[tuple[str, ...], int], family: str) -> dict[str, Any]:
         "period": found.oscillation.period_s / loop.cycle_s if found.oscillation.present else None,
         "clean": errors[0],
         "noisy": errors[1],
+        "predicted": again,
         "seconds": seconds,
     }
 
@@ -160,10 +168,23 @@ def summary(loops: Sequence[dict[str, Any]]) -> str:
          f"{np.mean(clean[np.isfinite(clean)] < 0.05):.0%}, none read {np.isnan(clean).sum()}"],
         ["controller within 15 %, PV with 5 % noise more",
          f"{np.mean(noisy[np.isfinite(noisy)] < 0.15):.0%}, none read {np.isnan(noisy).sum()}"],
+        ["error under proposed settings within 15 % of its prediction", _near(loops)],
+        ["the same, loops without a sticky valve", _near(healthy)],
         ["seconds a loop, median and 95 %",
          f"{np.median(seconds):.2f}, {np.quantile(seconds, 0.95):.2f}"],
     ]  # fmt: skip
     return table(["figure", "value"], rows)
+
+
+def _near(loops: Sequence[dict[str, Any]]) -> str:
+    found = np.array([one["predicted"] for one in loops if one["predicted"] is not None])
+    if found.size == 0:
+        return "no settings were proposed"
+    low, high = np.quantile(found, [0.1, 0.9])
+    return (
+        f"{np.mean(np.abs(found - 1.0) < 0.15):.0%} of {found.size}; predicted over simulated, "
+        f"10 and 90 %: {low:.2f}, {high:.2f}"
+    )
 
 
 def pairs(loops: Sequence[dict[str, Any]]) -> str:

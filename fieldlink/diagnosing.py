@@ -243,11 +243,10 @@ def _thinned(recording: Recording) -> LoopSignals:
     """The signals averaged over a few samples where they are long."""
     every = max(1, -(-len(recording) // _KEPT))
 
-    def thin(values: Floats) -> Floats:
-        if every == 1:
-            return values
+    def thin(values: Floats) -> Any:
         whole = values[: values.size // every * every].reshape(-1, every)
-        return np.asarray(whole.mean(axis=1))
+        # hundreds of loops are held at once: single precision is below any transmitter's
+        return whole.mean(axis=1).astype(np.float32)
 
     has_pv = bool(np.isfinite(recording.pv).any())
     return LoopSignals(

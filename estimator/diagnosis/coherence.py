@@ -43,7 +43,8 @@ class LoopSignals:
     """The signals of one loop over hours that the loops of a plant have in common.
 
     ``op``, ``pv``, ``sp`` are ``(n,)``, NaN where bad, ``pv`` and ``sp`` None where not recorded;
-    ``period`` is the seconds between samples, ``start_s`` when the first one was taken.
+    single precision is enough and saves memory where loops are many. ``period`` is the seconds
+    between samples, ``start_s`` when the first one was taken.
     """
 
     op: Array
@@ -67,7 +68,7 @@ class LoopSpectrum:
     """
 
     lines: NDArray[np.complex64]
-    power: Array
+    power: NDArray[np.float32]
     good: Mask
     period: float
     start_s: float
@@ -128,7 +129,7 @@ def compared_signal(one: LoopSignals) -> Array:
         return np.asarray(one.op, dtype=np.float64)
     if one.sp is None or not np.isfinite(one.sp).any():
         return np.asarray(one.pv, dtype=np.float64)
-    return np.asarray(one.sp - one.pv)
+    return np.asarray(one.sp - one.pv, dtype=np.float64)
 
 
 def spectrum_of(one: LoopSignals) -> LoopSpectrum:
@@ -139,7 +140,7 @@ def spectrum_of(one: LoopSignals) -> LoopSpectrum:
     x = x - np.polyval(np.polyfit(k, x, 1), k)
     padded = fft.next_fast_len(2 * x.size, real=True)
     lines = np.asarray(fft.rfft(np.concatenate([x, x[::-1]]), padded)) / padded
-    power = np.concatenate([[0.0], np.cumsum(np.abs(lines) ** 2)])
+    power = np.concatenate([[0.0], np.cumsum(np.abs(lines) ** 2)]).astype(np.float32)
     return LoopSpectrum(
         lines=lines.astype(np.complex64),
         power=power,

@@ -17,6 +17,7 @@ __all__ = [
     "Judging",
     "Reading",
     "Scope",
+    "Surrogates",
     "Swinging",
     "Weighing",
 ]
@@ -72,6 +73,27 @@ class Swinging:
 
 
 @dataclass(frozen=True, slots=True)
+class Surrogates:
+    """How a limit cycle is told from a linear loop with noise; Thornhill (2005) unless said.
+
+    Attributes:
+        rows: last samples that are used, after thinning: 33 periods; the time grows with their
+            square.
+        per_period, least_per_period: samples of a period after thinning, and the fewest.
+        least_periods: fewer hold too few stretches that are alike.
+        neighbours: stretches from which a sample is told.
+        count: signals with random phases.
+    """
+
+    rows: int = 400
+    per_period: int = 12
+    least_per_period: int = 6
+    least_periods: int = 8
+    neighbours: int = 8
+    count: int = 19
+
+
+@dataclass(frozen=True, slots=True)
 class Reading:
     """How the controller is read off the record.
 
@@ -103,8 +125,8 @@ class Weighing:
             whose phase wanders.
         bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
             range of an equal-percentage valve.
-        parts, best_parts: parts of the window over which a sticky valve's evidence is spread, and
-            how many of the best are left out.
+        parts: parts of the window; the evidence for a sticky valve or a curved characteristic
+            must be there without the best one.
     """
 
     jump: float = 5.0
@@ -112,8 +134,7 @@ class Weighing:
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
-    parts: int = 8
-    best_parts: int = 2
+    parts: int = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +245,7 @@ class Grouping:
         hidden: least coherence of a loop that does not oscillate visibly itself.
         share: least share of the oscillation in such a loop's motion.
         moving: share of samples in which a cascade's set-point moves.
+        masters: outputs most like a set-point that are tried as its master's.
         cascade: share of a set-point's variance that a master's OP explains.
         sticky, tight, external: log odds that a loop is the source, by its own diagnosis
             (judged, not measured: a victim is seldom called sticky, more often tight).
@@ -231,6 +253,8 @@ class Grouping:
             whose cause is undetermined may swing by itself, and its log odds.
         harmonics, strength: log odds of the loop with the most harmonics, and for each nat of the
             odds of the oscillation over the rest of the motion.
+        nonlinear, clearly_nonlinear: log odds of a loop with a nonlinear oscillation, and the index
+            from which they count in full.
         leads: log odds of a loop whose past tells the future of all others.
         compared: likeliest loops that are compared for a lead.
         order, per_period: past values of the regressions that tell who leads, and samples of a
@@ -251,6 +275,7 @@ class Grouping:
     hidden: float = 0.85
     share: float = 0.1
     moving: float = 0.3
+    masters: int = 3
     cascade: float = 0.95
     sticky: float = 5.0
     tight: float = 3.0
@@ -259,6 +284,8 @@ class Grouping:
     maybe: float = 2.5
     harmonics: float = 1.0
     strength: float = 1.2
+    nonlinear: float = 0.5
+    clearly_nonlinear: float = 2.0
     leads: float = 3.0
     compared: int = 8
     order: int = 10
@@ -273,6 +300,7 @@ class DiagnosisSettings:
     """All settings of a diagnosis."""
 
     swinging: Swinging = field(default_factory=Swinging)
+    surrogates: Surrogates = field(default_factory=Surrogates)
     reading: Reading = field(default_factory=Reading)
     weighing: Weighing = field(default_factory=Weighing)
     facts: Facts = field(default_factory=Facts)

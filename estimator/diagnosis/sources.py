@@ -125,6 +125,14 @@ def _add_shape(
                 f"largest: {most:.0%})",
                 harmonics[name] > 0.7 * most,
             )
+        bent = group.diagnoses[name].indices.get("nonlinearity_index", math.nan)
+        if bent > 1.0:
+            case.add(
+                grouping.nonlinear * min(1.0, bent / grouping.clearly_nonlinear),
+                f"its oscillation is no linear loop's with noise (nonlinearity index {bent:.2g}, "
+                f"limit 1)",
+                True,
+            )
         case.add(
             grouping.strength * (pure[name] - purest),
             f"the oscillation is {shares[name]:.0%} of its motion",
@@ -164,7 +172,7 @@ def _makes(diagnosis: Diagnosis, period: float, settings: DiagnosisSettings) -> 
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     if same and amplified > grouping.amplifies and diagnosis.first.name is CauseName.UNDETERMINED:
         return grouping.maybe, (
-            f"it amplifies disturbances of this period {amplified:.2g} times and may swing by itself"
+            f"it amplifies disturbances of this period {amplified:.2g} times: it may swing itself"
         )
     outside = weights.get(CauseName.EXTERNAL_OSCILLATION)
     if outside is not None and same:

@@ -52,10 +52,9 @@ def cause_of(result: Identification, window: Series) -> Cause:
         return Cause(_CAUSES[reason.code], reason.advice)
     if result.verdict is Verdict.NOT_ASSESSABLE:
         return Cause(UNDETERMINED, reason.advice)
-    found = diagnose(
-        window.op, window.pv, window.sp, auto=window.auto, period=window.period, advice=False
-    ).to_dict()["causes"][0]
     # one word on the valve: the verdict of this row
-    if found["name"] == STICKY:
-        return Cause(UNDETERMINED, ReasonCode.UNCERTAIN.advice)
+    found = diagnose(
+        window.op, window.pv, window.sp, auto=window.auto, period=window.period, advice=False,
+        valve_is_healthy=True,
+    ).to_dict()["causes"][0]  # fmt: skip
     return Cause(found["name"], found["action"])
