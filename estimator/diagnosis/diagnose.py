@@ -25,7 +25,7 @@ from estimator.diagnosis.loop_record import (
     loop_record,
     predictable_shares,
 )
-from estimator.diagnosis.nonlinearity import nonlinearity_index
+from estimator.diagnosis.nonlinearity import largest_bicoherence
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
 from estimator.diagnosis.result import Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
@@ -76,7 +76,7 @@ def diagnose(
         figures = figures_of(
             record.op, None, None, None, record.auto, period, None, swing, limits, None
         )
-        figures["nonlinearity_index"] = _nonlinearity(record, swing, signal, settings)
+        figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
         return Diagnosis(
             rank_causes(gathered, settings), swing, signal, figures, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
@@ -118,7 +118,7 @@ def diagnose(
     if advice and explained is not None and controller is not None:
         proposal = _advise(cut, explained, controller, limits, settings)
     figures |= _shares(explained, loop, proposal)
-    figures["nonlinearity_index"] = _nonlinearity(record, swing, signal, settings)
+    figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
     figures["amplification_at_period"] = gathered.amplification()[0]
     return Diagnosis(
         causes=rank_causes(gathered, settings, proposal),
@@ -154,7 +154,7 @@ def _nonlinearity(
     values = {"error": record.error, "pv": record.pv, "op": record.op}[signal]
     if values is None or not swing.present:
         return math.nan
-    return nonlinearity_index(values, swing.period_s / record.period, settings.surrogates)
+    return largest_bicoherence(values, swing.period_s / record.period, settings.bispectrum)
 
 
 def _explain(

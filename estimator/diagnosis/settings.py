@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 __all__ = [
     "DIAGNOSIS",
+    "Bispectrum",
     "DiagnosisSettings",
     "Facts",
     "Grouping",
     "Judging",
     "Reading",
     "Scope",
-    "Surrogates",
     "Swinging",
     "Weighing",
 ]
@@ -73,24 +73,18 @@ class Swinging:
 
 
 @dataclass(frozen=True, slots=True)
-class Surrogates:
-    """How a limit cycle is told from a linear loop with noise; Thornhill (2005) unless said.
+class Bispectrum:
+    """How a limit cycle is told from a linear loop with noise; Choudhury et al. (2004) use 64 too.
 
     Attributes:
-        rows: last samples that are used, after thinning: 33 periods; the time grows with their
-            square.
-        per_period, least_per_period: samples of a period after thinning, and the fewest.
-        least_periods: fewer hold too few stretches that are alike.
-        neighbours: stretches from which a sample is told.
-        count: signals with random phases.
+        per_period: samples of a period after thinning: the third harmonic has four.
+        segment, least: samples of a segment, five periods, and fewest segments, half of each shared
+            with the next: fewer agree by chance.
     """
 
-    rows: int = 400
     per_period: int = 12
-    least_per_period: int = 6
-    least_periods: int = 8
-    neighbours: int = 8
-    count: int = 19
+    segment: int = 64
+    least: int = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,8 +247,8 @@ class Grouping:
             whose cause is undetermined may swing by itself, and its log odds.
         harmonics, strength: log odds of the loop with the most harmonics, and for each nat of the
             odds of the oscillation over the rest of the motion.
-        nonlinear, clearly_nonlinear: log odds of a loop with a nonlinear oscillation, and the index
-            from which they count in full.
+        nonlinear, bicoherent: log odds of a loop with a nonlinear oscillation, and the bicoherence
+            from which it is one (tuning family: nine of ten tight loops are below).
         leads: log odds of a loop whose past tells the future of all others.
         compared: likeliest loops that are compared for a lead.
         order, per_period: past values of the regressions that tell who leads, and samples of a
@@ -285,7 +279,7 @@ class Grouping:
     harmonics: float = 1.0
     strength: float = 1.2
     nonlinear: float = 0.5
-    clearly_nonlinear: float = 2.0
+    bicoherent: float = 0.55
     leads: float = 3.0
     compared: int = 8
     order: int = 10
@@ -300,7 +294,7 @@ class DiagnosisSettings:
     """All settings of a diagnosis."""
 
     swinging: Swinging = field(default_factory=Swinging)
-    surrogates: Surrogates = field(default_factory=Surrogates)
+    bispectrum: Bispectrum = field(default_factory=Bispectrum)
     reading: Reading = field(default_factory=Reading)
     weighing: Weighing = field(default_factory=Weighing)
     facts: Facts = field(default_factory=Facts)

@@ -125,14 +125,12 @@ def _add_shape(
                 f"largest: {most:.0%})",
                 harmonics[name] > 0.7 * most,
             )
-        bent = group.diagnoses[name].indices.get("nonlinearity_index", math.nan)
-        if bent > 1.0:
-            case.add(
-                grouping.nonlinear * min(1.0, bent / grouping.clearly_nonlinear),
-                f"its oscillation is no linear loop's with noise (nonlinearity index {bent:.2g}, "
-                f"limit 1)",
-                True,
+        bent = group.diagnoses[name].indices.get("bicoherence", math.nan)
+        if bent > grouping.bicoherent:
+            text = (
+                f"its oscillation is not that of a linear loop with noise (bicoherence {bent:.2g})"
             )
+            case.add(grouping.nonlinear, text, True)
         case.add(
             grouping.strength * (pure[name] - purest),
             f"the oscillation is {shares[name]:.0%} of its motion",
