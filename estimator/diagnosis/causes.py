@@ -30,7 +30,7 @@ def rank_causes(
     causes.sort(key=lambda one: -one.weight)
     if causes:
         return tuple(causes)
-    return (_none(found),)
+    return (_none(found, settings),)
 
 
 def _manual(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -216,13 +216,22 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
     return Cause(CauseName.SLOW_TUNING, weight, tuple(evidence))
 
 
-def _none(found: Gathered) -> Cause:
+def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
     """No cause was told: the loop is quiet, or it swings and the record does not show why."""
     swing = found.swing
     if not swing.present:
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
+        slow = 0.0 if found.controller is None else found.controller.integral_time_s
+        if settings.judging.seen * found.duration_s < slow < math.inf:
+            text = (
+                f"nothing oscillates; the integral time ({slow:.4g} s) is too long for the record"
+            )
+            return Cause(
+                CauseName.UNDETERMINED, 0.0, (text,),
+                "Give a record of ten integral times and more: it shows whether the loop is slow.",
+            )  # fmt: skip
         return Cause(
             CauseName.QUIET,
             1.0,

@@ -27,7 +27,7 @@ from estimator.diagnosis.loop_record import (
 )
 from estimator.diagnosis.nonlinearity import largest_bicoherence
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
-from estimator.diagnosis.result import Diagnosis
+from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, advise
 from loop_model import ValveModel
@@ -105,6 +105,7 @@ def diagnose(
         op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
         predictable=predictable_shares(record, swing, controller, limits, settings),
         samples=cut.op.size,
+        duration_s=record.op.size * period,
         setpoint_swings=_setpoint_swings(record, swing, settings),
     )
     dead = None
@@ -116,7 +117,9 @@ def diagnose(
     )  # fmt: skip
     proposal = None
     if advice and explained is not None and controller is not None:
-        proposal = _advise(cut, explained, controller, limits, settings)
+        proposal = _advise(
+            cut, explained, controller, limits, rank_causes(gathered, settings), swing, settings
+        )
     figures |= _shares(explained, loop, proposal)
     figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
     figures["amplification_at_period"] = gathered.amplification()[0]
@@ -197,9 +200,16 @@ def _advise(
     explained: Explained,
     controller: Controller,
     limits: Limits,
+    causes: tuple[Cause, ...],
+    swing: Oscillation,
     settings: DiagnosisSettings,
 ) -> Advice | None:
     judging = settings.judging
+    # one linear process does not hold for these, or it is not known what moves PV
+    if {cause.name for cause in causes} & {CauseName.CHARACTERISTIC, CauseName.SATURATION}:
+        return None
+    if causes[0].name is CauseName.UNDETERMINED:
+        return None
     # a process that is hardly told from none gives settings that are not safe
     if explained.model is None or explained.process < judging.advise_from:
         return None
@@ -214,7 +224,12 @@ def _advise(
         explained.model, controller, cut.pv, sp, explained.stem,
         valve if explained.band > 0.0 else None, ends,
     )  # fmt: skip
-    if proposal is None or not proposal.integral_ratio <= judging.farthest:
+    if proposal is None or not 0.0 < proposal.integral_ratio <= judging.farthest:
+        return None
+    # by such a process the loop would swing, and would not be made faster
+    running = proposal.running_sensitivity
+    swings_not = running > 2.0 * judging.tight and not swing.present
+    if swings_not or (running > judging.tight and proposal.integral_ratio > 1.0):
         return None
     return proposal
 

@@ -182,14 +182,13 @@ def _judge_valve(
     evidence = sticky.likelihood - rival.likelihood
     if evidence < judging.threshold:
         return _Valve(sticky, evidence), plain
-    spread = without_best(case, rival, sticky, weighing)
-    strokes, from_there = judging.few
+    spread = without_best(case, rival, sticky, weighing.parts)
     assert sticky.valve is not None
-    # the estimator's own verdict needs the same
+    # as the estimator's own verdict; and rivals that it has not got explain few strokes
     sticks = (
         spread >= judging.threshold
         and sticky.valve.band >= case.settings.screening.min_band
-        and (evidence >= from_there or count_strokes(sticky.stem) >= strokes)
+        and count_strokes(sticky.stem) >= judging.few[0]
     )
     return _Valve(sticky, evidence, spread, effect_of(case, sticky), sticks), plain
 
@@ -227,7 +226,9 @@ def _concentration(case: Case, one: Rival, other: Rival, weighing: Weighing) -> 
     evidence = one.likelihood - other.likelihood
     if evidence <= 0.0:
         return 0.0
-    return max(0.0, evidence - without_best(case, other, one.fit, weighing) + one.price)
+    return max(
+        0.0, evidence - without_best(case, other, one.fit, weighing.curved_parts) + one.price
+    )
 
 
 def _stem(window: Window, fit: Hypothesis) -> Array:

@@ -29,6 +29,7 @@ class Gathered:
         predictable: shares of the error told one and two integral times ahead.
         setpoint_swings: whether SP has the oscillation too.
         samples: of the window that was explained.
+        duration_s: of the whole record.
     """
 
     swing: Oscillation
@@ -45,6 +46,7 @@ class Gathered:
     predictable: tuple[float, float] = (math.nan, math.nan)
     setpoint_swings: bool = False
     samples: int = 0
+    duration_s: float = math.inf
 
     def amplification(self) -> tuple[float, float]:
         """How the loop amplifies a disturbance at the oscillation's period, and Ms."""

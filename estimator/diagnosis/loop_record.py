@@ -110,7 +110,7 @@ def predictable_shares(
         return nothing
     assert record.error is not None
     ahead = round(controller.integral_time_s / record.period)
-    if not 0 < ahead <= 0.2 * record.op.size:
+    if not 0 < ahead <= settings.judging.seen * record.op.size:
         return nothing
     free = record.good.copy()
     if record.auto is not None:

@@ -49,9 +49,9 @@ def healthy(case: Case) -> Hypothesis:
     return settle(case, second if second.likelihood > first.likelihood else first)
 
 
-def without_best(case: Case, rival: Rival, one: Hypothesis, weighing: Weighing) -> float:
-    """Log Bayes factor over a rival without the part of the window that shows it best, in nats."""
-    judging = replace(case.settings.judging, parts=weighing.parts)
+def without_best(case: Case, rival: Rival, one: Hypothesis, parts: int) -> float:
+    """Log Bayes factor over a rival without that of ``parts`` that shows it best, in nats."""
+    judging = replace(case.settings.judging, parts=parts)
     parted = replace(case, settings=replace(case.settings, judging=judging))
     return steady_evidence(parted, rival.fit, one) + rival.price
 

@@ -119,8 +119,9 @@ class Weighing:
             whose phase wanders.
         bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
             range of an equal-percentage valve.
-        parts: parts of the window; the evidence for a sticky valve or a curved characteristic
-            must be there without the best one.
+        parts, curved_parts: parts of the window; the evidence for a sticky valve, and for a curved
+            characteristic, must be there without the best one (tuning family: a slow loop whose
+            load jumps a few times looks curved in one half).
     """
 
     jump: float = 5.0
@@ -129,6 +130,7 @@ class Weighing:
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
     parts: int = 4
+    curved_parts: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,9 +195,12 @@ class Judging:
             positioner resolves.
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
-        advise_from: nats of the process over none from which settings are proposed.
+        advise_from: nats of the process over none from which settings are proposed (tuning family:
+            the prediction that was furthest off had 55).
         farthest: largest factor on the integral gain that is proposed: a record shows the process
             at the frequencies that its loop uses, and not far beyond.
+        seen: share of the record beyond which an integral time is too long for the record to show
+            how fast the loop is.
         ratio: between the largest and the smallest gain over OP's middle nine tenths.
         most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
         by_hand: share of samples in manual from which that is the finding.
@@ -215,8 +220,9 @@ class Judging:
     shaken: float = 0.005
     noisy: float = 0.5
     frozen: float = 0.08
-    advise_from: float = 30.0
+    advise_from: float = 60.0
     farthest: float = 5.0
+    seen: float = 0.2
     ratio: float = 3.0
     most_ratio: float = 60.0
     by_hand: float = 0.3
