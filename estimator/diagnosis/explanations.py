@@ -183,12 +183,13 @@ def _judge_valve(
     if evidence < judging.threshold:
         return _Valve(sticky, evidence), plain
     spread = without_best(case, rival, sticky, weighing.parts)
+    strokes, from_there = judging.few
     assert sticky.valve is not None
-    # as the estimator's own verdict; and rivals that it has not got explain few strokes
+    # as the estimator's own verdict, but for few strokes: a curved characteristic explains them too
     sticks = (
         spread >= judging.threshold
         and sticky.valve.band >= case.settings.screening.min_band
-        and count_strokes(sticky.stem) >= judging.few[0]
+        and (count_strokes(sticky.stem) >= strokes or spread >= from_there)
     )
     return _Valve(sticky, evidence, spread, effect_of(case, sticky), sticks), plain
 
