@@ -206,9 +206,9 @@ def _advise(
 ) -> Advice | None:
     judging = settings.judging
     # one linear process does not hold for these, or it is not known what moves PV
-    if {cause.name for cause in causes} & {CauseName.CHARACTERISTIC, CauseName.SATURATION}:
+    if any(cause.name is CauseName.CHARACTERISTIC for cause in causes):
         return None
-    if causes[0].name is CauseName.UNDETERMINED:
+    if causes[0].name in (CauseName.SATURATION, CauseName.UNDETERMINED):
         return None
     # a process that is hardly told from none gives settings that are not safe
     if explained.model is None or explained.process < judging.advise_from:
