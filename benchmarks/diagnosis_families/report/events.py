@@ -21,6 +21,8 @@ PLANTS = ("recycle", "cascade", "exchangers", "header")
 _WARM = 300
 _TRIES = 200
 _LOOPS = (6, 40)
+_USERS = 12
+"""Most loops at a header: of more, none is felt by another."""
 _VISIBLE = 0.8
 """A loop swings with the event where it makes this share of the error's usual deviation."""
 
@@ -38,7 +40,8 @@ def draw_event(plant: str, source: str, seed: int, samples: int = 3000) -> Event
 
 def _units(plant: str, rng: np.random.Generator) -> tuple[list[Unit], Floats, Floats]:
     """Healthy loops, and what of the flow of each reaches which other, after which lag."""
-    m = round(math.exp(rng.uniform(math.log(_LOOPS[0]), math.log(_LOOPS[1]))))
+    most = _USERS if plant == "header" else _LOOPS[1]
+    m = round(math.exp(rng.uniform(math.log(_LOOPS[0]), math.log(most))))
     units = []
     share, lag = np.zeros((m, m)), rng.uniform(1.0, 15.0, (m, m))
     size = rng.uniform(0.35, 0.9, m) * rng.choice([-1.0, 1.0], m)
