@@ -57,7 +57,8 @@ def _units(plant: str, rng: np.random.Generator) -> tuple[list[Unit], Floats, Fl
     if plant == "recycle":
         share[0, m - 1], lag[0, m - 1] = 0.2, 20.0
     if plant == "header":
-        share[:], lag[:] = -1.6 / m, 2.0
+        # users of different size; together they may not take more than the header gives
+        share[:], lag[:] = -0.8 * rng.dirichlet(np.full(m, 0.7)), 2.0
         np.fill_diagonal(share, 0.0)
     if plant == "cascade":
         for i in range(0, m - 1, 2):
