@@ -131,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         heading(
             "diagnosis", __doc__, _as_one_run(loops, plant_wide) if options.parts else arguments
         ),
-        f"Seeds {seeds[0]} to {seeds[-1]}; {len(loops)} loops and {len(plant_wide)} events of the "
+        f"Seeds {', '.join(map(str, seeds))}; {len(loops)} loops and {len(plant_wide)} events of the "
         f"{options.family} family.",
         "## Single loops: the first cause",
         confusion(loops),
@@ -151,8 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _as_one_run(loops: Sequence[dict[str, Any]], events: Sequence[dict[str, Any]]) -> list[str]:
     """The options that judge in one run what several parts have judged."""
-    first = min(one["seed"] for one in (*loops, *events))
-    counts = [len({one["seed"] for one in rows}) for rows in (loops, events)]
+    seeds = [[one["seed"] for one in rows] for rows in (loops, events)]
+    first = min(min(one) for one in seeds if one)
+    counts = [max(one, default=first - 1) - first + 1 for one in seeds]
     return ["--first", str(first), "--loops", str(counts[0]), "--events", str(counts[1])]
 
 
