@@ -131,8 +131,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         heading(
             "diagnosis", __doc__, _as_one_run(loops, plant_wide) if options.parts else arguments
         ),
-        f"Seeds {', '.join(map(str, seeds))}; {len(loops)} loops and {len(plant_wide)} events of the "
-        f"{options.family} family.",
+        f"Seeds {', '.join(map(str, seeds))}; {len(loops)} loops and {len(plant_wide)} "
+        f"events of the {options.family} family.",
         "## Single loops: the first cause",
         confusion(loops),
         summary(loops),
