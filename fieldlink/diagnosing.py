@@ -66,11 +66,15 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """Diagnoses of many loops and the groups among them; ``refused`` names what was not read."""
+    """Diagnoses of many loops and the groups among them.
+
+    ``refused`` names what was not read, and why; ``signals`` are those by which groups were found.
+    """
 
     loops: Mapping[str, Diagnosis]
     groups: tuple[Group, ...]
     refused: Mapping[str, str]
+    signals: Mapping[str, LoopSignals]
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of ``fieldlink diagnose --json`` for several loops."""
@@ -179,8 +183,9 @@ def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> 
             loops[name], signals[name] = answer
     if not loops:
         raise DiagnosisError("\n".join(refused.values()) or "no loop is given")
-    groups = find_groups(_aligned(signals), loops) if len(loops) > 1 else ()
-    return Plant(loops, groups, refused)
+    signals = _aligned(signals)
+    groups = find_groups(signals, loops) if len(loops) > 1 else ()
+    return Plant(loops, groups, refused, signals)
 
 
 def _one_file(path: Path, columns: Columns) -> _Answer:
@@ -243,11 +248,10 @@ def _thinned(recording: Recording) -> LoopSignals:
     """The signals averaged over a few samples where they are long."""
     every = max(1, -(-len(recording) // _KEPT))
 
-    def thin(values: Floats) -> Floats:
-        if every == 1:
-            return values
+    def thin(values: Floats) -> Any:
         whole = values[: values.size // every * every].reshape(-1, every)
-        return np.asarray(whole.mean(axis=1))
+        # hundreds of loops are held at once: single precision is below any transmitter's
+        return whole.mean(axis=1).astype(np.float32)
 
     has_pv = bool(np.isfinite(recording.pv).any())
     return LoopSignals(

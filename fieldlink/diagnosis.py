@@ -7,30 +7,5 @@
 Arrays in, results out; ``fieldlink diagnose`` reads files and stores.
 """
 
-from estimator.diagnosis import (
-    Cause,
-    CauseName,
-    Controller,
-    Diagnosis,
-    Group,
-    LoopSignals,
-    Oscillation,
-    detect_oscillation,
-    diagnose,
-    find_groups,
-    read_controller,
-)
-
-__all__ = [
-    "Cause",
-    "CauseName",
-    "Controller",
-    "Diagnosis",
-    "Group",
-    "LoopSignals",
-    "Oscillation",
-    "detect_oscillation",
-    "diagnose",
-    "find_groups",
-    "read_controller",
-]
+from estimator.diagnosis import *  # noqa: F403  (one list of names, kept there)
+from estimator.diagnosis import __all__ as __all__

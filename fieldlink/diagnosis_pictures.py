@@ -7,17 +7,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from estimator.diagnosis.coherence import compared_signal
 from estimator.diagnosis.oscillation import autocorrelation, band_of, bridge
 from fieldlink.pictures import MARK, MODEL, OP, PV, STEM
 
 if TYPE_CHECKING:
-    from fieldlink.diagnosis import Diagnosis
+    from fieldlink.diagnosing import Plant
+    from fieldlink.diagnosis import Diagnosis, Group, LoopSignals
     from fieldlink.site.recording import Recording
 
-__all__ = ["diagnosis_figure"]
+__all__ = ["diagnosis_figure", "group_figure"]
 
 _PERIODS = 6.0
 """Periods that the autocorrelation is drawn for."""
+_GROUP_PERIODS = 12.0
+"""Last periods of a group's loops that are drawn."""
+_MOST_LOOPS = 12
+"""Loops of a group that are drawn, the likeliest sources first."""
 
 
 def diagnosis_figure(recording: Recording, found: Diagnosis, *, title: str) -> Figure:
@@ -72,3 +78,32 @@ def diagnosis_figure(recording: Recording, found: Diagnosis, *, title: str) -> F
     )
     figure.suptitle(f"{title}: {found.first.name.words}")
     return figure
+
+
+def group_figure(plant: Plant, group: Group, *, title: str) -> Figure:
+    """Draw what the loops of a group swing by, the likeliest source on top."""
+    order = [one.loop for one in group.candidates if one.loop is not None][:_MOST_LOOPS]
+    weights = {one.loop: one.weight for one in group.candidates}
+    figure = Figure(figsize=(12.0, 1.0 + 1.1 * len(order)), layout="constrained")
+    many = figure.subplots(len(order), 1, sharex=True, squeeze=False)[:, 0]
+    end = max(plant.signals[name].start_s + _length(plant.signals[name]) for name in order)
+    begin = end - _GROUP_PERIODS * group.period_s
+    for axes, name in zip(many, order, strict=True):
+        one = plant.signals[name]
+        values = compared_signal(one)
+        t = one.start_s + one.period * np.arange(values.size)
+        shown = t >= begin
+        axes.plot(t[shown] - begin, values[shown], color=STEM if name == order[0] else PV, lw=1.0)
+        axes.set_ylabel(f"{name}\n{weights[name]:.0%}", rotation=0, ha="right", va="center")
+        axes.margins(x=0.0)
+    many[-1].set_xlabel("time / s")
+    outside = weights.get(None, 0.0)
+    figure.suptitle(
+        f"{title}: control errors of {len(group.loops)} loops that swing together, "
+        f"{group.period_s:.4g} s; source outside of them: {outside:.0%}"
+    )
+    return figure
+
+
+def _length(one: LoopSignals) -> float:
+    return one.period * one.op.size

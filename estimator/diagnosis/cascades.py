@@ -14,6 +14,10 @@ from estimator.lanes import Array
 
 __all__ = ["Cascade", "find_cascades"]
 
+_LOOKS = 1000
+"""Times at which outputs and set-points are compared first: only the most alike are compared in
+full, so that hundreds of loops take seconds."""
+
 
 @dataclass(frozen=True, slots=True)
 class Cascade:
@@ -30,6 +34,8 @@ def find_cascades(
     """Loops whose set-point is another loop's OP, found by regression; both must move."""
     found = []
     grouping = settings.grouping
+    names = list(signals)
+    grid, outputs = _outputs(signals)
     for slave, one in signals.items():
         if one.sp is None or not np.isfinite(one.sp).any():
             continue
@@ -38,7 +44,10 @@ def find_cascades(
         if float(np.mean(np.diff(sp) != 0.0)) < grouping.moving:
             continue
         best: tuple[float, str] | None = None
-        for master, other in signals.items():
+        target = np.interp(grid, one.start_s + one.period * np.arange(sp.size), sp)
+        alike = np.abs(outputs @ _standardised(target))
+        for k in np.argsort(-alike)[: grouping.masters + 1]:
+            master, other = names[int(k)], signals[names[int(k)]]
             if master == slave:
                 continue
             explained = _explained(sp, one, bridge(other.op), other)
@@ -47,6 +56,24 @@ def find_cascades(
         if best is not None and best[0] > grouping.cascade:
             found.append(Cascade(best[1], slave, best[0]))
     return tuple(found)
+
+
+def _outputs(signals: Mapping[str, LoopSignals]) -> tuple[Array, Array]:
+    """Common times ``(m,)``, and every loop's OP there without mean and size, ``(loops, m)``."""
+    start = max(one.start_s for one in signals.values())
+    stop = min(one.start_s + one.period * one.op.size for one in signals.values())
+    grid = np.linspace(start, max(start, stop), _LOOKS)
+    rows = [
+        np.interp(grid, one.start_s + one.period * np.arange(one.op.size), bridge(one.op))
+        for one in signals.values()
+    ]
+    return grid, np.array([_standardised(row) for row in rows])
+
+
+def _standardised(x: Array) -> Array:
+    centred = x - x.mean()
+    size = float(np.sqrt(centred @ centred))
+    return np.asarray(centred / size if size > 0.0 else centred)
 
 
 def _explained(sp: Array, one: LoopSignals, op: Array, other: LoopSignals) -> float:

@@ -3,62 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
-
-from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.explanations import Explained
-from estimator.diagnosis.facts import Limits, Sensor
-from estimator.diagnosis.linear_loop import LinearLoop
-from estimator.diagnosis.oscillation import Oscillation
+from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.tuning import Advice
 
-__all__ = ["Findings", "rank_causes"]
-
-
-@dataclass(frozen=True, slots=True)
-class Findings:
-    """Everything that was found about a loop.
-
-    Attributes:
-        swing, signal: the main oscillation and where it is.
-        limits, sensor, manual: facts of the record; ``manual`` is a share of the samples.
-        has_pv: whether PV was recorded.
-        controller, explained, loop: what was identified; None where it could not be.
-        op_span, op_middle: span of OP, and of its middle nine tenths.
-        predictable: shares of the error told one and two integral times ahead.
-        setpoint_swings: whether SP has the oscillation too.
-        samples: of the window that was explained.
-    """
-
-    swing: Oscillation
-    signal: str
-    limits: Limits
-    has_pv: bool
-    sensor: Sensor | None = None
-    manual: float = 0.0
-    controller: Controller | None = None
-    explained: Explained | None = None
-    loop: LinearLoop | None = None
-    op_span: float = 0.0
-    op_middle: float = 0.0
-    predictable: tuple[float, float] = (math.nan, math.nan)
-    setpoint_swings: bool = False
-    samples: int = 0
+__all__ = ["rank_causes"]
 
 
 def rank_causes(
-    found: Findings, settings: DiagnosisSettings, proposal: Advice | None = None
+    found: Gathered, settings: DiagnosisSettings, proposal: Advice | None = None
 ) -> tuple[Cause, ...]:
     """The causes, the heaviest first; quiet or undetermined where none is told."""
     tried = (
         _manual(found, settings),
         _sensor(found, settings),
         _saturation(found, settings),
-        _sticky(found, settings),
+        _sticky(found),
         _tight(found, settings),
         _outside(found, settings),
         _characteristic(found, settings),
@@ -68,10 +30,10 @@ def rank_causes(
     causes.sort(key=lambda one: -one.weight)
     if causes:
         return tuple(causes)
-    return (_none(found),)
+    return (_none(found, settings),)
 
 
-def _manual(found: Findings, settings: DiagnosisSettings) -> Cause | None:
+def _manual(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     if found.manual < settings.judging.by_hand:
         return None
     return Cause(
@@ -81,7 +43,7 @@ def _manual(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     )
 
 
-def _sensor(found: Findings, settings: DiagnosisSettings) -> Cause | None:
+def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     sensor, judging = found.sensor, settings.judging
     if sensor is None:
         return None
@@ -109,7 +71,7 @@ def _sensor(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     return Cause(CauseName.SENSOR, weight, tuple(evidence)) if evidence else None
 
 
-def _saturation(found: Findings, settings: DiagnosisSettings) -> Cause | None:
+def _saturation(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     limits = found.limits
     if limits.share < settings.facts.least_limit:
         return None
@@ -125,14 +87,9 @@ def _saturation(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     )
 
 
-def _is_sticky(found: Findings, settings: DiagnosisSettings) -> bool:
+def _sticky(found: Gathered) -> Cause | None:
     one = found.explained
-    return one is not None and min(one.sticking, one.spread) >= settings.judging.threshold
-
-
-def _sticky(found: Findings, settings: DiagnosisSettings) -> Cause | None:
-    one = found.explained
-    if one is None or not _is_sticky(found, settings):
+    if one is None or not found.is_sticky:
         return None
     return Cause(
         CauseName.STICKY_VALVE,
@@ -146,24 +103,11 @@ def _sticky(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     )
 
 
-def _amplification(found: Findings) -> tuple[float, float]:
-    """How the loop amplifies a disturbance at the oscillation's period, and Ms."""
-    if found.loop is None:
-        return math.nan, math.nan
-    margins = found.loop.margins()
-    if not found.swing.present:
-        return math.nan, margins.sensitivity
-    # the identified resonance and the measured period agree to some per cent
-    f = found.loop.period / found.swing.period_s * np.geomspace(0.9, 1.1, 9)
-    here = float(np.max(np.abs(found.loop.sensitivity(f[f < 0.5])), initial=0.0))
-    return here, margins.sensitivity
-
-
-def _rings(found: Findings, settings: DiagnosisSettings) -> bool:
+def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
         return False
-    here, _ = _amplification(found)
+    here, _ = found.amplification()
     if here <= settings.judging.tight or found.explained.outside >= -settings.judging.unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
@@ -172,11 +116,11 @@ def _rings(found: Findings, settings: DiagnosisSettings) -> bool:
     return dies > settings.judging.dies or found.limits.share > settings.facts.least_limit
 
 
-def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
+def _tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one, judging = found.explained, settings.judging
-    if one is None or found.loop is None or _is_sticky(found, settings):
+    if one is None or found.loop is None or found.is_sticky:
         return None
-    here, peak = _amplification(found)
+    here, peak = found.amplification()
     period, damping = found.loop.swing()
     if found.swing.present:
         if not _rings(found, settings):
@@ -205,9 +149,9 @@ def _tight(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     return Cause(CauseName.TIGHT_TUNING, min(1.0, weight), (*evidence, figures))
 
 
-def _outside(found: Findings, settings: DiagnosisSettings) -> Cause | None:
+def _outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one, swing = found.explained, found.swing
-    if not swing.present or not found.has_pv or _is_sticky(found, settings):
+    if not swing.present or not found.has_pv or found.is_sticky:
         return None
     if found.setpoint_swings:
         return Cause(
@@ -217,7 +161,7 @@ def _outside(found: Findings, settings: DiagnosisSettings) -> Cause | None:
         )
     if one is None or one.model is None:
         return None
-    here, _ = _amplification(found)
+    here, _ = found.amplification()
     unsure = settings.judging.unsure
     if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
         return None
@@ -235,9 +179,9 @@ def _outside(found: Findings, settings: DiagnosisSettings) -> Cause | None:
     return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))
 
 
-def _characteristic(found: Findings, settings: DiagnosisSettings) -> Cause | None:
+def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one, judging = found.explained, settings.judging
-    if one is None or one.curved < judging.threshold or _is_sticky(found, settings):
+    if one is None or one.curved < judging.threshold or found.is_sticky:
         return None
     ratio = math.exp(min(50.0, abs(one.bend) * found.op_middle))
     is_process = one.process > 2.0 * judging.threshold
@@ -254,7 +198,7 @@ def _characteristic(found: Findings, settings: DiagnosisSettings) -> Cause | Non
     )
 
 
-def _slow(found: Findings, settings: DiagnosisSettings, proposal: Advice | None) -> Cause | None:
+def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None) -> Cause | None:
     judging = settings.judging
     one, two = found.predictable
     if found.swing.present or not two > judging.slow or found.controller is None:
@@ -272,13 +216,22 @@ def _slow(found: Findings, settings: DiagnosisSettings, proposal: Advice | None)
     return Cause(CauseName.SLOW_TUNING, weight, tuple(evidence))
 
 
-def _none(found: Findings) -> Cause:
+def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
     """No cause was told: the loop is quiet, or it swings and the record does not show why."""
     swing = found.swing
     if not swing.present:
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
+        slow = 0.0 if found.controller is None else found.controller.integral_time_s
+        if settings.judging.seen * found.duration_s < slow < math.inf:
+            text = (
+                f"nothing oscillates; the integral time ({slow:.4g} s) is too long for the record"
+            )
+            return Cause(
+                CauseName.UNDETERMINED, 0.0, (text,),
+                "Give a record of ten integral times and more: it shows whether the loop is slow.",
+            )  # fmt: skip
         return Cause(
             CauseName.QUIET,
             1.0,
@@ -298,7 +251,7 @@ def _none(found: Findings) -> Cause:
     elif found.controller is None:
         evidence.append("OP does not answer the control error: no controller can be read off")
     else:
-        here, _ = _amplification(found)
+        here, _ = found.amplification()
         evidence.append(
             f"a tight loop (amplification {here:.2g}) and a wave from outside explain it alike"
         )

@@ -156,6 +156,12 @@ def _usable(
     if auto is not None:
         good &= np.asarray(auto, dtype=float) > 0.0
     good &= ~at_limit(u)
+    # noise lets OP touch a limit for one sample: a value that comes back exactly is no chance
+    reach = 1e-6 * float(np.ptp(u))
+    for extreme in (float(u.min()), float(u.max())):
+        touches = np.abs(u - extreme) <= reach
+        if int(touches.sum()) > 1:
+            good &= ~touches
     usable: Mask = good.copy()
     for late in (1, 2, 3):
         usable[late:] &= good[:-late]

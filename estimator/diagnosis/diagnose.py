@@ -8,39 +8,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.diagnosis.causes import Findings, rank_causes
+from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import Limits, limits_of, sensor_of, share_by_hand
-from estimator.diagnosis.figures import figures_of, predictable_share
+from estimator.diagnosis.figures import figures_of
+from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.linear_loop import LinearLoop
-from estimator.diagnosis.oscillation import Oscillation, bridge, detect_oscillation
-from estimator.diagnosis.result import Diagnosis
+from estimator.diagnosis.loop_record import (
+    LoopRecord,
+    explained_rows,
+    loop_record,
+    predictable_shares,
+)
+from estimator.diagnosis.nonlinearity import largest_bicoherence
+from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
+from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, advise
-from estimator.lanes import Array, Mask
-from estimator.outcomes import EstimatorError
 from loop_model import ValveModel
 
 __all__ = ["diagnose"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Record:
-    """The signals of a loop, whole and without holes."""
-
-    op: Array
-    pv: Array | None
-    sp: Array | None
-    auto: Mask | None
-    error: Array | None
-    good: Mask
-    period: float
 
 
 def diagnose(
@@ -51,7 +43,7 @@ def diagnose(
     auto: ArrayLike | None = None,
     period: float = 1.0,
     advice: bool = True,
-    healthy: bool = False,
+    valve_is_healthy: bool = False,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
     """Say why a loop swings, or how well it runs.
@@ -63,8 +55,8 @@ def diagnose(
         auto: non-zero where the controller is in automatic, shape ``(n,)``, optional.
         period: seconds between samples.
         advice: whether to propose settings and simulate them.
-        healthy: whether `identify` has judged before that the valve does not stick; the search for
-            a sticky valve, which takes most of the time, is left out then.
+        valve_is_healthy: whether `estimator.identify` has judged this window's valve healthy; it
+            is not judged a second time.
         settings: every chosen number; see `estimator.diagnosis.settings`.
 
     Returns:
@@ -75,17 +67,18 @@ def diagnose(
         EstimatorError: not rows of numbers of one length, no finite sample, or a period that is not
             above zero.
     """
-    record = _record(op, pv, sp, auto, period)
+    record = loop_record(op, pv, sp, auto, period)
     swing, signal = _oscillation(record, settings)
     if record.pv is None or record.error is None:
         limits = limits_of(record.op, record.op - record.op.mean(), None,
                            np.zeros(record.op.size, dtype=bool), settings.facts)  # fmt: skip
-        findings = Findings(swing=swing, signal=signal, limits=limits, has_pv=False)
+        gathered = Gathered(swing=swing, signal=signal, limits=limits, has_pv=False)
         figures = figures_of(
             record.op, None, None, None, record.auto, period, None, swing, limits, None
         )
+        figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
         return Diagnosis(
-            rank_causes(findings, settings), swing, signal, figures, None, None, record.op.size,
+            rank_causes(gathered, settings), swing, signal, figures, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
     by_hand = ~record.auto if record.auto is not None else np.zeros(record.op.size, dtype=bool)
@@ -95,10 +88,10 @@ def diagnose(
     limits = limits_of(record.op, record.error, controller, by_hand, settings.facts)
     sensor = sensor_of(record.pv, record.error, controller, record.good, settings.facts)
     manual = share_by_hand(record.op, record.auto, record.error, settings.facts)
-    cut = _window(record, swing, settings)
-    explained = _explain(cut, swing, controller, manual, settings, healthy=healthy)
+    cut = explained_rows(record, swing, settings)
+    explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(explained, controller)
-    findings = Findings(
+    gathered = Gathered(
         swing=swing,
         signal=signal,
         limits=limits,
@@ -110,8 +103,9 @@ def diagnose(
         loop=loop,
         op_span=float(np.ptp(record.op)),
         op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
-        predictable=_predictable(record, swing, controller, limits, settings),
+        predictable=predictable_shares(record, swing, controller, limits, settings),
         samples=cut.op.size,
+        duration_s=record.op.size * period,
         setpoint_swings=_setpoint_swings(record, swing, settings),
     )
     dead = None
@@ -123,10 +117,14 @@ def diagnose(
     )  # fmt: skip
     proposal = None
     if advice and explained is not None and controller is not None:
-        proposal = _advise(cut, explained, controller, limits, settings)
+        proposal = _advise(
+            cut, explained, controller, limits, rank_causes(gathered, settings), swing, settings
+        )
     figures |= _shares(explained, loop, proposal)
+    figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
+    figures["amplification_at_period"] = gathered.amplification()[0]
     return Diagnosis(
-        causes=rank_causes(findings, settings, proposal),
+        causes=rank_causes(gathered, settings, proposal),
         oscillation=swing,
         oscillating=signal,
         indices=figures,
@@ -138,35 +136,7 @@ def diagnose(
     )
 
 
-def _record(
-    op: ArrayLike,
-    pv: ArrayLike | None,
-    sp: ArrayLike | None,
-    auto: ArrayLike | None,
-    period: float,
-) -> _Record:
-    if not (math.isfinite(period) and period > 0.0):
-        raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
-    u = bridge(op)
-    good = np.isfinite(np.asarray(op, dtype=float))
-    given = [("pv", pv), ("sp", sp), ("auto", auto)]
-    for name, values in given:
-        if values is not None and np.asarray(values).shape != u.shape:
-            raise EstimatorError(
-                f"op has {u.size} samples and {name} has {np.asarray(values).size}: give every "
-                f"signal of the window with the same number of samples"
-            )
-    if pv is None:
-        return _Record(u, None, None, None, None, good, period)
-    y = bridge(pv)
-    good &= np.isfinite(np.asarray(pv, dtype=float))
-    target = None if sp is None or not np.isfinite(np.asarray(sp, float)).any() else bridge(sp)
-    mode = None if auto is None else np.asarray(auto, dtype=float) > 0.0
-    error = (target if target is not None else float(np.mean(y))) - y
-    return _Record(u, y, target, mode, np.asarray(error), good, period)
-
-
-def _oscillation(record: _Record, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
+def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
     """The main oscillation, of the error if it has one, else of PV, else of OP."""
     best: tuple[Oscillation, str] | None = None
     for name, values in (("error", record.error), ("pv", record.pv), ("op", record.op)):
@@ -181,45 +151,22 @@ def _oscillation(record: _Record, settings: DiagnosisSettings) -> tuple[Oscillat
     return best
 
 
-def _window(record: _Record, swing: Oscillation, settings: DiagnosisSettings) -> _Record:
-    """The rows that are explained: of bounded number, with enough samples and enough periods.
-
-    A slow oscillation is thinned, so that a window holds its periods; a fast one is cut to the
-    last rows.
-    """
-    scope = settings.scope
-    size = record.op.size
-    if swing.present:
-        every = max(1, int(swing.period_s / record.period // scope.per_period))
-        if size // every < scope.rows // 2:
-            # few periods: as many rows as there are, within bounds
-            every = max(1, size // scope.rows)
-    else:
-        every = max(1, size // (2 * scope.rows))
-    rows = slice(max(0, size - scope.rows * every), None, every)
-
-    def cut(signal: Array | None) -> Array | None:
-        return None if signal is None else signal[rows]
-
-    return _Record(
-        op=record.op[rows],
-        pv=cut(record.pv),
-        sp=cut(record.sp),
-        auto=None if record.auto is None else record.auto[rows],
-        error=cut(record.error),
-        good=record.good[rows],
-        period=record.period * every,
-    )
+def _nonlinearity(
+    record: LoopRecord, swing: Oscillation, signal: str, settings: DiagnosisSettings
+) -> float:
+    values = {"error": record.error, "pv": record.pv, "op": record.op}[signal]
+    if values is None or not swing.present:
+        return math.nan
+    return largest_bicoherence(values, swing.period_s / record.period, settings.bispectrum)
 
 
 def _explain(
-    cut: _Record,
+    cut: LoopRecord,
     swing: Oscillation,
     controller: Controller | None,
     manual: float,
+    valve_is_healthy: bool,
     settings: DiagnosisSettings,
-    *,
-    healthy: bool,
 ) -> Explained | None:
     if manual > settings.judging.by_hand:
         return None
@@ -230,7 +177,7 @@ def _explain(
     auto = None if cut.auto is None else cut.auto.astype(float)
     return explain(
         cut.op, pv, cut.sp, auto, cut.period, cycles,
-        late=int(late), healthy=healthy, weighing=settings.weighing,
+        late=int(late), valve_is_healthy=valve_is_healthy, weighing=settings.weighing,
     )  # fmt: skip
 
 
@@ -240,39 +187,7 @@ def _closed(explained: Explained | None, controller: Controller | None) -> Linea
     return LinearLoop.of(explained.model, controller)
 
 
-def _predictable(
-    record: _Record,
-    swing: Oscillation,
-    controller: Controller | None,
-    limits: Limits,
-    settings: DiagnosisSettings,
-) -> tuple[float, float]:
-    """Shares of the error that are predictable one and two integral times ahead.
-
-    Samples in manual, at a limit, and those that an integral time later still show it do not count.
-    """
-    nothing = (math.nan, math.nan)
-    if controller is None or not math.isfinite(controller.integral_time_s) or swing.present:
-        return nothing
-    assert record.error is not None
-    ahead = round(controller.integral_time_s / record.period)
-    if not 0 < ahead <= 0.2 * record.op.size:
-        return nothing
-    free = record.good.copy()
-    if record.auto is not None:
-        free &= record.auto
-    if limits.share >= settings.facts.least_limit:
-        free &= ~limits.where
-    held = np.flatnonzero(~free)
-    for at in held[np.diff(held, append=record.op.size + 2) > 1]:
-        free[at : at + 2 * ahead] = False
-    if free.mean() < 0.5:
-        return nothing
-    error = np.where(free, record.error, np.nan)
-    return predictable_share(error, ahead), predictable_share(error, 2 * ahead)
-
-
-def _setpoint_swings(record: _Record, swing: Oscillation, settings: DiagnosisSettings) -> bool:
+def _setpoint_swings(record: LoopRecord, swing: Oscillation, settings: DiagnosisSettings) -> bool:
     """Whether the set-point oscillates with the loop's own period."""
     if record.sp is None or not swing.present or np.ptp(record.sp) == 0.0:
         return False
@@ -281,13 +196,20 @@ def _setpoint_swings(record: _Record, swing: Oscillation, settings: DiagnosisSet
 
 
 def _advise(
-    cut: _Record,
+    cut: LoopRecord,
     explained: Explained,
     controller: Controller,
     limits: Limits,
+    causes: tuple[Cause, ...],
+    swing: Oscillation,
     settings: DiagnosisSettings,
 ) -> Advice | None:
     judging = settings.judging
+    # one linear process does not hold for these, or it is not known what moves PV
+    if any(cause.name is CauseName.CHARACTERISTIC for cause in causes):
+        return None
+    if causes[0].name in (CauseName.SATURATION, CauseName.UNDETERMINED):
+        return None
     # a process that is hardly told from none gives settings that are not safe
     if explained.model is None or explained.process < judging.advise_from:
         return None
@@ -302,7 +224,12 @@ def _advise(
         explained.model, controller, cut.pv, sp, explained.stem,
         valve if explained.band > 0.0 else None, ends,
     )  # fmt: skip
-    if proposal is None or not proposal.integral_ratio <= judging.farthest:
+    if proposal is None or not 0.0 < proposal.integral_ratio <= judging.farthest:
+        return None
+    # by such a process the loop would swing, and would not be made faster
+    running = proposal.running_sensitivity
+    swings_not = running > 2.0 * judging.tight and not swing.present
+    if swings_not or (running > judging.tight and proposal.integral_ratio > 1.0):
         return None
     return proposal
 

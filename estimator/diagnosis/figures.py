@@ -127,13 +127,14 @@ def settling(sp: Array | None, error: Array, period: float) -> dict[str, float]:
     # a set-point that moves all the time is another loop's output
     if at.size == 0 or at.size > sp.size // 20:
         return nothing
+    noise = _noise_of(error)
     times, overshoots, decays = [], [], []
     for start, stop in zip(at + 1, [*(at[1:] + 1), sp.size], strict=True):
         step = float(moves[start - 1])
         rest = error[start:stop] / step
-        if rest.size < 10 or abs(step) < 3.0 * _noise_of(error):
+        if rest.size < 10 or abs(step) < 3.0 * noise:
             continue
-        outside = np.flatnonzero(np.abs(rest) > max(_SETTLED, 3.0 * _noise_of(error) / abs(step)))
+        outside = np.flatnonzero(np.abs(rest) > max(_SETTLED, 3.0 * noise / abs(step)))
         if outside.size and outside[-1] < rest.size - 1:
             times.append(float(outside[-1] + 1) * period)
         first = -float(rest.min())

@@ -1,18 +1,21 @@
-"""Loops that swing together, and which of them started it.
+"""Loops that swing together.
 
     for group in find_groups(signals, diagnoses):
         group.loops, group.period_s, group.candidates[0].loop
 
 Every oscillation of every loop is brought to a complex amplitude over the common hours (the signal
-in a narrow band around the period, turned back by that frequency). Loops of one event have
-amplitudes that keep their ratio and phase; the coherence says how well, whatever the sampling of
-each, and chance is allowed for by the number of independent values and of pairs that were tried.
+in a band around the period, turned back by that frequency). Loops of one event have amplitudes that
+keep their ratio and phase; the coherence says how well, whatever the sampling of each.
 
-The source of an event is the loop that makes its oscillation itself: a sticky valve or a tuning
-that swings, by the diagnosis of each loop. Harmonics, which processes take away, and the share of
-the oscillation in the loop's motion speak for nearness to the source (Thornhill 2005, "Finding the
-source of nonlinearity in a process with plant-wide oscillation", IEEE Transactions on Control
-Systems Technology 13, 434-443). Where no loop makes it, it comes from outside.
+Chance is allowed for twice. Amplitudes that wander agree seldom by chance: the probability follows
+from the number of independent values, counted from both spectra. Two steady waves agree as soon as
+their periods do, which two independent loops have as seldom as there are periods to tell apart. A
+group must be less likely by chance than all the groups of its size that the plant could have shown.
+
+Two loops at least must oscillate visibly. A loop whose valve sticks at irregular times makes no
+oscillation and may still move others: those are compared in a wider band.
+
+Which loop started it is decided in `estimator.diagnosis.sources`.
 """
 
 from __future__ import annotations
@@ -22,42 +25,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from estimator.diagnosis.cascades import Cascade, find_cascades
 from estimator.diagnosis.coherence import (
     LoopSignals,
-    amplitudes,
-    coherence,
-    common_grid,
+    LoopSpectrum,
+    agreement,
     compared_signal,
-    harmonics_of,
-    on_one_grid,
-    share_in_band,
+    spectrum_of,
 )
-from estimator.diagnosis.leading import leads
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillations
 from estimator.diagnosis.result import CauseName, Diagnosis
-from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings, Grouping
+from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
+from estimator.diagnosis.sources import Candidate, GroupMembers, rank_candidates
 
-__all__ = ["Candidate", "Group", "find_groups"]
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A possible source: ``loop`` is None for a cause outside the loops given."""
-
-    loop: str | None
-    weight: float
-    evidence: tuple[str, ...]
-    against: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types."""
-        return {
-            "loop": self.loop,
-            "weight": self.weight,
-            "evidence": list(self.evidence),
-            "against": list(self.against),
-        }
+__all__ = ["Group", "find_groups"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +67,11 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class _Swing:
-    """An oscillation of a loop, by the signal that shows it."""
+    """An oscillation of a loop; ``irregular`` where a sticky valve moves at its own odd times."""
 
     loop: str
     found: Oscillation
+    irregular: bool = False
 
 
 def find_groups(
@@ -107,167 +91,144 @@ def find_groups(
         Groups of two loops and more, the largest first. A loop may be in several groups, with
         another period in each.
     """
-    swings = [
-        _Swing(name, found)
-        for name, one in signals.items()
-        for found in _swings_of(one, settings)
-        if found.present or _may_cycle(diagnoses[name], found, settings)
-    ]
-    swings.sort(key=lambda one: -one.found.regularity * one.found.cycles)
+    spectra = {name: spectrum_of(one) for name, one in signals.items()}
+    swings = [swing for name in signals for swing in _swings_of(name, signals, diagnoses, settings)]
+    # what a sticky valve moves at odd times may swing by itself after each of its slips
+    swings.sort(key=lambda one: (not one.irregular, -one.found.regularity * one.found.cycles))
     cascades = find_cascades(signals, settings)
     groups: list[Group] = []
+    wide: list[Group] = []
     used: set[int] = set()
     for i, seed in enumerate(swings):
         if i in used:
             continue
-        members = _members(seed, signals, swings, settings.grouping)
+        members = _members(seed, spectra, swings, settings)
         if len(members) < 2:
             continue
+        period = seed.found.period_s
         for j, other in enumerate(swings):
-            near = abs(other.found.period_s / seed.found.period_s - 1.0) < settings.grouping.same
-            if other.loop in members and near:
+            if other.loop in members and _is_near(other, period, settings):
                 used.add(j)
         names = tuple(name for name in signals if name in members)
-        if any(_same_event(names, seed.found.period_s, group, settings) for group in groups):
+        if any(_same_event(names, period, group, settings) for group in groups) or any(
+            _same_event(names, period, group, settings, is_wide=True) for group in wide
+        ):
             continue
         inside = tuple(one for one in cascades if one.master in members and one.slave in members)
-        groups.append(
-            Group(
-                names,
-                seed.found.period_s,
-                _candidates(names, seed.found.period_s, signals, diagnoses, inside, settings),
-                inside,
-            )
-        )  # fmt: skip
-    return tuple(sorted(groups, key=lambda group: -len(group.loops)))
+        those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
+        candidates = rank_candidates(those, settings)
+        if seed.irregular and candidates[0].loop != seed.loop:
+            # without an oscillation of its own it is no event unless its valve moves the others
+            continue
+        found = Group(names, period, candidates, inside)
+        (wide if seed.irregular else groups).append(found)
+    return tuple(sorted((*groups, *wide), key=lambda group: -len(group.loops)))
 
 
-def _swings_of(one: LoopSignals, settings: DiagnosisSettings) -> list[Oscillation]:
-    return list(
-        detect_oscillations(compared_signal(one), period=one.period, settings=settings.swinging)
+def _swings_of(
+    name: str,
+    signals: Mapping[str, LoopSignals],
+    diagnoses: Mapping[str, Diagnosis],
+    settings: DiagnosisSettings,
+) -> list[_Swing]:
+    """The oscillations of a loop, or the main one of a loop whose valve sticks."""
+    one = signals[name]
+    all_found = detect_oscillations(
+        compared_signal(one), period=one.period, settings=settings.swinging
     )
+    sticks = any(cause.name is CauseName.STICKY_VALVE for cause in diagnoses[name].causes)
+    present = [found for found in all_found if found.present]
+    if not sticks:
+        return [_Swing(name, found) for found in present]
+    if not present:
+        # the main motion of a loop whose valve sticks, regular or not
+        return [_Swing(name, found, irregular=True)
+                for found in sorted(all_found, key=lambda found: -found.share)[:1]]  # fmt: skip
+    regular = settings.grouping.regular
+    return [_Swing(name, found, found.regularity < regular) for found in present]
 
 
-def _may_cycle(diagnosis: Diagnosis, found: Oscillation, settings: DiagnosisSettings) -> bool:
-    """Whether an irregular oscillation may be the cycle of a valve that is known to stick."""
-    sticks = any(cause.name is CauseName.STICKY_VALVE for cause in diagnosis.causes)
-    return sticks and found.decay > settings.grouping.cycle
+def _is_near(swing: _Swing, period: float, settings: DiagnosisSettings) -> bool:
+    return abs(swing.found.period_s / period - 1.0) < settings.grouping.same
 
 
 def _members(
     seed: _Swing,
-    signals: Mapping[str, LoopSignals],
+    spectra: Mapping[str, LoopSpectrum],
     swings: list[_Swing],
-    grouping: Grouping,
-) -> dict[str, float]:
-    """Loops coherent with the seed's oscillation, each with its coherence."""
-    period = seed.found.period_s
-    grid = common_grid(signals, period)
-    mine, known = amplitudes(signals[seed.loop], 1.0 / period, grid, grouping.width)
-    swinging = {
-        one.loop for one in swings if abs(one.found.period_s / period - 1.0) < grouping.same
-    }
-    members = {seed.loop: 1.0}
-    pairs = max(1, len(signals) * (len(signals) - 1) // 2)
-    for name, one in signals.items():
+    settings: DiagnosisSettings,
+) -> set[str]:
+    """Loops that agree with the seed's oscillation; the seed alone where none does."""
+    grouping, period = settings.grouping, seed.found.period_s
+    width = grouping.wide if seed.irregular else grouping.width
+    delays = np.array(grouping.delays if seed.irregular else (0.0,))
+    near = {one.loop for one in swings if _is_near(one, period, settings)}
+    clear = {one.loop: one.found.prominence for one in swings}
+    visible: dict[str, float] = {}
+    hidden: dict[str, float] = {}
+    for name, other in spectra.items():
         # a period needs four samples
-        if name == seed.loop or one.period > 0.25 * period:
+        if name == seed.loop or other.period > 0.25 * period:
             continue
-        other, known_too = amplitudes(one, 1.0 / period, grid, grouping.width)
-        found, values = coherence(mine, other, known & known_too)
-        # values half a period apart, in a band of this width
-        free = max(2.0, values * grouping.width)
-        # a loop without an oscillation of its own has the periods of all others to agree with
-        tried = pairs if name in swinging else pairs * len(swings)
-        chance = math.sqrt(1.0 - (grouping.chance / tried) ** (1.0 / (free - 1.0)))
-        least = grouping.coherence if name in swinging else grouping.hidden
-        if found > max(chance, least) and (
-            name in swinging or share_in_band(one, period) > grouping.share
-        ):
-            members[name] = found
-    return members
+        if name not in near and other.share(period, width) < grouping.share:
+            continue
+        found = agreement(spectra[seed.loop], other, period, width, delays)
+        if name in near and found.coherence > grouping.coherence:
+            visible[name] = found.chance() - _log_periods(seed, settings)
+        elif found.coherence > (grouping.coherence if seed.irregular else grouping.hidden):
+            # a period of a loop that swings in several ways is told less well
+            (visible if name in clear else hidden)[name] = found.chance() + math.log(delays.size)
+    least = math.log(grouping.chance)
+    if seed.irregular:
+        everyone = dict.fromkeys(spectra, 0.0)
+        return {seed.loop, *_surest(visible | hidden, seed.loop, everyone, least)}
+    chosen = _surest(visible, seed.loop, clear, least)
+    if not chosen:
+        return {seed.loop}
+    tried = math.log(len(spectra))
+    return {seed.loop, *chosen, *(one for one, at in hidden.items() if at + tried < least)}
+
+
+def _log_periods(seed: _Swing, settings: DiagnosisSettings) -> float:
+    """Logarithm of the number of periods that a loop could have had beside the seed's."""
+    return math.log(max(1.0, settings.grouping.range * seed.found.cycles))
+
+
+def _surest(
+    chances: Mapping[str, float], seed: str, clear: Mapping[str, float], least: float
+) -> set[str]:
+    """The largest choice of loops that forms a group with the seed less likely than by chance.
+
+    Args:
+        chances: by loop, the logarithm of the probability that it agrees by chance.
+        seed: the loop they agree with.
+        clear: by loop that could have agreed, how clearly it swings: any choice among the loops
+            that swing as clearly could have been the group.
+        least: logarithm of the probability below which it is a group.
+    """
+    order = sorted(chances, key=lambda name: chances[name])
+    total, size, faintest = 0.0, 0, clear[seed]
+    for k, name in enumerate(order, start=1):
+        total += chances[name]
+        faintest = min(faintest, clear[name])
+        comparable = sum(one >= faintest for one in clear.values())
+        if total + math.log(math.comb(comparable, k + 1)) < least:
+            size = k
+    return set(order[:size])
 
 
 def _same_event(
-    names: tuple[str, ...], period: float, group: Group, settings: DiagnosisSettings
-) -> bool:
-    """Whether it is a group that was found already, or a harmonic of it."""
-    ratio = group.period_s / period
-    harmonic = abs(ratio - round(ratio)) < settings.grouping.same * ratio and ratio > 0.9
-    return harmonic and len(set(names) & set(group.loops)) >= 0.5 * len(names)
-
-
-def _candidates(
     names: tuple[str, ...],
     period: float,
-    signals: Mapping[str, LoopSignals],
-    diagnoses: Mapping[str, Diagnosis],
-    cascades: tuple[Cascade, ...],
+    group: Group,
     settings: DiagnosisSettings,
-) -> tuple[Candidate, ...]:
-    """The members and the outside, each with its evidence, the likeliest first."""
+    *,
+    is_wide: bool = False,
+) -> bool:
+    """Whether it is a group that was found already, a harmonic of it, or part of its broad peak."""
+    ratio = group.period_s / period
     grouping = settings.grouping
-    harmonics = {name: harmonics_of(signals[name], period, grouping.width) for name in names}
-    shares = {name: share_in_band(signals[name], period) for name in names}
-    most = max(harmonics.values(), default=0.0)
-    ahead = leads(on_one_grid(names, signals, period, grouping), grouping)
-    scores: list[tuple[float, str | None, tuple[str, ...], tuple[str, ...]]] = []
-    for name in names:
-        score = 0.0
-        evidence: list[str] = []
-        against: list[str] = []
-        made, text = _makes(diagnoses[name], period, settings)
-        score += made
-        (evidence if made > 0.0 else against).append(text)
-        if most > 0.0:
-            score += grouping.harmonics * harmonics[name] / most
-            (evidence if harmonics[name] > 0.7 * most else against).append(
-                f"harmonics of {harmonics[name]:.0%} of the oscillation in its error (the group's "
-                f"largest: {most:.0%})"
-            )
-        score += grouping.strength * shares[name]
-        if shares[name] > 0.3:
-            evidence.append(f"the oscillation is {shares[name]:.0%} of its motion")
-        score += grouping.leads * ahead[name]
-        (evidence if ahead[name] > 0.0 else against).append(
-            f"its past tells the others' future {'better' if ahead[name] > 0.0 else 'worse'} than "
-            f"theirs tells its own (lead {ahead[name]:+.2f} of 1)"
-        )
-        for cascade in cascades:
-            if cascade.master == name:
-                score -= grouping.strength
-                against.append(f"its OP is the set-point of {cascade.slave}, which moves the valve")
-        scores.append((score, name, tuple(evidence), tuple(against)))
-    # where no loop makes the oscillation itself it comes from outside, whichever loop shows it most
-    is_made = any(_makes(diagnoses[name], period, settings)[0] > 0.0 for name in names)
-    most_likely = max(score for score, *_ in scores)
-    outside = grouping.outside if is_made else most_likely + grouping.unmade
-    scores.append((
-        outside, None,
-        ("no loop of the group must be its source: a machine, a batch or a loop not given may be",),
-        (),
-    ))  # fmt: skip
-    total = sum(math.exp(score) for score, *_ in scores)
-    scores.sort(key=lambda one: -one[0])
-    return tuple(
-        Candidate(name, math.exp(score) / total, evidence, against)
-        for score, name, evidence, against in scores
-    )
-
-
-def _makes(diagnosis: Diagnosis, period: float, settings: DiagnosisSettings) -> tuple[float, str]:
-    """Score and sentence: does the loop make the oscillation itself?"""
-    grouping = settings.grouping
-    own = diagnosis.oscillation.period_s
-    same = math.isfinite(own) and abs(own / period - 1.0) < grouping.same
-    weights = {cause.name: cause for cause in diagnosis.causes}
-    sticky = weights.get(CauseName.STICKY_VALVE)
-    if sticky is not None:
-        return grouping.sticky, f"its valve sticks: {sticky.evidence[0]}"
-    tight = weights.get(CauseName.TIGHT_TUNING)
-    if tight is not None and same:
-        return grouping.tight, f"its tuning swings: {tight.evidence[0]}"
-    outside = weights.get(CauseName.EXTERNAL_OSCILLATION)
-    if outside is not None and same:
-        return -grouping.external, f"it swings because of others: {outside.evidence[0]}"
-    return 0.0, f"its own diagnosis does not make it the source: {diagnosis.first.name.words}"
+    shared = set(names) & set(group.loops)
+    is_harmonic = abs(ratio - round(ratio)) < grouping.same * ratio and ratio > 0.9
+    is_inside = abs(ratio - 1.0) < grouping.wide and (is_wide or len(shared) == len(names))
+    return (is_harmonic or is_inside) and len(shared) >= 0.5 * len(names)

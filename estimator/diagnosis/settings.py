@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 __all__ = [
     "DIAGNOSIS",
+    "Bispectrum",
     "DiagnosisSettings",
     "Facts",
     "Grouping",
@@ -72,6 +73,21 @@ class Swinging:
 
 
 @dataclass(frozen=True, slots=True)
+class Bispectrum:
+    """How a limit cycle is told from a linear loop with noise; Choudhury et al. (2004) use 64 too.
+
+    Attributes:
+        per_period: samples of a period after thinning: the third harmonic has four.
+        segment, least: samples of a segment, five periods, and fewest segments, half of each shared
+            with the next: fewer agree by chance.
+    """
+
+    per_period: int = 12
+    segment: int = 64
+    least: int = 6
+
+
+@dataclass(frozen=True, slots=True)
 class Reading:
     """How the controller is read off the record.
 
@@ -103,8 +119,9 @@ class Weighing:
             whose phase wanders.
         bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
             range of an equal-percentage valve.
-        parts, best_parts: parts of the window over which a sticky valve's evidence is spread, and
-            how many of the best are left out.
+        parts, curved_parts: parts of the window; the evidence for a sticky valve, and for a curved
+            characteristic, must be there without the best one (tuning family: a slow loop whose
+            load jumps a few times looks curved in one half).
     """
 
     jump: float = 5.0
@@ -112,8 +129,8 @@ class Weighing:
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
-    parts: int = 8
-    best_parts: int = 2
+    parts: int = 4
+    curved_parts: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +195,12 @@ class Judging:
             positioner resolves.
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
-        advise_from: nats of the process over none from which settings are proposed.
+        advise_from: nats of the process over none from which settings are proposed (tuning family:
+            the prediction that was furthest off had 55).
         farthest: largest factor on the integral gain that is proposed: a record shows the process
             at the frequencies that its loop uses, and not far beyond.
+        seen: share of the record beyond which an integral time is too long for the record to show
+            how fast the loop is.
         ratio: between the largest and the smallest gain over OP's middle nine tenths.
         most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
         by_hand: share of samples in manual from which that is the finding.
@@ -200,8 +220,9 @@ class Judging:
     shaken: float = 0.005
     noisy: float = 0.5
     frozen: float = 0.08
-    advise_from: float = 30.0
+    advise_from: float = 60.0
     farthest: float = 5.0
+    seen: float = 0.2
     ratio: float = 3.0
     most_ratio: float = 60.0
     by_hand: float = 0.3
@@ -213,48 +234,65 @@ class Grouping:
 
     Attributes:
         same: periods nearer than this share may be one event's.
-        width: half-width of the narrow band, as a share of the frequency.
-        chance: probability that any two loops of a plant are taken for a group by chance.
+        width, wide: half-width of the band, as a share of the frequency: narrow for an oscillation,
+            wide for the irregular motion of a sticky valve.
+        delays: periods by which loops follow such a motion: a band that wide tells them apart.
+        chance: probability that a plant shows one group by chance.
+        regular: regularity below which the cycle of a sticky valve is compared in the wide band.
+        range: span of the periods that loops of a plant have, in nats: 3 is a factor of 20.
         coherence: least coherence of two loops that both oscillate; half of the amplitude's
             variance is then in common.
         hidden: least coherence of a loop that does not oscillate visibly itself.
         share: least share of the oscillation in such a loop's motion.
         moving: share of samples in which a cascade's set-point moves.
+        masters: outputs most like a set-point that are tried as its master's.
         cascade: share of a set-point's variance that a master's OP explains.
         sticky, tight, external: log odds that a loop is the source, by its own diagnosis
             (judged, not measured: a victim is seldom called sticky, more often tight).
-        harmonics, strength: log odds of the loop with the most harmonics, and of one that holds
-            nothing but the oscillation.
+        amplifies, maybe: amplification of a disturbance at the group's period from which a loop
+            whose cause is undetermined may swing by itself, and its log odds.
+        harmonics, strength: log odds of the loop with the most harmonics, and for each nat of the
+            odds of the oscillation over the rest of the motion.
+        nonlinear, bicoherent: log odds of a loop with a nonlinear oscillation, and the bicoherence
+            from which it is one (tuning family: nine of ten tight loops are below).
         leads: log odds of a loop whose past tells the future of all others.
+        compared: likeliest loops that are compared for a lead.
         order, per_period: past values of the regressions that tell who leads, and samples of a
             period: together they reach back most of a period.
         lead_nats: difference of evidence from which a lead is clear.
         outside: log odds of a source that is none of the loops, where one of them swings by itself;
             unmade: its lead over the likeliest loop where none does.
-        cycle: height of the autocorrelation two periods away from which a sticky valve's irregular
-            cycle is followed through the plant.
     """
 
     same: float = 0.1
     width: float = 0.2
-    chance: float = 0.01
+    wide: float = 0.5
+    delays: tuple[float, ...] = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+    chance: float = 0.02
+    regular: float = 3.0
+    range: float = 3.0
     coherence: float = 0.7
     hidden: float = 0.85
     share: float = 0.1
     moving: float = 0.3
+    masters: int = 3
     cascade: float = 0.95
     sticky: float = 5.0
-    tight: float = 3.5
+    tight: float = 3.0
     external: float = 1.0
+    amplifies: float = 2.2
+    maybe: float = 2.5
     harmonics: float = 1.0
-    strength: float = 1.0
+    strength: float = 1.2
+    nonlinear: float = 0.5
+    bicoherent: float = 0.55
     leads: float = 3.0
+    compared: int = 8
     order: int = 10
     per_period: float = 15.0
     lead_nats: float = 15.0
     outside: float = 2.0
     unmade: float = 1.0
-    cycle: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +300,7 @@ class DiagnosisSettings:
     """All settings of a diagnosis."""
 
     swinging: Swinging = field(default_factory=Swinging)
+    bispectrum: Bispectrum = field(default_factory=Bispectrum)
     reading: Reading = field(default_factory=Reading)
     weighing: Weighing = field(default_factory=Weighing)
     facts: Facts = field(default_factory=Facts)

@@ -34,7 +34,10 @@ def diagnose(
     period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
     hours: Annotated[float, typer.Option(min=0.1, help="For a site: hours up to now.")] = 24.0,
     plot: Annotated[
-        Path | None, typer.Option(help="One loop: write a picture (PNG, SVG or PDF).")
+        Path | None,
+        typer.Option(
+            help="Write a picture of the loop, or of the largest group (PNG, SVG or PDF)."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
@@ -48,8 +51,6 @@ def diagnose(
             f"{sites[0]} is a site file: give it alone, or recorded loops", param_hint="PATH"
         )
     several = bool(sites) or len(paths) > 1 or paths[0].is_dir()
-    if several and plot is not None:
-        raise typer.BadParameter("a picture shows one loop: give one file", param_hint="--plot")
     if sites:
         from fieldlink.site import load_site
 
@@ -61,10 +62,18 @@ def diagnose(
     else:
         _one(paths[0], columns, plot, as_json)
         return
+    if plot is not None and plant.groups:
+        from fieldlink.diagnosis_pictures import group_figure
+        from fieldlink.pictures import save
+
+        save(group_figure(plant, plant.groups[0], title=paths[0].name), plot)
     if as_json:
         typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
-    else:
-        _print_plant(plant)
+        return
+    _print_plant(plant)
+    if plot is not None:
+        said = f"picture: {plot}" if plant.groups else "no picture: no loops swing together"
+        typer.echo(said)
 
 
 def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:

@@ -18,7 +18,7 @@ TLS_PORT = 8883
 LONGEST_HOURS = 24 * 366
 """A year: what has waited longer is history, and the historian has it."""
 
-Topic = Literal["estimates", "writebacks", "events", "health", "samples"]
+Topic = Literal["estimates", "writebacks", "events", "findings", "health", "samples"]
 Command = Literal["estimate_now", "withdraw"]
 
 
@@ -72,7 +72,7 @@ class MqttSettings(Model):
     )
     """Payloads: plain JSON on readable topics, Sparkplug B, or both."""
     publish: tuple[Topic, ...] = Field(
-        default=("estimates", "writebacks", "events", "health"), min_length=1
+        default=("estimates", "writebacks", "events", "findings", "health"), min_length=1
     )
     """What is published; samples (every OP, PV and SP) only if named here."""
     topic: str = Field(default="fieldlink", min_length=1)

@@ -1,8 +1,8 @@
 """Plain JSON on readable topics: ``fieldlink/SITE/AREA/LOOP/estimate`` and the like.
 
-QoS 1. Estimates, write-backs, health and ``online`` are retained, so that a dashboard that starts
-later shows them at once. Every message carries ``stream`` and ``id``: a consumer that keeps the
-highest id of a stream can drop repeats.
+QoS 1. Estimates, write-backs, open findings, health and ``online`` are retained, so that a
+dashboard that starts later shows them at once. Every message carries ``stream`` and ``id``: a
+consumer that keeps the highest id of a stream can drop repeats.
 """
 
 from __future__ import annotations
@@ -77,6 +77,8 @@ class JsonFormat:
             document |= {"event": message.body["kind"], "source": message.source}
             rest = {key: value for key, value in message.body.items() if key != "kind"}
             return [_packet(self._topics.events, document | rest)]
+        if message.kind == "finding":
+            return self._encode_finding(message, document)
         topic = self._topics.of_kind(message.source, message.kind)
         if topic is None:
             # The loop has gone from the site file since: there is no topic left for it.
@@ -84,6 +86,18 @@ class JsonFormat:
         loop = self._site.loops[message.source]
         document |= {"area": loop.area, "loop": message.source}
         return [_packet(topic, document | dict(message.body), retain=message.kind in _RETAINED)]
+
+    def _encode_finding(
+        self, message: Message, document: Mapping[str, object]
+    ) -> Iterable[Outgoing]:
+        """Return the finding, retained while it is open; a closed one leaves the broker."""
+        topic = self._topics.finding(str(message.body["finding"]))
+        is_open = message.body["state"] != "closed"
+        found = [_packet(topic, {**document, **message.body}, retain=is_open)]
+        if not is_open:
+            # MQTT 5, 3.3.1.3: an empty retained message removes the one before
+            found.append(Outgoing(topic, b"", qos=1, retain=True))
+        return found
 
     def note_health(self, health: Health) -> Iterable[Outgoing]:
         """Return the health when it has changed."""

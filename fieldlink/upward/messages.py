@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
-from fieldlink.store import EstimateRecord, EventRecord, Record, SampleRecord, WritebackRecord
+from fieldlink.store import (
+    EstimateRecord,
+    EventRecord,
+    FindingRecord,
+    Record,
+    SampleRecord,
+    WritebackRecord,
+)
 
 __all__ = ["Message", "message_maker"]
 
@@ -14,6 +21,7 @@ _KINDS: Mapping[type[Record], tuple[str, str]] = {
     EstimateRecord: ("estimates", "estimate"),
     WritebackRecord: ("writebacks", "writeback"),
     EventRecord: ("events", "event"),
+    FindingRecord: ("findings", "finding"),
 }
 """The word in the site file's ``publish``, and the kind of the message."""
 
@@ -28,8 +36,9 @@ class Message:
     """One thing to tell.
 
     Attributes:
-        kind: sample, estimate, writeback or event.
-        source: the loop; for an event what it is about: a loop, a device or the daemon.
+        kind: sample, estimate, writeback, event or finding.
+        source: the loop; for an event what it is about: a loop, a device or the daemon; for a
+            finding whose source is none of its loops the first of them.
         utc_ms: when it happened, milliseconds since 1970.
         body: plain JSON types; what is missing or not finite is None.
         id: number in the spool, one more for each message; 0 before it is there.
@@ -53,6 +62,9 @@ def message_maker(publish: Collection[str]) -> Callable[[Record], Message | None
         row = record.row()
         source = str(row.get("loop", row.get("source", "")))
         body = {key: value for key, value in row.items() if key not in _LEFT_OUT}
+        if isinstance(record, FindingRecord):
+            body["candidate"] = record.loop or None
+            source = record.loop or next(iter(record.loops), "")
         return Message(kind, source, int(str(row["utc_ms"])), body)
 
     return make

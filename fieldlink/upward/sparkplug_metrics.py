@@ -67,15 +67,24 @@ _EVENT = (
     MetricSpec("Event/Kind", _TEXT, "event", "kind"),
     MetricSpec("Event/Message", _TEXT, "event", "message"),
 )
+_FINDING = (
+    MetricSpec("Finding/ID", _TEXT, "finding", "finding"),
+    MetricSpec("Finding/State", _TEXT, "finding", "state"),
+    MetricSpec("Finding/Cause", _TEXT, "finding", "cause"),
+    MetricSpec("Finding/Weight", _NUMBER, "finding", "weight"),
+    MetricSpec("Finding/Period", _NUMBER, "finding", "swing_period_s"),
+    MetricSpec("Finding/Message", _TEXT, "finding", "message"),
+)
 _GROUPS: Mapping[str, tuple[MetricSpec, ...]] = {
     "estimates": _ESTIMATE,
     "writebacks": _WRITEBACK,
     "samples": _SAMPLE,
     "events": _EVENT,
+    "findings": _FINDING,
 }
 _OF_KIND = {
     kind: [spec for group in _GROUPS.values() for spec in group if spec.kind == kind]
-    for kind in ("estimate", "writeback", "sample", "event")
+    for kind in ("estimate", "writeback", "sample", "event", "finding")
 }
 
 NODE_EVENTS = (MetricSpec("Event/Source", _TEXT, "event", ""), *_EVENT)

@@ -39,6 +39,10 @@ class JsonTopics:
         """Topic of all events of the site."""
         return f"{self._base}/events"
 
+    def finding(self, number: str) -> str:
+        """Topic of one finding of the site, from its birth to its end."""
+        return f"{self._base}/findings/{as_level(number)}"
+
     @property
     def health(self) -> str:
         """Topic of the site's health."""

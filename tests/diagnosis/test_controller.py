@@ -39,6 +39,15 @@ def test_settings_through_noise_of_the_record() -> None:
     assert found.integral_time_s == pytest.approx(12.0, rel=0.15)
 
 
+def test_samples_at_a_limit_do_not_count() -> None:
+    push = -3.0 * np.sin(2.0 * np.pi * np.arange(1500) / 300.0)
+    loop = run(noise=0.1, load=push, limits=(0.0, 51.0))
+    found = read_controller(loop.op, loop.pv, loop.sp)
+    assert found is not None
+    assert found.exact
+    assert found.integral_time_s == pytest.approx(12.0, rel=0.01)
+
+
 def test_a_constant_op_has_no_controller() -> None:
     pv = np.random.default_rng(0).standard_normal(500)
     assert read_controller(np.full(500, 40.0), pv) is None

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.diagnosis.cascades import find_cascades
+from fieldlink.diagnosing import Plant
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
+from fieldlink.diagnosis_pictures import group_figure
 from tests.diagnosis.loops import Loop, run
 
 
@@ -28,10 +30,15 @@ def test_the_sticky_valve_is_the_source_of_what_it_moves() -> None:
     assert [group.loops for group in groups] == [("A", "B")]
     assert groups[0].candidates[0].loop == "A"
     assert sum(one.weight for one in groups[0].candidates) <= 1.0 + 1e-9
+    picture = group_figure(Plant(found, groups, {}, loops), groups[0], title="mill")
+    assert [axes.get_ylabel().split()[0] for axes in picture.axes] == ["A", "B"]
 
 
-def test_loops_that_do_not_swing_are_no_group() -> None:
-    loops = {str(seed): signals(run(seed=seed)) for seed in (4, 5, 6)}
+def test_loops_that_swing_each_for_themselves_are_no_group() -> None:
+    k = np.arange(1500)
+    waves = {period: 4.0 * np.sin(2.0 * np.pi * k / period) for period in (52, 70)}
+    loops = {str(seed): signals(run(seed=seed)) for seed in (4, 5)}
+    loops |= {f"wave {p}": signals(run(seed=p, load=wave)) for p, wave in waves.items()}
     found = {name: diagnose(one.op, one.pv, one.sp, advice=False) for name, one in loops.items()}
     assert find_groups(loops, found) == ()
 

@@ -15,7 +15,7 @@ import pytest
 
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.site import Site, load_site
-from fieldlink.store import EstimateRecord, EventRecord, Record, SampleRecord
+from fieldlink.store import EstimateRecord, EventRecord, FindingRecord, Record, SampleRecord
 from fieldlink.upward import Publishing, broker, connections, delivery, publishing
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.wiretap import WireTap
@@ -46,7 +46,7 @@ period = 1.0
 [mqtt]
 host = "127.0.0.1"
 port = {port}
-publish = ["estimates", "writebacks", "events", "health", "samples"]
+publish = ["estimates", "writebacks", "events", "findings", "health", "samples"]
 """
 START = round(1000.0 * time.time())
 
@@ -60,6 +60,12 @@ def sample(loop: str, number: int, **changes: Any) -> SampleRecord:
 def verdict(loop: str, stick_band: float) -> EstimateRecord:
     return EstimateRecord(
         loop, START, START, 0, 799, "estimated", "a reason", "stiction", 30.0, stick_band
+    )
+
+
+def finding(state: str, loop: str = "FC101") -> FindingRecord:
+    return FindingRecord(
+        "F-7", START, START, state, "sticky_valve", loop, ("FC101", "FC102"), 88.0, 0.9, "seen"
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from fieldlink.upward.sparkplug_payload import DataType, Metric, Payload, encode
 from tests.upward.client import Client
-from tests.upward.conftest import event, sample, until, verdict
+from tests.upward.conftest import event, finding, sample, until, verdict
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.wiretap import WireTap
 
@@ -52,6 +52,28 @@ async def test_a_dashboard_that_comes_later_sees_the_last_verdict(
     async with Client(tap.broker, "fieldlink/mill 4/online") as late:
         await until(lambda: late.received, "the farewell")
         assert json.loads(late.received[0][1])["online"] is False
+
+
+async def test_an_open_finding_is_retained_and_a_closed_one_leaves_the_broker(
+    bench: Callable[..., Any], tap: WireTap
+) -> None:
+    topic = "fieldlink/mill 4/findings/F-7"
+    async with bench(tap.port, 'formats = ["json"]') as running:
+        running.put(finding("confirmed", loop=""))
+        await until(lambda: running.waiting == 0, "everything delivered")
+        async with Client(tap.broker, topic) as late:
+            await until(lambda: late.received, "the retained finding")
+            told = json.loads(late.received[0][1])
+            assert (told["state"], told["cause"], told["candidate"]) == (
+                "confirmed", "sticky_valve", None
+            )  # fmt: skip
+            assert told["loops"] == ["FC101", "FC102"]
+            running.put(finding("closed"))
+            await until(lambda: len(late.received) == 3, "its end")
+            assert json.loads(late.received[1][1])["candidate"] == "FC101"
+        async with Client(tap.broker, topic, "fieldlink/mill 4/online") as later:
+            await until(lambda: later.received, "a retained message")
+            assert [place for place, _, _ in later.received] == ["fieldlink/mill 4/online"]
 
 
 async def test_a_daemon_that_dies_is_offline_by_its_will(

@@ -7,7 +7,7 @@ from typing import Any
 
 from fieldlink.upward.sparkplug_payload import DataType, Metric, Payload, encode
 from tests.upward.client import Client
-from tests.upward.conftest import event, sample, until, verdict
+from tests.upward.conftest import event, finding, sample, until, verdict
 from tests.upward.mosquitto import Mosquitto
 from tests.upward.sparkplug_rules import read_payload, violations
 from tests.upward.wiretap import WireTap
@@ -48,7 +48,7 @@ async def test_a_session_conforms_from_birth_to_death(
             running.put(sample("FC101", number))
         running.put(verdict("FC102", 2.5))
         running.put(event("device.demoted", "plc", "gone"))
-        running.put(event("loop.silent", "FC101", "silent"))
+        running.put(event("loop.silent", "FC101", "silent"), finding("watch"))
         await until(lambda: running.waiting == 0, "everything delivered")
         running.states["plc"] = "demoted"
         await until(lambda: "DDEATH/FC101" in verbs(tap), "the loop's death")
@@ -56,8 +56,9 @@ async def test_a_session_conforms_from_birth_to_death(
         await until(lambda: verbs(tap).count("DBIRTH/FC101") == 2, "the loop's birth")
     assert verbs(tap)[:3] == ["NBIRTH", "DBIRTH/FC101", "DBIRTH/FC102"]
     assert verbs(tap)[-1] == "NDEATH"  # a clean end makes the broker forget the will
+    assert "sticky_valve" in [metric.value for metric in metrics_sent(tap, "DDATA")]
     # more than 256 messages, so the sequence numbers went round
-    assert sum(verb == "DDATA/FC101" for verb in verbs(tap)) == 301
+    assert sum(verb == "DDATA/FC101" for verb in verbs(tap)) == 302
     assert_conforms(tap)
     pvs = [metric.value for metric in metrics_sent(tap, "DDATA") if metric.field == 13]
     assert set(map(float, range(300))) <= set(pvs)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import signal
 
+from benchmarks.diagnosis_families.records import Floats
+
 __all__ = ["Controller", "Plant", "Sensor", "Valve"]
 
 STEPS = 5
@@ -33,6 +35,14 @@ class Plant:
             self._line.append(flow)
             self._state = self._a @ self._state + b * self._line.pop(0)
         return float(self._c @ self._state)
+
+    def matrices(self) -> tuple[Floats, Floats, Floats]:
+        """State space of an inner step: ``(2, 2)``, ``(2,)``, ``(2,)``."""
+        return self._a, self._b[:, 0], self._c
+
+    def line_length(self) -> int:
+        """Dead time in inner steps."""
+        return len(self._line)
 
     def simc(self, closed: float) -> tuple[float, float]:
         """Gain and integral time by Skogestad (2003); closed-loop time in dead times."""

@@ -27,7 +27,7 @@ _VISIBLE = 0.7
 """A loop swings with the event where it makes this share of the error's usual deviation."""
 
 
-def draw_event(plant: str, source: str, seed: int, samples: int = 2000) -> EventRecord:
+def draw_event(plant: str, source: str, seed: int, samples: int = 3000) -> EventRecord:
     """The plant of that kind, source and seed; the same arguments give the same plant."""
     key = zlib.crc32(f"{plant}/{source}".encode())
     for attempt in range(_ATTEMPTS):

@@ -1,0 +1,66 @@
+"""Everything that was found about a loop, before it is weighed into causes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.diagnosis.controller import Controller
+from estimator.diagnosis.explanations import Explained
+from estimator.diagnosis.facts import Limits, Sensor
+from estimator.diagnosis.linear_loop import LinearLoop
+from estimator.diagnosis.oscillation import Oscillation
+
+__all__ = ["Gathered"]
+
+
+@dataclass(frozen=True, slots=True)
+class Gathered:
+    """Everything that was found about a loop.
+
+    Attributes:
+        swing, signal: the main oscillation and where it is.
+        limits, sensor, manual: facts of the record; ``manual`` is a share of the samples.
+        has_pv: whether PV was recorded.
+        controller, explained, loop: what was identified; None where it could not be.
+        op_span, op_middle: span of OP, and of its middle nine tenths.
+        predictable: shares of the error told one and two integral times ahead.
+        setpoint_swings: whether SP has the oscillation too.
+        samples: of the window that was explained.
+        duration_s: of the whole record.
+    """
+
+    swing: Oscillation
+    signal: str
+    limits: Limits
+    has_pv: bool
+    sensor: Sensor | None = None
+    manual: float = 0.0
+    controller: Controller | None = None
+    explained: Explained | None = None
+    loop: LinearLoop | None = None
+    op_span: float = 0.0
+    op_middle: float = 0.0
+    predictable: tuple[float, float] = (math.nan, math.nan)
+    setpoint_swings: bool = False
+    samples: int = 0
+    duration_s: float = math.inf
+
+    def amplification(self) -> tuple[float, float]:
+        """How the loop amplifies a disturbance at the oscillation's period, and Ms."""
+        if self.loop is None:
+            return math.nan, math.nan
+        margins = self.loop.margins()
+        if not self.swing.present:
+            return math.nan, margins.sensitivity
+        # the identified resonance and the measured period agree to some per cent
+        f = self.loop.period / self.swing.period_s * np.geomspace(0.9, 1.1, 9)
+        here = float(np.max(np.abs(self.loop.sensitivity(f[f < 0.5])), initial=0.0))
+        return here, margins.sensitivity
+
+    @property
+    def is_sticky(self) -> bool:
+        """Whether a sticky valve explains the record."""
+        return self.explained is not None and self.explained.sticks

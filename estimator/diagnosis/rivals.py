@@ -1,0 +1,157 @@
+"""What a healthy valve may have beside it: a wave from outside, a curved characteristic.
+
+A wave of a steady period is a sinusoid with harmonics; one whose phase wanders is noise with a
+sharp resonance. The latter is the same fit on rows from which a resonance was whitened. Both
+filters begin with 1, so that likelihoods stay comparable. A curved characteristic is an exponential
+of OP in place of OP: it never turns back.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from estimator.criteria.noise import WHITE
+from estimator.diagnosis.settings import Weighing
+from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.evidence.nuisances import Nuisance, Sinusoid
+from estimator.evidence.steadiness import steady_evidence
+from estimator.lanes import Array, filter_rows
+from estimator.search.processes import polish, settle
+
+__all__ = ["Rival", "curved", "waves", "without_best", "without_jumps"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """An explanation with the case that it was fitted in."""
+
+    case: Case
+    fit: Hypothesis
+    price: float = 0.0
+    bend: float = 0.0
+
+    @property
+    def likelihood(self) -> float:
+        """Of the fit, less what its search costs beyond the fit's own parameters; nats."""
+        return self.fit.likelihood - self.price
+
+
+def without_best(case: Case, rival: Rival, one: Hypothesis, parts: int) -> float:
+    """Log Bayes factor over a rival without that of ``parts`` that shows it best, in nats."""
+    judging = replace(case.settings.judging, parts=parts)
+    parted = replace(case, settings=replace(case.settings, judging=judging))
+    return steady_evidence(parted, rival.fit, one) + rival.price
+
+
+def without_jumps(case: Case, of: Hypothesis, weighing: Weighing) -> tuple[Case, int]:
+    """The case without the rows in which the load jumps."""
+    rows = case.rows
+    innovations = filter_rows(of.residual[None], of.taps, rows.weight)[0]
+    judged = rows.weight > 0.0
+    size = float(np.median(np.abs(innovations[judged]))) / 0.6745
+    far = judged & (np.abs(innovations) > weighing.jump * max(size, rows.floor))
+    count = int(far.sum())
+    if not 0 < count <= weighing.most_jumps * int(judged.sum()):
+        return case, 0
+    weight = np.where(far, 0.0, rows.weight)
+    return replace(case, rows=replace(rows, weight=weight, count=float(weight.sum()))), count
+
+
+def waves(case: Case, plain: Hypothesis, cycles: float, weighing: Weighing) -> list[Rival]:
+    """The healthy valve with an oscillation of the window's period from outside."""
+    found: list[Rival] = []
+    if not math.isfinite(cycles):
+        return found
+    n = case.rows.size
+    for harmonics in weighing.harmonics:
+        if max(harmonics) * cycles > 0.25 * n:
+            continue
+        wave = Sinusoid(_sharpest(case.rows.y, cycles, harmonics), harmonics)
+        nuisances: tuple[Nuisance, ...] = (wave,)
+        for taps in (WHITE, plain.taps):
+            found.append(Rival(case, polish(case, None, plain, nuisances, taps, wide=True)))
+        # one peak: the whitening of several takes too much of what lies between them
+        for sharpness, width in weighing.resonances if len(harmonics) == 1 else ():
+            filtered = _resonant_rows(case, wave.cycles, harmonics, sharpness, width)
+            # a frequency, a sharpness and a size; the start is two numbers more
+            price = 0.5 * (3.0 + 2.0 * len(harmonics)) * math.log(case.rows.count)
+            for taps in (WHITE, plain.taps):
+                fit = polish(filtered, None, plain, (), taps, wide=True)
+                found.append(Rival(filtered, fit, price))
+    if not found:
+        return found
+    best = max(found, key=lambda one: one.likelihood)
+    settled = settle(
+        best.case, polish(best.case, None, best.fit, best.fit.nuisances, best.fit.taps)
+    )
+    return [best, replace(best, fit=settled)]
+
+
+def _sharpest(y: Array, cycles: float, harmonics: tuple[int, ...]) -> float:
+    """Cycles in the window, near the given ones, that hold most of PV."""
+    n = y.size
+    weighted = np.hanning(n) * (y - y.mean())
+    k = np.arange(n)
+
+    def power(c: float) -> float:
+        return float(
+            sum(
+                abs(np.sum(weighted * np.exp(-2j * math.pi * h * c / n * k))) ** 2
+                for h in harmonics
+            )
+        )
+
+    reach = 0.08 * cycles + 0.5
+    tried = np.maximum(1.0, np.linspace(cycles - reach, cycles + reach, 33))
+    return float(tried[int(np.argmax([power(c) for c in tried]))])
+
+
+def _resonant_rows(
+    case: Case, cycles: float, harmonics: tuple[int, ...], sharpness: float, width: float
+) -> Case:
+    """The rows whitened of narrow resonances: for them noise with these peaks is white.
+
+    Each filter has its zeros at the resonance and its poles a little inside, so that it leaves
+    other frequencies alone. What it remembers from before the window is two more columns.
+    """
+    rows = case.rows
+    zeros, poles = np.ones(1), np.ones(1)
+    k = np.arange(rows.size)
+    memory = []
+    for h in harmonics:
+        angle = 2.0 * math.pi * h * cycles / rows.size
+        r, inside = math.exp(-sharpness * angle), math.exp(-(sharpness + width) * angle)
+        zeros = np.convolve(zeros, [1.0, -2.0 * r * math.cos(angle), r * r])
+        poles = np.convolve(poles, [1.0, -2.0 * inside * math.cos(angle), inside * inside])
+        memory += [inside**k * np.cos(angle * k), inside**k * np.sin(angle * k)]
+
+    def whiten(x: Array) -> Array:
+        return np.asarray(scipy.signal.lfilter(zeros, poles, x - x[0]))
+
+    shared = np.stack([rows.shared[0], *(whiten(row) for row in rows.shared[1:]), *memory])
+    return replace(case, rows=replace(rows, u=whiten(rows.u), y=whiten(rows.y), shared=shared))
+
+
+def curved(case: Case, plain: Hypothesis, weighing: Weighing) -> list[Rival]:
+    """The healthy valve with exponential characteristics."""
+    found = []
+    price = 0.5 * math.log(case.rows.count)
+    best = -math.inf
+    for side in (1.0, -1.0):
+        for size in weighing.bends:
+            bend = side * size
+            u = np.expm1(bend * case.rows.u) / bend
+            bent = replace(case, rows=replace(case.rows, u=u))
+            fit = polish(bent, None, plain, (), plain.taps, passes=1, wide=False)
+            if fit.likelihood > best:
+                best = fit.likelihood
+                found.append(Rival(bent, fit, price, bend))
+    if not found:
+        return []
+    last = found[-1]
+    sharp = polish(last.case, None, last.fit, (), last.fit.taps, wide=True)
+    return [last, replace(last, fit=sharp)]

@@ -1,0 +1,178 @@
+"""Which loop of a group started it, or whether it comes from outside.
+
+The source of an event is the loop that makes its oscillation itself: a sticky valve or a tuning
+that swings, by the diagnosis of each loop. Harmonics, which processes take away, and how purely a
+loop shows the oscillation speak for nearness to the source (Thornhill 2005, "Finding the source of
+nonlinearity in a process with plant-wide oscillation", IEEE Transactions on Control Systems
+Technology 13, 434-443), and so does a past that tells the others' future. Where no loop makes it,
+it comes from outside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from estimator.diagnosis.cascades import Cascade
+from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, harmonics_of, on_one_grid
+from estimator.diagnosis.leading import leads
+from estimator.diagnosis.result import CauseName, Diagnosis
+from estimator.diagnosis.settings import DiagnosisSettings
+
+__all__ = ["Candidate", "GroupMembers", "rank_candidates"]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A possible source: ``loop`` is None for a cause outside the loops given."""
+
+    loop: str | None
+    weight: float
+    evidence: tuple[str, ...]
+    against: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types."""
+        return {
+            "loop": self.loop,
+            "weight": self.weight,
+            "evidence": list(self.evidence),
+            "against": list(self.against),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class GroupMembers:
+    """The loops ``names`` of a group with what is known of them, by name."""
+
+    names: tuple[str, ...]
+    period_s: float
+    signals: Mapping[str, LoopSignals]
+    spectra: Mapping[str, LoopSpectrum]
+    diagnoses: Mapping[str, Diagnosis]
+    cascades: tuple[Cascade, ...]
+
+
+@dataclass(slots=True)
+class _Case:
+    """What speaks for a loop, and against it; ``score`` in nats."""
+
+    loop: str
+    score: float = 0.0
+    evidence: list[str] = field(default_factory=list)
+    against: list[str] = field(default_factory=list)
+
+    def add(self, score: float, text: str, is_for: bool) -> None:
+        self.score += score
+        (self.evidence if is_for else self.against).append(text)
+
+
+def rank_candidates(group: GroupMembers, settings: DiagnosisSettings) -> tuple[Candidate, ...]:
+    """The members and the outside, each with its evidence, the likeliest first."""
+    grouping = settings.grouping
+    cases = {name: _Case(name) for name in group.names}
+    is_made = False
+    for name, case in cases.items():
+        made, text = _makes(group.diagnoses[name], group.period_s, settings)
+        is_made |= made >= grouping.tight
+        case.add(made, text, made > 0.0)
+    _add_shape(group, cases, settings)
+    _add_leads(group, cases, settings)
+    for cascade in group.cascades:
+        cases[cascade.master].add(
+            -grouping.strength,
+            f"its OP is the set-point of {cascade.slave}, which moves the valve",
+            False,
+        )
+    # where no loop makes the oscillation it comes from outside, whichever loop shows it most
+    most_likely = max(case.score for case in cases.values())
+    outside = grouping.outside if is_made else most_likely + grouping.unmade
+    found = [(case.score, case.loop, tuple(case.evidence), tuple(case.against))
+             for case in cases.values()]  # fmt: skip
+    text = "no loop of the group must be its source: a machine, a batch or a loop not given may be"
+    everyone: list[tuple[float, str | None, tuple[str, ...], tuple[str, ...]]] = [
+        *found, (outside, None, (text,), ())
+    ]  # fmt: skip
+    everyone.sort(key=lambda one: -one[0])
+    first = everyone[0][0]
+    total = sum(math.exp(score - first) for score, *_ in everyone)
+    return tuple(
+        Candidate(name, math.exp(score - first) / total, evidence, against)
+        for score, name, evidence, against in everyone
+    )
+
+
+def _add_shape(
+    group: GroupMembers, cases: Mapping[str, _Case], settings: DiagnosisSettings
+) -> None:
+    """Harmonics, and how purely each loop shows the oscillation."""
+    grouping, period = settings.grouping, group.period_s
+    harmonics = {
+        name: harmonics_of(group.spectra[name], period, grouping.width) for name in group.names
+    }
+    most = max(harmonics.values(), default=0.0)
+    shares = {name: group.spectra[name].share(period, grouping.width) for name in group.names}
+    # the source has no other disturbance between itself and the oscillation
+    pure = {name: math.log(max(one, 0.01) / max(1.0 - one, 0.01)) for name, one in shares.items()}
+    purest = max(pure.values())
+    for name, case in cases.items():
+        if most > 0.0:
+            case.add(
+                grouping.harmonics * harmonics[name] / most,
+                f"harmonics of {harmonics[name]:.0%} of the oscillation in its error (the group's "
+                f"largest: {most:.0%})",
+                harmonics[name] > 0.7 * most,
+            )
+        bent = group.diagnoses[name].indices.get("bicoherence", math.nan)
+        if bent > grouping.bicoherent:
+            text = (
+                f"its oscillation is not that of a linear loop with noise (bicoherence {bent:.2g})"
+            )
+            case.add(grouping.nonlinear, text, True)
+        case.add(
+            grouping.strength * (pure[name] - purest),
+            f"the oscillation is {shares[name]:.0%} of its motion",
+            pure[name] > purest - 1.0,
+        )
+
+
+def _add_leads(
+    group: GroupMembers, cases: Mapping[str, _Case], settings: DiagnosisSettings
+) -> None:
+    """Who leads, among the likeliest: the others are no candidates for other reasons."""
+    grouping = settings.grouping
+    likely = sorted(cases.values(), key=lambda case: -case.score)[: grouping.compared]
+    names = tuple(case.loop for case in likely)
+    ahead = leads(on_one_grid(names, group.signals, group.period_s, grouping), grouping)
+    for name, lead in ahead.items():
+        cases[name].add(
+            grouping.leads * lead,
+            f"its past tells the others' future {'better' if lead > 0.0 else 'worse'} than theirs "
+            f"tells its own (lead {lead:+.2f} of 1)",
+            lead > 0.0,
+        )
+
+
+def _makes(diagnosis: Diagnosis, period: float, settings: DiagnosisSettings) -> tuple[float, str]:
+    """Score and sentence: does the loop make the oscillation itself?"""
+    grouping = settings.grouping
+    own = diagnosis.oscillation.period_s
+    same = math.isfinite(own) and abs(own / period - 1.0) < grouping.same
+    weights = {cause.name: cause for cause in diagnosis.causes}
+    sticky = weights.get(CauseName.STICKY_VALVE)
+    if sticky is not None:
+        return grouping.sticky, f"its valve sticks: {sticky.evidence[0]}"
+    tight = weights.get(CauseName.TIGHT_TUNING)
+    if tight is not None and same:
+        return grouping.tight, f"its tuning swings: {tight.evidence[0]}"
+    amplified = diagnosis.indices.get("amplification_at_period", math.nan)
+    if same and amplified > grouping.amplifies and diagnosis.first.name is CauseName.UNDETERMINED:
+        return grouping.maybe, (
+            f"it amplifies disturbances of this period {amplified:.2g} times: it may swing itself"
+        )
+    outside = weights.get(CauseName.EXTERNAL_OSCILLATION)
+    if outside is not None and same:
+        return -grouping.external, f"it swings because of others: {outside.evidence[0]}"
+    return 0.0, f"its own diagnosis does not make it the source: {diagnosis.first.name.words}"
