@@ -217,6 +217,7 @@ class LoopWatch:
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
+        self._asked = 0.0
 
     def restart(self, skip: int) -> None:
         """Leave out the next ``skip`` samples (a set-point change), at most the short window, and
@@ -243,6 +244,8 @@ class LoopWatch:
         if self._from == 0.0:
             self._from = seen.error
             self._expected = 1.1 * abs(seen.error)
+        # The stem follows a set-point in steps: what is asked for is counted until it is done.
+        self._asked += seen.sp_travel - self._asked / self._short
         noise = math.sqrt(self._quietest)
         on_the_way = self._skip > 0 or seen.limited
         same_side = seen.error * self._from > 0.0
@@ -254,7 +257,8 @@ class LoopWatch:
         if self._still_settling(seen.error) or seen.limited:
             return WatchVerdict.FINE
         self._squares.append(seen.error**2)
-        self._travels.append(max(0.0, seen.travel - seen.sp_travel))
+        self._travels.append(max(0.0, seen.travel - self._asked))
+        self._asked = max(0.0, self._asked - seen.travel)
         if self._cycles.push(seen.error, seen.noise_variance):
             return WatchVerdict.GROWING
         verdict = self._judge()

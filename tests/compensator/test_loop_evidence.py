@@ -19,8 +19,9 @@ from compensator import (
 from compensator.fluctuation import RestFluctuation
 from compensator.moves import LeastMoves, MovePlanner
 from compensator.prediction import Prediction
-from compensator.record_check import RecordCheckSettings, seen_agreement
+from compensator.record_check import RecordCheckSettings, seen_agreement, seen_friction
 from compensator.resolution import PvResolution
+from compensator.screen import PvScreen
 from compensator.setpoint_trend import SetpointTrend, SetpointTrendSettings
 from compensator.thrift import Thrift, ThriftSettings
 from loop_model import LoopModel, ProcessModel, ValveModel
@@ -66,6 +67,47 @@ def test_a_short_or_bad_record_says_nothing_of_the_sign() -> None:
     assert seen_agreement(with_gain(-1.0), [50.0] * 400, pvs) == 0
     with pytest.raises(CompensatorError, match="clear is a correlation between 0 and 1"):
         RecordCheckSettings(clear=1.5)
+
+
+def with_valve(factor: float) -> LoopModel:
+    valve = MODEL.valve
+    return LoopModel(ValveModel(factor * valve.stick_band, factor * valve.slip_jump), LAG)
+
+
+def test_a_record_shows_a_friction_plainly_larger_than_the_models_and_nothing_else() -> None:
+    ops, pvs = limit_cycle(600)
+    assert 1.6 < seen_friction(with_valve(0.5), ops, pvs) < 2.5
+    for right in (MODEL, with_valve(0.9), with_valve(1.5), with_gain(0.5), with_gain(2.0)):
+        assert seen_friction(right, ops, pvs) == 1.0
+    assert seen_friction(with_valve(0.5), ops[:100], pvs[:100]) == 1.0
+    assert seen_friction(with_valve(0.5), [50.0] * 600, pvs) == 1.0
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_a_model_of_half_the_friction_is_used_with_what_the_record_shows(factor: float) -> None:
+    supervisor = Supervisor(PiController(PiSettings(1.2, 9.0)))
+    for op, pv in zip(*limit_cycle(600), strict=True):
+        supervisor.step(pv, 50.0, op)
+    assert supervisor.offer(with_valve(factor))
+    for k in range(80):
+        supervisor.step(50.0, 50.0, 50.0)
+        if k == 60:  # a block of the same valve, read again
+            assert supervisor.offer(with_valve(factor))
+    assert supervisor.compensating
+    assert supervisor.model is not None
+    assert supervisor.model.valve.stick_band == pytest.approx(6.0, rel=0.21)
+
+
+def test_a_pv_that_comes_to_rest_is_not_frozen_and_one_that_stops_amid_noise_is() -> None:
+    noise = np.random.default_rng(8).normal(0.0, 0.1, 60)
+    coming = [0.01 * round(400.0 * 0.9**k) for k in range(60)]
+    for before, is_frozen in ((coming, False), (noise.tolist(), True)):
+        screen = PvScreen(30)
+        for pv in before:
+            assert math.isfinite(screen.check(pv, 0.1, 1.0))
+        seen = [screen.check(before[-1], 0.1, 1.0) for _ in range(400)]
+        assert screen.frozen is is_frozen
+        assert math.isnan(seen[-1]) is is_frozen
 
 
 def test_the_rounding_of_a_coarse_signal_is_found_and_noise_hides_it() -> None:
