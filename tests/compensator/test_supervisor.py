@@ -288,8 +288,8 @@ def test_a_valve_that_does_not_stick_is_refused() -> None:
     assert "stick band is 0" in loop.supervisor.refusal
 
 
-def test_a_valve_model_far_too_small_is_given_up() -> None:
-    loop = Loop()
+def test_a_valve_model_far_too_small_is_given_up_where_no_record_corrects_it() -> None:
+    loop = Loop(settings=UNCHECKED)
     loop.run(600)
     valve = EXAMPLE_1.valve
     wrong = ValveModel(0.3 * valve.stick_band, 0.3 * valve.slip_jump)
