@@ -256,3 +256,27 @@ def test_a_loop_that_rested_before_keeps_a_right_sign_and_gives_back_a_wrong_one
     else:
         assert supervisor.reason is WithdrawReason.LEFT_RANGE
         assert k < 400 + 11 + 40
+
+
+def test_a_level_lands_on_its_balance() -> None:
+    """It rests nowhere by itself: pairs of moves there and back have to find the one position."""
+    tank = ProcessModel((-1.0,), (0.03,), 3, -1.5, 1.0)
+    valve = ValveModel(6.0, 2.0)
+    supervisor = Supervisor(PiController(PiSettings(1.2, 40.0)))
+    noise = np.random.default_rng(9).normal(0.0, 0.04, 1100)
+    stem, op, pv = 49.0, 50.0, 1.0
+    late = [50.0] * 2
+    errors, stems = [], []
+    for k in range(1100):
+        if k == 500:
+            assert supervisor.offer(LoopModel(valve, tank))
+        op = supervisor.step(pv + float(noise[k]), 0.0, op).op
+        stem = valve.step(stem, op)
+        late.append(stem)
+        pv += 0.03 * (late.pop(0) - 50.0)
+        errors.append(pv)
+        stems.append(stem)
+    assert supervisor.compensating
+    moves = np.count_nonzero(np.abs(np.diff(stems[600:])) > 1e-9)
+    assert moves <= 8  # four corrections in 500 samples, of two moves each
+    assert np.std(errors[600:]) < 0.5 * np.std(errors[100:500])
