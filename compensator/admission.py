@@ -84,8 +84,8 @@ class Admission:
         The answer of a first model stays while models of about the same friction are offered: a
         record under the compensator holds few moves, all made by that friction.
         """
-        asked = self._asked
-        self._asked = valve = model.valve
+        asked, valve = self._asked, model.valve
+        self._asked = valve if len(seen) >= self._settings.check.shortest else None
         known = asked is not None and math.isclose(
             asked.static_friction, valve.static_friction, rel_tol=self._settings.retry.widest
         )
