@@ -29,6 +29,12 @@ __all__ = ["RecordCheckSettings", "answer_correlation", "seen_agreement", "seen_
 Array = NDArray[np.float64]
 
 
+_FIRST = (-0.8, 0.0, 0.8)
+"""First positions of the stem that are tried, from OP, as shares of the static friction: a limit
+cycle that hardly fills the band never moves a stem that begins in its middle.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class RecordCheckSettings:
     """Settings of `seen_agreement`.
@@ -47,7 +53,7 @@ class RecordCheckSettings:
             belief about the friction covers (`FrictionPrior.farthest`); fewer frictions are not
             asked about, because a valve that is not of He's kind looks like one of less friction.
         plainer: share of PV's variance left unexplained, over that with the model's own friction,
-            from which a larger one counts. With the right model none of 70 records of the tuning
+            from which a larger one counts. With the right friction none of 210 records of the tuning
             family showed one.
     """
 
@@ -127,14 +133,22 @@ def seen_friction(
     s = settings or RecordCheckSettings()
     if len(op) < s.shortest or not np.isfinite(pv).any():
         return 1.0
-    found = {f: answer_correlation(model, op, pv, f, s.slips) for f in (1.0, *s.larger)}
+    found = {
+        f: max(answer_correlation(model, op, pv, f, s.slips, first) for first in _FIRST)
+        for f in (1.0, *s.larger)
+    }
     best = max(found, key=lambda f: found[f])
     plain = 1.0 - found[best] ** 2 <= s.plainer * (1.0 - max(found[1.0], 0.0) ** 2)
     return best if found[best] >= s.clear and plain else 1.0
 
 
 def answer_correlation(
-    model: LoopModel, op: Sequence[float], pv: Sequence[float], factor: float = 1.0, slips: int = 3
+    model: LoopModel,
+    op: Sequence[float],
+    pv: Sequence[float],
+    factor: float = 1.0,
+    slips: int = 3,
+    first: float = 0.0,
 ) -> float:
     """Return the correlation of PV with the model's answer to OP, slow trends taken off both.
 
@@ -143,10 +157,11 @@ def answer_correlation(
         op: applied before each PV, shape ``(n,)``.
         pv: shape ``(n,)``, NaN where it was bad.
         factor: of the model's friction.
+        first: position of the stem at first, from OP, as a share of the static friction.
         slips: of the stem at least; with fewer, or where nothing changes, the correlation is 0.
     """
     valve = ValveModel(factor * model.valve.stick_band, factor * model.valve.slip_jump)
-    stem = valve.simulate(op, op[0])
+    stem = valve.simulate(op, op[0] + first * valve.static_friction)
     if np.count_nonzero(np.diff(stem)) < slips:
         return 0.0
     p = model.process
