@@ -32,7 +32,7 @@ from compensator.supervision import (
 from compensator.supervisor import Supervisor
 from compensator.two_move import TwoMove, TwoMoveSettings
 from compensator.unaware import MpcSettings, UnawareMpc
-from compensator.watch import WatchSettings
+from compensator.watch_settings import WatchSettings
 
 __all__ = [
     "Action",

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from compensator.action import CompensatorError, RefusalKind
 from compensator.figures import Sample
 from compensator.given_up import GivenUpModels
-from compensator.record_check import seen_agreement
+from compensator.record_check import seen_agreement, seen_friction
 from compensator.supervision import SupervisorSettings
-from loop_model import LoopModel
+from loop_model import LoopModel, ValveModel
 
 __all__ = ["Admission"]
 
@@ -24,12 +24,15 @@ class Admission:
     Attributes:
         given_up: models that made the loop worse.
         gain_sign: of the process, as the record showed it; 0 while unknown.
+        friction_factor: by which the friction is larger than the model asked about last has it.
     """
 
     def __init__(self, settings: SupervisorSettings) -> None:
         self._settings = settings
         self.given_up = GivenUpModels(settings.retry)
         self.gain_sign = 0
+        self.friction_factor = 1.0
+        self._asked: ValveModel | None = None
 
     def require_usable(self, model: LoopModel) -> None:
         """Raise `CompensatorError` for a model that must not be tried."""
@@ -74,3 +77,21 @@ class Admission:
                 "the signs of OP and PV and identify again",
                 RefusalKind.WRONG_SIGN,
             )
+
+    def with_seen_friction(self, model: LoopModel, seen: Sequence[Sample]) -> LoopModel:
+        """Return a model with the friction that the record shows, where that is plainly larger.
+
+        The answer of a first model stays while models of about the same friction are offered: a
+        record under the compensator holds few moves, all made by that friction.
+        """
+        asked, valve = self._asked, model.valve
+        self._asked = valve if len(seen) >= self._settings.check.shortest else None
+        known = asked is not None and math.isclose(
+            asked.static_friction, valve.static_friction, rel_tol=self._settings.retry.widest
+        )
+        if not known:
+            self.friction_factor = seen_friction(
+                model, [s.op for s in seen], [s.pv for s in seen], self._settings.check
+            )
+        f = self.friction_factor
+        return LoopModel(ValveModel(f * valve.stick_band, f * valve.slip_jump), model.process)

@@ -20,8 +20,6 @@ optimisation alone. Needs CasADi: ``pip install "fieldlink[nlp]"``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,90 +27,19 @@ from numpy.typing import NDArray
 from compensator.action import (
     Action,
     ActionStatus,
-    CompensatorError,
-    OpLimits,
     require_finite,
-    require_not_negative,
-    require_positive,
 )
 from compensator.belief import GAIN
 from compensator.condensed import CondensedCost
-from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.embedding_program import EmbeddingProgram, Problem
+from compensator.embedding_settings import EmbeddingSettings
+from compensator.hybrid import HybridMpc
 from compensator.prediction import Prediction
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["EmbeddingMpc", "EmbeddingSettings"]
 
 Array = NDArray[np.float64]
-
-_CONVERGED = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level"})
-
-
-@dataclass(frozen=True, slots=True)
-class EmbeddingSettings:
-    """Settings of `EmbeddingMpc`.
-
-    Attributes:
-        horizon: samples beyond the dead time, ``N_H`` of (16a).
-        pv_weight: Q of (16a) on PV.
-        op_weight: R of (16a), scaled as in `MpcSettings`.
-        move_weight: price of the squared change of OP from sample to sample, scaled alike.
-        tau: sharpness of (6); from 1e4 on the valve is He's exactly (the paper, section 2.1).
-        limits: range and rate of OP.
-        max_iterations: bound of IPOPT for each warm start.
-        max_seconds: bound of IPOPT for each warm start, seconds of the wall clock.
-        estimator: settings of the compensator that estimates and proposes the first warm start
-            (its limits are replaced by ``limits``).
-    """
-
-    horizon: int = 40
-    pv_weight: float = 1.0
-    op_weight: float = 0.015
-    move_weight: float = 0.0
-    tau: float = 1e4
-    limits: OpLimits = field(default_factory=OpLimits)
-    max_iterations: int = 60
-    max_seconds: float = 1.0
-    estimator: HybridSettings = field(default_factory=HybridSettings)
-
-    def __post_init__(self) -> None:
-        if self.horizon < 2 or self.max_iterations < 1:
-            raise CompensatorError(
-                f"EmbeddingSettings: horizon must be at least 2 and max_iterations at least 1; got "
-                f"{self.horizon} and {self.max_iterations}"
-            )
-        require_positive(
-            "EmbeddingSettings",
-            pv_weight=self.pv_weight,
-            op_weight=self.op_weight,
-            tau=self.tau,
-            max_seconds=self.max_seconds,
-        )
-        require_not_negative("EmbeddingSettings", move_weight=self.move_weight)
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What changes from scan to scan: start, target, and of PV's cost the linear term and the
-    factor of the quadratic one.
-    """
-
-    stem: float
-    op: float
-    target: float
-    linear: Array
-    factor: float
-
-
-def _casadi() -> Any:
-    try:
-        import casadi
-    except ImportError as error:
-        raise CompensatorError(
-            "the embedding controller needs CasADi with IPOPT, which is not installed; run "
-            'pip install "fieldlink[nlp]", or use the hybrid controller, which needs nothing'
-        ) from error
-    return casadi
 
 
 class EmbeddingMpc:
@@ -129,15 +56,13 @@ class EmbeddingMpc:
     def __init__(self, model: LoopModel, settings: EmbeddingSettings | None = None) -> None:
         self.settings = settings or EmbeddingSettings()
         s = self.settings
-        self._casadi = _casadi()
         self.compensator = HybridMpc(model, s.estimator.with_limits(s.limits))
         self._cost = CondensedCost.of(self.prediction, s.horizon, s.pv_weight, s.op_weight)
-        self._move_weight = s.move_weight * self.prediction.scale**2
-        self._solver = self._build()
+        weight = s.move_weight * self.prediction.scale**2
+        self._program = EmbeddingProgram(self._cost, s, weight)
         self._last: Array | None = None
         self._op = math.nan
         self._pv_bad = False
-        self.iterations = 0
 
     @property
     def model(self) -> LoopModel:
@@ -168,6 +93,11 @@ class EmbeddingMpc:
     def load_stepped(self) -> bool:
         """Whether the last PV showed a step of the load."""
         return self.compensator.load_stepped
+
+    @property
+    def iterations(self) -> int:
+        """Of IPOPT in the last scan, over all warm starts."""
+        return self._program.iterations
 
     @property
     def solution(self) -> Array | None:
@@ -215,13 +145,13 @@ class EmbeddingMpc:
         best: Array | None = None
         best_cost = math.inf
         best_name = ""
-        self.iterations = 0
+        self._program.iterations = 0
         starts = self.warm_starts(sp)
         for name, start in starts.items():
-            found = self._solve(problem, start)
+            found = self._program.solve(problem, self.model.valve, start)
             if found is None:
                 continue
-            cost = self._price(problem, found)
+            cost = self._program.price(problem, self.model.valve, found)
             if cost < best_cost:
                 best, best_cost, best_name = found, cost, name
         if best is None:
@@ -233,10 +163,12 @@ class EmbeddingMpc:
         self._last[0] = op
         stem = self.model.valve.step(problem.stem, op)
         status = ActionStatus.LIMITED if limited else ActionStatus.OPTIMAL
-        detail = f"from {best_name} ({len(starts)} warm starts, {self.iterations} iterations)"
+        detail = (
+            f"from {best_name} ({len(starts)} warm starts, {self._program.iterations} iterations)"
+        )
         return Action(op, status, problem.target, stem=stem, detail=detail)
 
-    def _problem(self, sp: float) -> tuple[_Problem, bool]:
+    def _problem(self, sp: float) -> tuple[Problem, bool]:
         tracker = self.compensator.tracker
         belief, p = tracker.best, self.prediction
         # The stem moves the process's drive by a gain known a little better than the model's.
@@ -250,7 +182,7 @@ class EmbeddingMpc:
             target_state, _ = p.equilibrium(p.process.gain * reached, 0.0)
         distance = tracker.free(belief) + p.B * reached - target_state
         linear = gain * (self._cost.linear @ distance)
-        return _Problem(belief.stem, self._op, target, linear, gain**2), target != wanted
+        return Problem(belief.stem, self._op, target, linear, gain**2), target != wanted
 
     def warm_starts(self, sp: float) -> dict[str, Array]:
         """Return OP over the horizon by name: the compensator's plan, the last solution moved on,
@@ -271,88 +203,3 @@ class EmbeddingMpc:
         for i in range(self.horizon):
             path[i] = before = self.settings.limits.clip(op, before)
         return path
-
-    def _price(self, problem: _Problem, op: Array) -> float:
-        """Return the cost of an OP trajectory with the exact valve, but for the part that is the
-        same for all trajectories.
-        """
-        stem = self.model.valve.simulate(op, problem.stem)
-        z = stem - problem.target
-        moves = np.diff(op, prepend=problem.op)
-        return float(
-            problem.factor * (z @ self._cost.hessian @ z)
-            + 2.0 * z @ problem.linear
-            + self._cost.op_weight * np.sum((op - problem.target) ** 2)
-            + self._move_weight * np.sum(moves**2)
-        )
-
-    def _build(self) -> Any:
-        """Set up IPOPT once; start, target and linear term are parameters."""
-        ca, s, n = self._casadi, self.settings, self.horizon
-        u, x = ca.SX.sym("u", n), ca.SX.sym("x", n)
-        stem0, op0, target = ca.SX.sym("stem0"), ca.SX.sym("op0"), ca.SX.sym("target")
-        linear, factor = ca.SX.sym("linear", n), ca.SX.sym("factor")
-        z = x - target
-        before, previous = ca.vertcat(stem0, x[:-1]), ca.vertcat(op0, u[:-1])
-        cost = factor * ca.bilin(ca.SX(ca.DM(self._cost.hessian)), z, z) + 2.0 * ca.dot(linear, z)
-        cost += self._cost.op_weight * ca.sumsqr(u - target)
-        cost += self._move_weight * ca.sumsqr(u - previous)
-        frictions = ca.SX.sym("frictions", 2)
-        rows = [x - _smoothed(ca, frictions, s.tau, before, u)]
-        rated = math.isfinite(s.limits.rate)
-        if rated:
-            rows.append(u - previous)
-        self._row_low = np.zeros(n * len(rows))
-        self._row_high = np.zeros(n * len(rows))
-        if rated:
-            self._row_low[n:], self._row_high[n:] = -s.limits.rate, s.limits.rate
-        # A small first barrier keeps IPOPT at its warm start, which is what it is given for.
-        options = {
-            "print_time": False,
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "ipopt.max_iter": s.max_iterations,
-            "ipopt.max_wall_time": s.max_seconds,
-            "ipopt.warm_start_init_point": "yes",
-            "ipopt.mu_init": 1e-4,
-            "ipopt.tol": 1e-6,
-        }
-        problem = {
-            "x": ca.vertcat(u, x),
-            "p": ca.vertcat(stem0, op0, target, factor, frictions, linear),
-            "f": cost,
-            "g": ca.vertcat(*rows),
-        }
-        return ca.nlpsol("embedding", "ipopt", problem, options)
-
-    def _solve(self, problem: _Problem, start: Array) -> Array | None:
-        """Solve from one warm start; None unless IPOPT says that it converged."""
-        limits, n = self.settings.limits, self.horizon
-        valve = self.model.valve
-        stem = valve.simulate(start, problem.stem)
-        known = [problem.stem, problem.op, problem.target, problem.factor]
-        frictions = [valve.static_friction, valve.dynamic_friction]
-        low = np.concatenate([np.full(n, limits.low), np.full(n, -np.inf)])
-        high = np.concatenate([np.full(n, limits.high), np.full(n, np.inf)])
-        result = self._solver(
-            x0=np.concatenate([start, stem]),
-            p=np.concatenate([known, frictions, problem.linear]),
-            lbx=low,
-            ubx=high,
-            lbg=self._row_low,
-            ubg=self._row_high,
-        )
-        stats = self._solver.stats()
-        self.iterations += int(stats["iter_count"])
-        if stats["return_status"] not in _CONVERGED:
-            return None
-        return np.array(result["x"], dtype=np.float64).ravel()[:n]
-
-
-def _smoothed(casadi: Any, frictions: Any, tau: float, stem: Any, op: Any) -> Any:
-    """Return (5) with (6), as CasADi expressions of the stem before and of OP."""
-    fs, fd = frictions[0], frictions[1]
-    error = op - stem
-    above, below = casadi.tanh(tau * (error + fs)), casadi.tanh(tau * (fs - error))
-    eta1, eta2 = 0.5 * (above + below), 0.5 * (below - above)
-    return eta1 * stem + (1.0 - eta1) * op + eta2 * fd

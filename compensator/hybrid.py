@@ -22,25 +22,19 @@ from compensator.action import (
     CompensatorError,
     require_finite,
 )
-from compensator.belief import FRICTION, GAIN, Belief
 from compensator.friction import Uncertainty
 from compensator.hybrid_settings import HybridSettings
-from compensator.moves import LeastMoves, MovePlan, MovePlanner
+from compensator.moves import MovePlan, MovePlanner, Ramp
 from compensator.prediction import NoiseModel, Prediction
 from compensator.setpoint_trend import SetpointTrend
 from compensator.stem import StemTracker
-from compensator.strokes import Strokes
+from compensator.sure_moves import SureMoves, plausible_stems
 from compensator.thrift import Thrift
 from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]
-
-_PLAUSIBLE = 0.05
-"""Chance from which a hypothesis counts when a move must be sure to slip."""
-_LEAST_SHARE = 0.05
-"""Share of the least move that is planned at least, however much of it the error of fD takes."""
 
 
 class HybridMpc:
@@ -200,47 +194,26 @@ class HybridMpc:
             self._thrift.push(float(belief.state[0]) - sp, self._way)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
-        target = self._stem_for(belief, wanted - tracker.drive(belief), belief.direction)
+        moves = self._moves()
+        target = moves.stem_for(wanted - tracker.drive(belief), belief.direction)
         low, high = self._reach
         limited = not low <= target <= high
         target = min(max(target, low), high)
         self._moving = self._moving or bool(plan.times) or self._dwells > 0
         goes_on = bool(plan.times) and plan.changes[0] * belief.direction > 0.0
         if self._dwells and not goes_on:
-            position, op = belief.stem, self._strokes(belief).dwell()
+            position, op = belief.stem, moves.strokes.dwell()
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
-        elif plan.times and plan.times[0] <= self._begins_at(belief, plan.changes[0]):
+        elif plan.times and plan.times[0] <= self._begins_at(moves.strokes.ramp(), plan.changes[0]):
             change = plan.changes[0]
-            position = self._slipping(belief, change)
+            position = moves.slipping(change)
             status = ActionStatus.LIMITED if limited else ActionStatus.MOVING
-            op = self._strokes(belief).move(min(max(position, low), high))
+            op = moves.strokes.move(min(max(position, low), high))
         else:
             position = belief.stem
             status = ActionStatus.LIMITED if limited else ActionStatus.HOLDING
-            op = self._strokes(belief).hold()
+            op = moves.strokes.hold()
         return Action(op, status, target, plan.final_pv + sp, position, self._words(plan))
-
-    def _stem_for(self, belief: Belief, change: float, direction: float) -> float:
-        """Return the stem position that changes the process's drive by ``change``."""
-        turned = belief.errors[FRICTION] * (direction - belief.direction)
-        return float(belief.stem + (change - turned) / (1.0 + belief.errors[GAIN]))
-
-    def _slipping(self, belief: Belief, change: float) -> float:
-        """Return the stem position for a change of the drive, far enough away to be sure to slip.
-
-        What is learnt of fD shifts where the stem lands, not the OP at which it breaks away: a
-        command inside the believed band could let the true valve slip while "it stayed" is
-        believed, and the belief would run away.
-        """
-        side = math.copysign(1.0, change)
-        position = self._stem_for(belief, change, side)
-        least = self._smallest_move(belief) + self._apart(belief, side)
-        return belief.stem + side * max(side * (position - belief.stem), least)
-
-    def _change_for(self, belief: Belief, position: float, direction: float) -> float:
-        """Return the change of the process's drive that a stem position makes."""
-        turned = belief.errors[FRICTION] * (direction - belief.direction)
-        return float((position - belief.stem) * (1.0 + belief.errors[GAIN]) + turned)
 
     def plan(self, sp: float) -> MovePlan:
         """Return the best plan from the present belief for the set-point ``sp``."""
@@ -248,15 +221,14 @@ class HybridMpc:
         belief = tracker.best
         ahead = self._trend.ahead(self.planner.points)
         error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - (sp + ahead)
-        # The planner moves the process's drive; the stem moves it by a gain known a little better.
-        gain = 1.0 + float(belief.errors[GAIN])
-        least = self._least_moves(belief)
-        ramp = self._strokes(belief).ramp()
+        moves = self._moves()
+        least = moves.least()
+        ramp = moves.strokes.ramp()
         ramp = replace(
             ramp,
             up=max(ramp.up, 0 if belief.direction > 0.0 else self._dwells),
             down=max(ramp.down, 0 if belief.direction < 0.0 else self._dwells),
-            largest=gain * ramp.largest,
+            largest=moves.gain * ramp.largest,
         )
         move_cost, travel_cost = self.prices()
         _, wanted = self.prediction.equilibrium(sp, 0.0)
@@ -266,58 +238,22 @@ class HybridMpc:
         lowest = min(ways) - overshoot - max(least.on, least.down)
         highest = max(ways) + overshoot + max(least.on, least.up)
         reach = (
-            max(self._change_for(belief, self._reach[0], -1.0), lowest),
-            min(self._change_for(belief, self._reach[1], 1.0), highest),
+            max(moves.change_for(self._reach[0], -1.0), lowest),
+            min(moves.change_for(self._reach[1], 1.0), highest),
         )
         if not self._trend.is_ramp or self.prediction.process.is_integrating:
             return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
         # The set-point passes by each position of the stem: a way there and back gains nothing.
         ramp = replace(ramp, opposite=self.horizon)
-        step = self._smallest_move(belief) * self.prediction.scale
+        step = moves.smallest * self.prediction.scale
         dead_time, settling = self.prediction.dead_time, self.planner.settling
         within = self._trend.window(dead_time, settling, step)
         return self._ramp_planner.plan(error, reach, least, move_cost, travel_cost, ramp, within)
 
-    def _least_moves(self, belief: Belief) -> LeastMoves:
-        """Return what commands that are sure to slip make of the drive, least of all.
-
-        A slip turns by ``t`` in direction (2 when it reverses), and the error ``w`` of fD makes
-        ``w t`` of the drive beside the stem's way.
-        """
-        gain, wrong = 1.0 + float(belief.errors[GAIN]), float(belief.errors[FRICTION])
-        on = gain * self._smallest_move(belief)
-        floor = _LEAST_SHARE * on
-        up, down = (on + gain * self._apart(belief, side) for side in (1.0, -1.0))
-        return LeastMoves(
-            up=max(up + wrong * (1.0 - belief.direction), floor),
-            down=max(down + wrong * (1.0 + belief.direction), floor),
-            on=on,
-            back=max(on + 2.0 * wrong, floor),
-        )
-
-    def _apart(self, belief: Belief, side: float) -> float:
-        """Return how much farther to ``side`` than ``belief`` the stem may be.
-
-        A move has to go so much farther to be sure to slip, whatever hypothesis holds. After it all
-        of them agree, so that a second move need not. Where OP's range or rate does not allow it,
-        the move goes as far as they do: what is out of reach must not keep the stem for ever.
-        """
-        smallest = self._smallest_move(belief)
-        low, high = self._reach
-        room = (high - belief.stem if side > 0.0 else belief.stem - low) - smallest
-        room = min(room, self._strokes(belief).ramp().largest - smallest)
-        tracker = self.tracker
-        ways = [
-            side * (h.stem - belief.stem)
-            for h, chance in zip(tracker.beliefs, tracker.chances, strict=True)
-            if chance > _PLAUSIBLE
-        ]
-        return max(0.0, min(max(ways, default=0.0), room))
-
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""
         tracker, s, valve = self.tracker, self.settings, self.model.valve
-        smallest = self._smallest_move(tracker.best)
+        smallest = self._moves().smallest
         # An offset not yet known well is no reason to move: waiting will tell.
         # A level drifts away from a wrong position, so that there a move cannot wait.
         weight = 1.0 if self.prediction.process.is_integrating else s.unknown
@@ -335,42 +271,35 @@ class HybridMpc:
 
     def plan_op(self, sp: float, samples: int) -> NDArray[np.float64]:
         """Return the OP, scan by scan, that carries out the present plan, shape ``(samples,)``."""
-        plan, belief = self.plan(sp), self.tracker.best
+        plan, sure = self.plan(sp), self._moves()
         low, high = self._reach
         fd = self.model.valve.dynamic_friction
         path = np.empty(samples)
-        stem, before = belief.stem, self._op
+        stem, before = sure.belief.stem, self._op
         moves = dict(zip(plan.times, plan.changes, strict=True))
         reached = 0.0
         for k in range(samples):
             wanted = stem
             if k in moves:
                 side = math.copysign(1.0, moves[k] - reached)
-                stem = min(max(self._stem_for(belief, moves[k], side), low), high)
+                stem = min(max(sure.stem_for(moves[k], side), low), high)
                 wanted, reached = stem + side * fd, moves[k]
             path[k] = before = self.settings.limits.clip(wanted, before)
         return path
 
-    def _smallest_move(self, belief: Belief) -> float:
-        """Return J and the margin above it; more after a command that the valve has withstood."""
-        s, valve = self.settings, self.model.valve
-        margin = s.slip_margin
-        if belief.survived > 0.0:
-            margin += s.spread * belief.survived
-        if Strokes.creeps(s, valve):
-            margin = 0.0  # OP goes on until the stem slips, whatever its friction
-        return valve.slip_jump + margin * valve.static_friction
+    def _moves(self) -> SureMoves:
+        """Return what moves there are from the present belief."""
+        tracker = self.tracker
+        stems = plausible_stems(tracker.beliefs, tracker.chances)
+        return SureMoves(
+            self.settings, self.model.valve, tracker.best, stems, self._reach, self._op
+        )
 
-    def _begins_at(self, belief: Belief, change: float) -> int:
+    def _begins_at(self, ramp: Ramp, change: float) -> int:
         """Return the first move time of a plan that OP, set off now, can keep."""
-        ramp = self._strokes(belief).ramp()
         times = self.planner.times
         first = int(np.searchsorted(times, ramp.up if change > 0.0 else ramp.down))
         return int(times[min(first, times.size - 1)])
-
-    def _strokes(self, belief: Belief) -> Strokes:
-        smallest = self._smallest_move(belief)
-        return Strokes(self.settings, self.model.valve, smallest, belief.stem, self._op)
 
     @staticmethod
     def _words(plan: MovePlan) -> str:

@@ -34,6 +34,11 @@ __all__ = ["LeastMoves", "MovePlan", "MovePlanner", "Ramp", "warm_up"]
 
 Array = NDArray[np.float64]
 
+_LEVEL_HORIZON = 120
+"""Samples that a plan for a level looks ahead beyond the dead time. It settles nowhere by itself:
+seen over fewer, a position a part of J beside the balance looks as good as the balance.
+"""
+
 _LASTING = 1.0
 """Horizons that the error at a horizon's end counts for beyond it."""
 
@@ -108,7 +113,8 @@ class MovePlanner:
 
     Args:
         prediction: the process.
-        horizon: samples; 0 chooses twice the settling time beyond the dead time.
+        horizon: samples; 0 chooses twice the settling time beyond the dead time, for a level a
+            fixed number.
         lasting: horizons that the error at the horizon's end counts for beyond it; 0 where the
             set-point goes on, so that nothing lasts.
     """
@@ -116,7 +122,8 @@ class MovePlanner:
     def __init__(self, prediction: Prediction, horizon: int = 0, lasting: float = _LASTING) -> None:
         self.prediction = prediction
         self.settling = settle = settling_samples(prediction)
-        self.horizon = horizon or min(1500, prediction.dead_time + max(30, 2 * settle))
+        beyond = _LEVEL_HORIZON if prediction.process.is_integrating else max(30, 2 * settle)
+        self.horizon = horizon or min(1500, prediction.dead_time + beyond)
         points = _spread(1, 24, self.horizon, 0.06)
         latest = max(1, self.horizon - prediction.dead_time) * 2 // 3
         self.times = _spread(0, 12, latest, 0.12)

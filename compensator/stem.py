@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation, held_correlations
+from compensator.hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
 from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
@@ -40,10 +41,6 @@ from loop_model import ValveModel
 __all__ = ["Belief", "StemTracker"]
 
 Array = NDArray[np.float64]
-
-_NEGLIGIBLE = 0.006
-"""Chance of an outcome below which it is not followed by a hypothesis of its own."""
-
 
 _NOISELESS = 1e-5
 """Deviation of PV, per OP's effect, that counts as free of noise: its square and that of a load of
@@ -78,8 +75,9 @@ class StemTracker:
             + (noise.measurement / prediction.scale) ** 2
         )
         settle = settling_samples(prediction)
-        self._load_drift = density / (settings.offset_memory * settle) ** 2
-        self._error_memory = 1.0 - 1.0 / (20.0 * settle)
+        lasts = settings.level_memory if prediction.process.is_integrating else settle
+        self._load_drift = density / (settings.offset_memory * lasts) ** 2
+        self._error_memory = 1.0 - 1.0 / (20.0 * lasts)
         self._transition = np.eye(n + ERRORS)
         self._transition[:n, :n] = prediction.A
         self._transition[:n, n + LOAD] = prediction.B
@@ -157,19 +155,7 @@ class StemTracker:
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
-        fs = self.valve.static_friction
-        offsets = (0.0, -0.4, 0.4, -0.8, 0.8) if fs > 0.0 else (0.0,)
-        state, drive = self.prediction.equilibrium(pv, 0.0)
-        self.beliefs = [
-            Belief(
-                op + offset * fs,
-                0.0,
-                state.copy(),
-                np.array([drive - op - offset * fs, 0.0, 0.0]),
-                score=-0.5 * abs(offset),
-            )
-            for offset in offsets
-        ]
+        self.beliefs = first_beliefs(self.prediction, pv, op, self.valve)
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
@@ -208,26 +194,15 @@ class StemTracker:
             self._fluctuation.push(pv, moved=self.best.stem != before)
 
     def _advance(self, op: float) -> None:
-        fs, fd = self.valve.static_friction, self.valve.dynamic_friction
-        friction = self.settings.friction
-        width = friction.static_deviation(self.valve)
         moved: list[Belief] = []
         for h in self.beliefs:
             free = self.free(h)
-            error = op - h.stem
-            side = math.copysign(1.0, error)
-            z = (abs(error) - fs) / width
-            stays = friction.chance_of_rest(z, h.tested)
-            outcomes = []
-            if stays > _NEGLIGIBLE:
-                outcomes.append(h.stay(z, math.log(stays), friction))
-            if stays < 1.0 - _NEGLIGIBLE:
-                outcomes.append(h.slip(op - side * fd, side, math.log(1.0 - stays), friction))
+            outcomes = outcomes_of(h, op, self.valve, self.settings.friction)
             for after in outcomes:
                 after.state = free + self.prediction.B * self.drive(after)
             moved += outcomes
         merged, spreads = merge_alike(moved)
-        self.beliefs = self._likely(merged)
+        self.beliefs = likely_ones(merged, self.settings.hypotheses)
         self._spread_out()
         if self.best.stem in spreads:
             self._covariance += spreads[self.best.stem]
@@ -257,35 +232,12 @@ class StemTracker:
         for error in (FRICTION, GAIN):
             self._covariance[n + error, n + error] += (1.0 - keep**2) * errors[error]
 
-    def _likely(self, beliefs: list[Belief]) -> list[Belief]:
-        """Return the best few, best first: none hopeless, one of a position."""
-        ranked = sorted(beliefs, key=lambda h: -h.score)
-        kept: list[Belief] = []
-        for h in ranked:
-            if h.score < ranked[0].score - 15.0 or len(kept) == self.settings.hypotheses:
-                break
-            if all(other.stem != h.stem for other in kept):
-                kept.append(h)
-        return kept
-
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
-        best = self.best
-        friction = self.settings.friction
-        reach = self.valve.static_friction + 2.0 * friction.static_deviation(self.valve)
-        for stem, direction in self._rests:
-            if abs(stem - best.stem) > 1e-9 and abs(self._op - stem) <= reach:
-                self.beliefs.append(
-                    Belief(
-                        stem,
-                        direction,
-                        best.state.copy(),
-                        best.errors.copy(),
-                        best.noise,
-                        best.score - self.settings.recalled,
-                    )
-                )
-        self.beliefs = self._likely(self.beliefs)
+        s = self.settings
+        reach = self.valve.static_friction + 2.0 * s.friction.static_deviation(self.valve)
+        earlier = recalled_ones(self.best, self._rests, self._op, reach, s.recalled)
+        self.beliefs = likely_ones(self.beliefs + earlier, s.hypotheses)
 
     def _correct(self, pv: float) -> None:
         if not math.isfinite(pv):
@@ -316,7 +268,7 @@ class StemTracker:
             self._keep_believable(h)
             # Heavy tails: one wild sample must not decide between two positions.
             h.see(-0.5 * min(surprise**2 / self._innovation, 9.0), keep)
-        self.beliefs = self._likely(self.beliefs)
+        self.beliefs = likely_ones(self.beliefs, self.settings.hypotheses)
         self._watch(surprises[id(self.best)])
 
     @property

@@ -18,7 +18,7 @@ from compensator.given_up import GivenUp, RetrySettings
 from compensator.hybrid_settings import HybridSettings
 from compensator.prediction import Prediction
 from compensator.record_check import RecordCheckSettings
-from compensator.watch import WatchSettings
+from compensator.watch_settings import WatchSettings
 from loop_model import LoopModel, ValveModel
 
 __all__ = [

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 from compensator.action import (
     Action,
@@ -32,7 +31,7 @@ from compensator.admission import Admission
 from compensator.figures import LoopFigures, LoopRecord, Sample
 from compensator.friction import Uncertainty
 from compensator.hybrid import HybridMpc
-from compensator.record_check import seen_agreement
+from compensator.loop_judge import LoopJudge
 from compensator.screen import PvScreen
 from compensator.supervision import (
     Compensator,
@@ -41,7 +40,7 @@ from compensator.supervision import (
     SupervisorState,
     WithdrawReason,
 )
-from compensator.watch import LoopWatch, Watched, WatchVerdict
+from compensator.watch import WatchVerdict
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["Supervisor"]
@@ -66,9 +65,6 @@ _GIVEN_UP = {
 
 
 _PASSING = (WithdrawReason.PV_BAD, WithdrawReason.PV_FROZEN, WithdrawReason.SOLVER)
-_STEP = 0.5
-"""Share of the largest error known from which a change of set-point is a step to be settled."""
-
 _PAUSES = 3
 """Pauses that an overtaxed solver is given before it is given up."""
 
@@ -101,16 +97,15 @@ class Supervisor:
         self._compensator: Compensator | None = None
         self._next: Compensator | None = None
         self._goal: ValveModel | None = None
+        self._offered: LoopModel | None = None
         self._uncertainty = Uncertainty()
         self._admission = Admission(self.settings)
-        self._watch: LoopWatch | None = None
         self._known: LoopFigures | None = None
         self._record = LoopRecord(4 * self.settings.history)
+        self._judge = LoopJudge(self.settings, self._record)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._stem = math.nan
-        self._sp = math.nan
-        self._bad_scans = self._own_scans = 0
-        self._limited = False
+        self._bad_scans = 0
         self._unsolved = self._pauses = self._pause = 0
 
     @property
@@ -148,10 +143,11 @@ class Supervisor:
         try:
             self._admission.require_usable(model)
             self._admission.require_right_sign(model, self._record.all)
+            offered, model = model, self._admission.with_seen_friction(model, self._record.all)
             current = self._next or self._compensator
             if current is not None and current.model.process == model.process:
                 current.require_reachable(model.valve)
-                self._goal, self._uncertainty = model.valve, stated
+                self._goal, self._offered, self._uncertainty = model.valve, offered, stated
                 self.refusal, self.refused = "", RefusalKind.NONE
                 return True
             compensator = self._build(model, stated)
@@ -162,7 +158,8 @@ class Supervisor:
             return False
         for sample in self._record.latest(self.settings.history):
             compensator.observe(sample.pv, sample.op)
-        self._next, self._goal, self._uncertainty = compensator, model.valve, stated
+        self._next, self._goal = compensator, model.valve
+        self._offered, self._uncertainty = offered, stated
         self.reason, self.refusal = WithdrawReason.NONE, ""
         self.refused = RefusalKind.NONE
         if self.state is SupervisorState.BASE:
@@ -171,7 +168,8 @@ class Supervisor:
 
     def withdraw(self, reason: WithdrawReason) -> None:
         """Give the loop back to the base controller, from the next scan on."""
-        self._compensator = self._next = self._goal = self._watch = None
+        self._compensator = self._next = self._goal = None
+        self._judge.forget()
         self.reason = reason
         self.refused = _KINDS.get(reason, RefusalKind.NONE)
         self.state = SupervisorState.BASE
@@ -207,10 +205,10 @@ class Supervisor:
             self.reason = WithdrawReason.PV_FROZEN if frozen else WithdrawReason.PV_BAD
         self._ramp_frictions()
         if self._take_over():
-            self._sp = sp
+            self._judge.follow(sp)
             return Action(op_applied, ActionStatus.HOLDING, detail="take-over")
         if not self.compensating:
-            self._sp = sp
+            self._judge.follow(sp)
             return self.base.decide(sp)
         return self._compensate(pv, sp, op_applied, moved)
 
@@ -231,18 +229,17 @@ class Supervisor:
 
     def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
         assert self._compensator is not None
-        verdict = self._judge(pv, sp, op_applied, moved)
+        verdict = self._judge.push(self._compensator, pv, sp, op_applied, moved)
         if verdict is not WatchVerdict.FINE:
-            model = self._compensator.model
             self._admission.given_up.add(
-                LoopModel(self._goal or model.valve, model.process),
+                self._offered or self._compensator.model,
                 self._uncertainty,
                 _KINDS[_GIVEN_UP[verdict]],
             )
             self.withdraw(_GIVEN_UP[verdict])
             return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
         action = self._compensator.decide(sp)
-        self._limited = action.status is ActionStatus.LIMITED
+        self._judge.limited = action.status is ActionStatus.LIMITED
         failed = action.status is ActionStatus.SOLVER_FAILED
         self._unsolved = self._unsolved + 1 if failed else 0
         if self._unsolved >= self.settings.solver_limit:
@@ -255,55 +252,6 @@ class Supervisor:
                 self.state = SupervisorState.WAITING
                 self.reason = WithdrawReason.SOLVER
         return action
-
-    def _judge(self, pv: float, sp: float, op: float, moved: float) -> WatchVerdict:
-        """Return what the watch makes of this scan."""
-        assert self._compensator is not None
-        assert self._watch is not None
-        change, self._sp = sp - self._sp, sp
-        # A set-point that moves by little each scan is to be followed inside the known range.
-        if abs(change) > _STEP * self._watch.before.largest:
-            self._watch.restart(self._compensator.horizon // 2)
-        elif self._compensator.load_stepped:
-            self._watch.excuse(self._compensator.horizon // 2)
-        if not math.isfinite(pv):
-            return WatchVerdict.FINE
-        limits = self.settings.hybrid.limits
-        reach = 1e-6 * (limits.high - limits.low)
-        seen = Watched(
-            error=pv - sp,
-            travel=moved,
-            noise_variance=self._compensator.held_variance,
-            sp_travel=abs(change) / self._compensator.prediction.scale,
-            limited=self._limited,
-            at_limit=op <= limits.low + reach or op >= limits.high - reach,
-        )
-        verdict = self._watch.push(seen)
-        self._own_scans += 1
-        if verdict is WatchVerdict.FINE and self._answers_wrongly(seen):
-            return WatchVerdict.LEFT_RANGE
-        return verdict
-
-    def _answers_wrongly(self, seen: Watched) -> bool:
-        """Whether PV is farther off than ever and has moved against what the model makes of OP.
-
-        The record from before a take-over may be silent on the sign, as that of a valve at rest is;
-        a long dead time then lets PV go slowly, and its range would be left late.
-        """
-        assert self._watch is not None
-        assert self._compensator is not None
-        check = self.settings.check
-        far = abs(seen.error) > check.farther * self._watch.before.largest
-        if not far or seen.limited or self._own_scans % check.every:
-            return False
-        since = self._record.latest(min(self._own_scans, self.settings.history))
-        agrees = seen_agreement(
-            self._compensator.model,
-            [s.op for s in since],
-            [s.pv for s in since],
-            replace(check, shortest=check.own_shortest),
-        )
-        return agrees < 0
 
     def _take_over(self) -> bool:
         """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
@@ -319,20 +267,9 @@ class Supervisor:
         before = self._figures(candidate)
         if before is None or not self._accept(candidate):
             return False
-        if self._watch is None or self._watch.before != before:
-            self._watch = LoopWatch(
-                before,
-                self.settings.watch,
-                horizon=candidate.horizon,
-                dead_time=candidate.prediction.dead_time,
-                stroke=candidate.model.valve.stick_band,
-                step=candidate.model.valve.slip_jump * candidate.prediction.scale,
-            )
-        self._watch.restart(candidate.horizon // 2)
-        self._own_scans = 0
+        self._judge.begin(before, candidate)
         candidate.improve_on(math.sqrt(before.mean_square), before.travel)
         self._compensator, self._next = candidate, None
-        self._limited = False
         self.state = SupervisorState.COMPENSATING
         if self.reason in _PASSING:
             self.reason = WithdrawReason.NONE

@@ -21,6 +21,9 @@ class TrackerSettings:
         friction: prior of the static and of the dynamic friction.
         gain_spread: relative deviation of the process gain.
         offset_memory: settling times over which the load is averaged in quiet times.
+        level_memory: samples that take the place of a settling time in what a level remembers. A
+            level has none, and its balance shows in PV's slope alone: with measurement noise of a
+            twentieth of what a slip makes, a hundred samples tell the balance to a thirtieth of J.
         delay_spread: samples that the answer to a slip may be early or late; it covers what a
             model of too low an order leaves of the response, which would else pass for load.
         hypotheses: how many are kept.
@@ -37,6 +40,7 @@ class TrackerSettings:
     friction: FrictionPrior = field(default_factory=FrictionPrior)
     gain_spread: float = 0.1
     offset_memory: float = 2.0
+    level_memory: int = 100
     delay_spread: float = 1.0
     hypotheses: int = 14
     memory: float = 60.0
@@ -55,4 +59,6 @@ class TrackerSettings:
             fluctuation_margin=self.fluctuation_margin,
             recalled=self.recalled,
         )
-        require_whole("TrackerSettings", 1, hypotheses=self.hypotheses)
+        require_whole(
+            "TrackerSettings", 1, hypotheses=self.hypotheses, level_memory=self.level_memory
+        )

@@ -101,6 +101,7 @@ PROCESSES: dict[str, TunedProcess] = {
     "two lags": TunedProcess(*_lags(12.0, 5.0, gain=2.0), 3, 8.0, 2.0),
     "underdamped": TunedProcess(*_SWING, 2, 5.0, 2.0),
     "tank": TunedProcess(((0.0,),), (0.02,), 4, 6.0, 3.0),
+    "small tank": TunedProcess(((0.0,),), (0.05,), 1, 7.0, 2.0),
     "long delay": TunedProcess(*_lags(18.0, gain=0.9), 13, 7.0, 2.5),
     "square": TunedProcess(*_lags(10.0, 10.0, gain=1.0), 3, 4.0, 1.5, curve=0.012),
 }

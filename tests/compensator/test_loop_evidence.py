@@ -19,8 +19,9 @@ from compensator import (
 from compensator.fluctuation import RestFluctuation
 from compensator.moves import LeastMoves, MovePlanner
 from compensator.prediction import Prediction
-from compensator.record_check import RecordCheckSettings, seen_agreement
+from compensator.record_check import RecordCheckSettings, seen_agreement, seen_friction
 from compensator.resolution import PvResolution
+from compensator.screen import PvScreen
 from compensator.setpoint_trend import SetpointTrend, SetpointTrendSettings
 from compensator.thrift import Thrift, ThriftSettings
 from loop_model import LoopModel, ProcessModel, ValveModel
@@ -66,6 +67,55 @@ def test_a_short_or_bad_record_says_nothing_of_the_sign() -> None:
     assert seen_agreement(with_gain(-1.0), [50.0] * 400, pvs) == 0
     with pytest.raises(CompensatorError, match="clear is a correlation between 0 and 1"):
         RecordCheckSettings(clear=1.5)
+
+
+def with_valve(factor: float) -> LoopModel:
+    valve = MODEL.valve
+    return LoopModel(ValveModel(factor * valve.stick_band, factor * valve.slip_jump), LAG)
+
+
+def test_a_record_shows_a_friction_plainly_larger_than_the_models_and_nothing_else() -> None:
+    ops, pvs = limit_cycle(600)
+    assert 1.6 < seen_friction(with_valve(0.5), ops, pvs) < 2.5
+    for right in (MODEL, with_valve(0.9), with_valve(1.5), with_gain(0.5), with_gain(2.0)):
+        assert seen_friction(right, ops, pvs) == 1.0
+    assert seen_friction(with_valve(0.5), ops[:100], pvs[:100]) == 1.0
+    assert seen_friction(with_valve(0.5), [50.0] * 600, pvs) == 1.0
+
+
+def test_a_model_of_half_the_friction_is_used_with_what_the_record_shows() -> None:
+    supervisor = Supervisor(PiController(PiSettings(1.2, 9.0)))
+    noise = np.random.default_rng(1).normal(0.0, 0.02, 600)
+    stem, op, pv = 49.0, 50.0, 49.0
+    late = [49.0] * LAG.dead_time
+    errors = []
+    for k in range(600):
+        if k in (400, 500):  # a block of the same valve, read again
+            assert supervisor.offer(with_valve(0.5))
+        op = supervisor.step(pv + float(noise[k]), 50.0, op).op
+        stem = MODEL.valve.step(stem, op)
+        late.append(stem)
+        pv = 0.9 * pv + 0.1 * late.pop(0)
+        errors.append(pv - 50.0)
+    assert supervisor.compensating
+    assert supervisor.model is not None
+    assert supervisor.model.valve.stick_band == pytest.approx(6.0, rel=0.21)
+    assert np.std(errors[480:]) < 0.5 * np.std(errors[100:400])
+
+
+def test_a_pv_that_comes_to_rest_is_not_frozen_and_one_that_stops_amid_noise_is() -> None:
+    noise = np.random.default_rng(8).normal(0.0, 0.1, 60)
+    smooth = [4.0 * 0.9**k for k in range(60)]
+    rounded = [0.01 * round(100.0 * value) for value in smooth]
+    moving = [0.2 * k + value for k, value in enumerate(noise.tolist())]
+    cases = ((smooth, False), (rounded, False), (noise.tolist(), True), (moving, True))
+    for before, is_frozen in cases:
+        screen = PvScreen(30)
+        for pv in before:
+            assert math.isfinite(screen.check(pv, 0.1, 1.0))
+        seen = [screen.check(before[-1], 0.1, 1.0) for _ in range(400)]
+        assert screen.frozen is is_frozen
+        assert math.isnan(seen[-1]) is is_frozen
 
 
 def test_the_rounding_of_a_coarse_signal_is_found_and_noise_hides_it() -> None:
@@ -206,3 +256,27 @@ def test_a_loop_that_rested_before_keeps_a_right_sign_and_gives_back_a_wrong_one
     else:
         assert supervisor.reason is WithdrawReason.LEFT_RANGE
         assert k < 400 + 11 + 40
+
+
+def test_a_level_lands_on_its_balance() -> None:
+    """It rests nowhere by itself: pairs of moves there and back have to find the one position."""
+    tank = ProcessModel((-1.0,), (0.03,), 3, -1.5, 1.0)
+    valve = ValveModel(6.0, 2.0)
+    supervisor = Supervisor(PiController(PiSettings(1.2, 40.0)))
+    noise = np.random.default_rng(9).normal(0.0, 0.04, 1100)
+    stem, op, pv = 49.0, 50.0, 1.0
+    late = [50.0] * 2
+    errors, stems = [], []
+    for k in range(1100):
+        if k == 500:
+            assert supervisor.offer(LoopModel(valve, tank))
+        op = supervisor.step(pv + float(noise[k]), 0.0, op).op
+        stem = valve.step(stem, op)
+        late.append(stem)
+        pv += 0.03 * (late.pop(0) - 50.0)
+        errors.append(pv)
+        stems.append(stem)
+    assert supervisor.compensating
+    moves = np.count_nonzero(np.abs(np.diff(stems[600:])) > 1e-9)
+    assert moves <= 8  # four corrections in 500 samples, of two moves each
+    assert np.std(errors[600:]) < 0.5 * np.std(errors[100:500])

@@ -288,8 +288,8 @@ def test_a_valve_that_does_not_stick_is_refused() -> None:
     assert "stick band is 0" in loop.supervisor.refusal
 
 
-def test_a_valve_model_far_too_small_is_given_up() -> None:
-    loop = Loop()
+def test_a_valve_model_far_too_small_is_given_up_where_no_record_corrects_it() -> None:
+    loop = Loop(settings=UNCHECKED)
     loop.run(600)
     valve = EXAMPLE_1.valve
     wrong = ValveModel(0.3 * valve.stick_band, 0.3 * valve.slip_jump)
@@ -454,6 +454,12 @@ def test_travel_over_its_budget_is_noticed_however_good_pv_is() -> None:
     ramp = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
     asked = [ramp.push(Watched(0.05, 2.5, 1e-4, sp_travel=1.0)) for _ in range(300)]
     assert set(asked) == {WatchVerdict.FINE}
+    # A stem follows a ramp in steps: what each step does is what the scans before it asked for.
+    steps = LoopWatch(LoopFigures(0.5, 0.02, 40.0, 1.2), stroke=1.0)
+    found = [
+        steps.push(Watched(0.05, 5.0 * (k % 25 == 24), 1e-4, sp_travel=0.2)) for k in range(300)
+    ]
+    assert set(found) == {WatchVerdict.FINE}
 
 
 def test_a_valve_at_rest_is_given_more_room() -> None:

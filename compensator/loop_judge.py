@@ -1,0 +1,120 @@
+"""The compensated loop, scan by scan, as its watch and its record see it.
+
+`LoopWatch` compares figures. What it needs of a scan is put together here: which changes of the
+set-point and which steps of the load are not the compensator's doing, and whether PV answers to OP
+the way the model has it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from compensator.figures import LoopFigures, LoopRecord
+from compensator.record_check import seen_agreement
+from compensator.supervision import Compensator, SupervisorSettings
+from compensator.watch import LoopWatch, Watched, WatchVerdict
+
+__all__ = ["LoopJudge"]
+
+_STEP = 0.5
+"""Share of the largest error known from which a change of set-point is a step to be settled."""
+
+
+class LoopJudge:
+    """Judges a compensated loop; `begin` at each take-over, then `push` once a scan.
+
+    Args:
+        settings: of the supervisor.
+        record: the latest scans of the loop.
+
+    Attributes:
+        limited: whether the compensator could not reach the set-point in the last scan.
+    """
+
+    def __init__(self, settings: SupervisorSettings, record: LoopRecord) -> None:
+        self._settings, self._record = settings, record
+        self._watch: LoopWatch | None = None
+        self._sp = math.nan
+        self._own_scans = 0
+        self.limited = False
+
+    def follow(self, sp: float) -> None:
+        """Take in the set-point of a scan in which the compensator does not have the loop."""
+        self._sp = sp
+
+    def forget(self) -> None:
+        """Drop what was seen: another model will have the loop."""
+        self._watch = None
+
+    def begin(self, before: LoopFigures, candidate: Compensator) -> None:
+        """Begin to judge ``candidate``, against the figures of before."""
+        if self._watch is None or self._watch.before != before:
+            self._watch = LoopWatch(
+                before,
+                self._settings.watch,
+                horizon=candidate.horizon,
+                dead_time=candidate.prediction.dead_time,
+                stroke=candidate.model.valve.stick_band,
+                step=candidate.model.valve.slip_jump * candidate.prediction.scale,
+            )
+        self._watch.restart(candidate.horizon // 2)
+        self._own_scans = 0
+        self.limited = False
+
+    def push(
+        self, compensator: Compensator, pv: float, sp: float, op: float, moved: float
+    ) -> WatchVerdict:
+        """Return what is to be said of this scan.
+
+        Args:
+            compensator: what has the loop.
+            pv: measured, NaN when bad.
+            sp: set-point.
+            op: applied since the last scan.
+            moved: way of the stem, by the valve model.
+        """
+        assert self._watch is not None
+        change, self._sp = sp - self._sp, sp
+        # A set-point that moves by little each scan is to be followed inside the known range.
+        if abs(change) > _STEP * self._watch.before.largest:
+            self._watch.restart(compensator.horizon // 2)
+        elif compensator.load_stepped:
+            self._watch.excuse(compensator.horizon // 2)
+        if not math.isfinite(pv):
+            return WatchVerdict.FINE
+        limits = self._settings.hybrid.limits
+        reach = 1e-6 * (limits.high - limits.low)
+        seen = Watched(
+            error=pv - sp,
+            travel=moved,
+            noise_variance=compensator.held_variance,
+            sp_travel=abs(change) / compensator.prediction.scale,
+            limited=self.limited,
+            at_limit=op <= limits.low + reach or op >= limits.high - reach,
+        )
+        verdict = self._watch.push(seen)
+        self._own_scans += 1
+        if verdict is WatchVerdict.FINE and self._answers_wrongly(compensator, seen):
+            return WatchVerdict.LEFT_RANGE
+        return verdict
+
+    def _answers_wrongly(self, compensator: Compensator, seen: Watched) -> bool:
+        """Whether PV is farther off than ever and has moved against what the model makes of OP.
+
+        The record from before a take-over may be silent on the sign, as that of a valve at rest is;
+        a long dead time then lets PV go slowly, and its range would be left late.
+        """
+        assert self._watch is not None
+        check = self._settings.check
+        far = abs(seen.error) > check.farther * self._watch.before.largest
+        if not far or seen.limited or self._own_scans % check.every:
+            return False
+        since = self._record.latest(min(self._own_scans, self._settings.history))
+        agrees = seen_agreement(
+            compensator.model,
+            [s.op for s in since],
+            [s.pv for s in since],
+            replace(check, shortest=check.own_shortest),
+        )
+        return agrees < 0

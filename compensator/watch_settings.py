@@ -1,0 +1,81 @@
+"""What can be set of the watch over a compensated loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from compensator.action import CompensatorError, require_not_negative, require_positive
+from compensator.cycles import CycleSettings
+
+__all__ = ["WatchSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class WatchSettings:
+    """Settings of `LoopWatch`.
+
+    Attributes:
+        worse_by: factor of PV's mean square error over the long window, against before, that is
+            too much.
+        much_worse: the same over the short window.
+        at_rest: factor by which more is allowed while the stem travels less than a tenth of before:
+            what PV does then is noise, or a load about to be compensated.
+        quiet: multiple of the variance that noise alone makes which never counts as worse: three
+            deviations.
+        travel_budget: factor of the stem's travel, against before, that is too much over the long
+            window; over the short one it is half as much again, over the quick one three times.
+        hunting: factor of the stem's travel that is too much while PV is no better than
+            ``hunting_share`` of its mean square before.
+        hunting_share: see ``hunting``.
+        both: factors of PV's mean square error and of travel that together are too much over
+            the quick window.
+        pv_trip: multiple of the largest error known beyond which PV must return at once.
+        trip_scans: scans beside the dead time that PV may be beyond it: an error that grows for so
+            long is none that the last move has yet to answer.
+        limit_trip: the same multiple as ``pv_trip`` while OP is at a limit and PV is leaving.
+        periods: of the oscillation before: length of the quick, the short and the long window.
+        least: samples of the quick window at least.
+        persist: share of the short window for which a verdict of the windows must hold.
+        cycles: what an oscillation that grows is.
+    """
+
+    worse_by: float = 1.05
+    much_worse: float = 1.8
+    at_rest: float = 2.0
+    quiet: float = 9.0
+    travel_budget: float = 2.0
+    hunting: float = 1.5
+    hunting_share: float = 0.8
+    both: tuple[float, float] = (1.21, 2.0)
+    pv_trip: float = 3.0
+    trip_scans: int = 8
+    limit_trip: float = 1.5
+    periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
+    least: int = 40
+    persist: float = 0.125
+    cycles: CycleSettings = field(default_factory=CycleSettings)
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "WatchSettings",
+            worse_by=self.worse_by,
+            much_worse=self.much_worse,
+            at_rest=self.at_rest,
+            travel_budget=self.travel_budget,
+            hunting=self.hunting,
+            pv_trip=self.pv_trip,
+            limit_trip=self.limit_trip,
+            trip_scans=self.trip_scans,
+            least=self.least,
+            quick=self.periods[0],
+        )
+        require_not_negative(
+            "WatchSettings",
+            quiet=self.quiet,
+            hunting_share=self.hunting_share,
+            persist=self.persist,
+        )
+        if not self.periods[0] <= self.periods[1] <= self.periods[2]:
+            raise CompensatorError(
+                f"WatchSettings: the windows' periods must not fall; got {self.periods!r}"
+            )
