@@ -396,27 +396,26 @@ def paired_costs(
 def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
     """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
     m, n = design.shape
-    gram, right = np.empty((m, m)), np.empty(m)
-    for i in range(m):
-        right[i] = dot(design[i], target)
-        own = design[i]
-        j = 0
-        while j + _AT_ONCE <= i + 1:
-            d0, d1, d2, d3 = design[j], design[j + 1], design[j + 2], design[j + 3]
-            t0 = t1 = t2 = t3 = 0.0
-            for k in range(n):
-                x = own[k]
-                t0 += x * d0[k]
-                t1 += x * d1[k]
-                t2 += x * d2[k]
-                t3 += x * d3[k]
-            gram[i, j], gram[i, j + 1], gram[i, j + 2], gram[i, j + 3] = t0, t1, t2, t3
-            j += _AT_ONCE
-        while j <= i:
-            gram[i, j] = dot(own, design[j])
-            j += 1
-        for j in range(i):
-            gram[j, i] = gram[i, j]
+    gram, right = np.zeros((m, m)), np.zeros(m)
+    rows = design.T.copy()
+    k = 0
+    while k + _AT_ONCE <= n:
+        r0, r1, r2, r3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+        y0, y1, y2, y3 = target[k], target[k + 1], target[k + 2], target[k + 3]
+        for i in range(m):
+            x0, x1, x2, x3 = r0[i], r1[i], r2[i], r3[i]
+            right[i] = right[i] + x0 * y0 + x1 * y1 + x2 * y2 + x3 * y3
+            own = gram[i]
+            for j in range(m):
+                own[j] = own[j] + x0 * r0[j] + x1 * r1[j] + x2 * r2[j] + x3 * r3[j]
+        k += _AT_ONCE
+    while k < n:
+        row = rows[k]
+        for i in range(m):
+            right[i] += row[i] * target[k]
+            for j in range(m):
+                gram[i, j] += row[i] * row[j]
+        k += 1
     return gram, right
 
 

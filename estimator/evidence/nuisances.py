@@ -13,7 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from estimator.lanes import Array, dot
+from compiled import kernel
+from estimator.lanes import Array, Index, dot
 from estimator.processes.poles import Poles
 
 __all__ = ["Characteristic", "Nuisance", "Sinusoid", "columns_of", "price_of"]
@@ -34,10 +35,33 @@ class Nuisance(Protocol):
 @lru_cache(maxsize=64)
 def _waves(cycles: float, harmonics: tuple[int, ...], n: int) -> Array:
     """Sine and cosine of every harmonic, ``(2 m, n)``; the fits of one wave ask for it often."""
-    angle = 2.0 * math.pi * cycles / n * np.arange(n)
-    found = np.stack([wave(h * angle) for h in harmonics for wave in (np.sin, np.cos)])
+    angle = 2.0 * math.pi * cycles / n
+    found: Array = _multiples(angle * np.arange(n), np.array(harmonics))
     found.flags.writeable = False
     return found
+
+
+@kernel
+def _multiples(angles: Array, harmonics: Index) -> Array:
+    """Sine and cosine rows ``(2 m, n)`` of multiples of the angles ``(n,)``, in rising order.
+
+    Each multiple is the one before, turned by the angle once more.
+    """
+    n = angles.size
+    out = np.empty((2 * harmonics.size, n))
+    s, c = np.empty(n), np.empty(n)
+    for k in range(n):
+        s[k], c[k] = math.sin(angles[k]), math.cos(angles[k])
+    sine, cosine = np.zeros(n), np.ones(n)
+    at = 0
+    for i in range(harmonics.size):
+        while at < harmonics[i]:
+            for k in range(n):
+                x, y = sine[k], cosine[k]
+                sine[k], cosine[k] = x * c[k] + y * s[k], y * c[k] - x * s[k]
+            at += 1
+        out[2 * i], out[2 * i + 1] = sine, cosine
+    return out
 
 
 @dataclass(frozen=True, slots=True)
