@@ -32,26 +32,35 @@ class Nuisance(Protocol):
         ...
 
 
+_BLOCK = 64
+"""Samples that share one pair of the (slow) sine and cosine."""
+
+
 @lru_cache(maxsize=64)
 def _waves(cycles: float, harmonics: tuple[int, ...], n: int) -> Array:
     """Sine and cosine of every harmonic, ``(2 m, n)``; the fits of one wave ask for it often."""
     angle = 2.0 * math.pi * cycles / n
-    found: Array = _multiples(angle * np.arange(n), np.array(harmonics))
+    found: Array = _multiples(angle, n, np.array(harmonics))
     found.flags.writeable = False
     return found
 
 
 @kernel
-def _multiples(angles: Array, harmonics: Index) -> Array:
-    """Sine and cosine rows ``(2 m, n)`` of multiples of the angles ``(n,)``, in rising order.
+def _multiples(angle: float, n: int, harmonics: Index) -> Array:
+    """Sine and cosine rows ``(2 m, n)`` of multiples of an angle a sample, in rising order.
 
-    Each multiple is the one before, turned by the angle once more.
+    Each multiple is the one before, turned by the angle of the first once more.
     """
-    n = angles.size
     out = np.empty((2 * harmonics.size, n))
     s, c = np.empty(n), np.empty(n)
-    for k in range(n):
-        s[k], c[k] = math.sin(angles[k]), math.cos(angles[k])
+    first_s, first_c = np.empty(_BLOCK), np.empty(_BLOCK)
+    for i in range(_BLOCK):
+        first_s[i], first_c[i] = math.sin(angle * i), math.cos(angle * i)
+    for begin in range(0, n, _BLOCK):
+        x, y = math.sin(angle * begin), math.cos(angle * begin)
+        for i in range(min(_BLOCK, n - begin)):
+            s[begin + i] = x * first_c[i] + y * first_s[i]
+            c[begin + i] = y * first_c[i] - x * first_s[i]
     sine, cosine = np.zeros(n), np.ones(n)
     at = 0
     for i in range(harmonics.size):
