@@ -65,10 +65,8 @@ class Design:
     def __init__(self, rows: Rows, taps: Array, columns: Array) -> None:
         self.rows = rows
         self.taps = np.ascontiguousarray(taps)
-        self.basis: Array = orthonormal(filter_rows(columns, self.taps, rows.weight))
-        target = filter_rows(rows.y[None], self.taps, rows.weight)[0]
-        self.target: Array = project_out(target, self.basis)
-        self.rest = float(dot(self.target, self.target))
+        found: tuple[Array, Array, float] = _whitened(columns, rows.y, self.taps, rows.weight)
+        self.basis, self.target, self.rest = found
 
     def single(self, responses: Array, delays: Index, stride: int = 1) -> Array:
         """Sums of squares ``(D, L)`` with one gain at each of the ``delays``.
@@ -110,6 +108,18 @@ class Design:
             rows.sign,
         )
         return found
+
+
+@kernel
+def _whitened(
+    columns: Array, y: Array, taps: Array, weight: Array
+) -> tuple[Array, Array, float]:
+    """Basis of the whitened columns, what it leaves of whitened PV, and its sum of squares."""
+    basis = orthonormal(filter_rows(columns, taps, weight))
+    signal = np.empty((1, y.size))
+    signal[0] = y
+    target = project_out(filter_rows(signal, taps, weight)[0], basis)
+    return basis, target, dot(target, target)
 
 
 def fit_linear(
