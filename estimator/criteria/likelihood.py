@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.criteria.design import LinearFit, delay, fit_linear
-from estimator.criteria.noise import WHITE
+from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.arrays import Array
+from estimator.criteria.conversion import describe_process, process_model
 from estimator.estimate import Estimate
-from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import LinearFit, delay, fit_linear
+from estimator.hypotheses.noise import WHITE
 from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
-from estimator.lanes import Array, dot, filter_rows, orthonormal, project_out
-from estimator.processes.conversion import describe_process, process_model
 from estimator.processes.poles import INTEGRATOR
 from estimator.result import Interval
 from estimator.window import Window

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.arrays import Array, Mask
 from estimator.diagnosis.causes import Findings, rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
@@ -23,7 +24,6 @@ from estimator.diagnosis.oscillation import Oscillation, bridge, detect_oscillat
 from estimator.diagnosis.result import Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, advise
-from estimator.lanes import Array, Mask
 from estimator.outcomes import EstimatorError
 from loop_model import ValveModel
 

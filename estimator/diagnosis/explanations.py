@@ -22,18 +22,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from estimator.criteria.design import LinearFit, fit_linear
-from estimator.criteria.noise import WHITE
+from estimator.algebra import filter_rows
+from estimator.arrays import Array
+from estimator.criteria.conversion import process_model
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.evidence.effect import effect_of
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.evidence.nuisances import Nuisance, Sinusoid
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
 from estimator.evidence.weighing import weigh
-from estimator.lanes import Array, filter_rows
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import LinearFit, fit_linear
+from estimator.hypotheses.noise import WHITE
+from estimator.hypotheses.nuisances import Nuisance, Sinusoid
 from estimator.outcomes import Reason
-from estimator.processes.conversion import process_model
 from estimator.rows import rows_of
 from estimator.search.processes import polish, settle
 from estimator.settings import SETTINGS, Settings

@@ -14,7 +14,8 @@ from enum import StrEnum
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array, respond_one
+from estimator.arrays import Array
+from estimator.lanes import respond_one
 
 __all__ = [
     "COARSE",

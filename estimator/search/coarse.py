@@ -7,10 +7,11 @@ from itertools import product
 
 import numpy as np
 
-from estimator.criteria.noise import LOOKS
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
-from estimator.evidence.nuisances import Nuisance
-from estimator.lanes import Array, respond
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.noise import LOOKS
+from estimator.hypotheses.nuisances import Nuisance
+from estimator.lanes import respond
 from estimator.processes.poles import COARSE
 from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep

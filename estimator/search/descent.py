@@ -10,9 +10,10 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from compiled import kernel
-from estimator.criteria.design import Design
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
-from estimator.lanes import Array, Mask, cholesky
+from estimator.algebra import cholesky
+from estimator.arrays import Array, Mask
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.linear_fit import Design
 from estimator.processes.poles import (
     SHAPE_NUMBERS,
     Poles,
@@ -96,7 +97,11 @@ def _candidates(
                 total += root[i, c] * points[j, c]
             table[j, i] = total if j > 0 else best[i]
         poles[j, :2] = table[j, 3:]
-    return table, moved_valves(valve, table), coefficients_of(shape, moved_poles(shape, start, poles))
+    return (
+        table,
+        moved_valves(valve, table),
+        coefficients_of(shape, moved_poles(shape, start, poles)),
+    )
 
 
 @kernel
@@ -131,7 +136,8 @@ def _learn(
                 other = table[order[r], c] - middle[c]
                 covariance[i, c] += _LEARNED * weight[r] * step * other
     top = order[0]
-    return of_lane[top], top, costs[:, top].argmin(), moved, cholesky(covariance)
+    late = int(costs[:, top].argmin())
+    return of_lane[top], top, late, moved, cholesky(covariance)
 
 
 def descend(

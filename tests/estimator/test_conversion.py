@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimator import identify
-from estimator.criteria.design import delay, fit_linear
-from estimator.processes.conversion import process_model
+from estimator.criteria.conversion import process_model
+from estimator.hypotheses.linear_fit import delay, fit_linear
 from estimator.processes.poles import Poles, Shape
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array, Index, solve_spd
+from estimator.algebra import solve_spd
+from estimator.arrays import Array, Index
 from estimator.rows import Rows
 from estimator.settings import Modelling
 

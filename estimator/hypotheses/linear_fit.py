@@ -7,21 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import (
-    Array,
-    Index,
+from estimator.algebra import (
     combine,
-    delayed_costs,
     dot,
     filter_rows,
     normal_equations,
     orthonormal,
-    paired_costs,
     project_out,
-    respond,
     solve_spd,
-    whiten_lanes,
 )
+from estimator.arrays import Array, Index
+from estimator.lanes import delayed_costs, paired_costs, respond, whiten_lanes
 from estimator.rows import Rows
 
 __all__ = ["Design", "LinearFit", "delay", "fit_linear"]
@@ -111,9 +107,7 @@ class Design:
 
 
 @kernel
-def _whitened(
-    columns: Array, y: Array, taps: Array, weight: Array
-) -> tuple[Array, Array, float]:
+def _whitened(columns: Array, y: Array, taps: Array, weight: Array) -> tuple[Array, Array, float]:
     """Basis of the whitened columns, what it leaves of whitened PV, and its sum of squares."""
     basis = orthonormal(filter_rows(columns, taps, weight))
     signal = np.empty((1, y.size))

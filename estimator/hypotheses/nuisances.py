@@ -14,7 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array, Index, dot
+from estimator.algebra import dot
+from estimator.arrays import Array, Index
 from estimator.processes.poles import Poles
 
 __all__ = ["Characteristic", "Nuisance", "Sinusoid", "columns_of", "price_of"]
