@@ -111,8 +111,8 @@ class Searching:
     )  # fmt: skip
     jumps: tuple[float, ...] = (0.02, 0.4, 1.0)
     starts: tuple[float, ...] = (-0.9, 0.0, 0.9)
-    fine_jumps: tuple[float, ...] = (0.0, 0.15, 0.35, 0.6, 1.0)
-    fine_starts: tuple[float, ...] = (-0.95, -0.35, 0.35, 0.95)
+    fine_jumps: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
+    fine_starts: tuple[float, ...] = (-0.95, -0.5, 0.0, 0.5, 0.95)
     delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
     reversals: int = 1
     variance: float = 0.001
