@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from compiled import kernel
-from estimator.arrays import Array
+from estimator.arrays import Array, Index
 
 __all__ = [
     "cholesky",
@@ -18,6 +18,7 @@ __all__ = [
     "dot",
     "filter_rows",
     "normal_equations",
+    "order_of",
     "orthonormal",
     "project_out",
     "solve_spd",
@@ -27,6 +28,20 @@ _AT_ONCE = 4
 """Rows that one pass adds to a sum, one after the other: the same bits as one a pass."""
 _SPANNED = 1e-9
 """A column of which less than this share (squared) is left is spanned by the others."""
+
+_ALIKE = 1e-10
+"""Costs that differ by less, as a share of the least, are alike: rounding decides nothing."""
+
+
+@kernel
+def order_of(costs: Array) -> Index:
+    """Numbers of the costs ``(m,)`` in rising order; those that are alike in the order given."""
+    unit = _ALIKE * np.abs(costs).min()
+    steps = costs.copy()
+    if 0.0 < unit < np.inf:
+        for i in range(costs.size):
+            steps[i] = np.floor(costs[i] / unit + 0.5)
+    return np.argsort(steps, kind="mergesort")
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from compiled import kernel
-from estimator.algebra import cholesky
+from estimator.algebra import cholesky, order_of
 from estimator.arrays import Array, Mask
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import Design
@@ -118,7 +118,7 @@ def _learn(
         if told[j]:
             of_lane[j] = costs[:, j].min()
     chosen = lanes // 4
-    order = np.argsort(of_lane, kind="mergesort")[:chosen]
+    order = order_of(of_lane)[:chosen]
     weight = np.log(chosen + 0.5) - np.log(np.arange(1.0, chosen + 1.0))
     weight /= weight.sum()
     moved = middle.copy()
@@ -281,7 +281,7 @@ def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
             costs.append(np.where(case.tells(stems), cost, np.inf))
     every, all_costs = np.vstack(tables), np.concatenate(costs)
     best, tried = start, [(ratio, 0.0)]
-    for i in np.argsort(all_costs, kind="stable"):
+    for i in order_of(all_costs):
         if len(tried) > case.settings.searching.swept or not np.isfinite(all_costs[i]):
             break
         band, jump, first = (float(v) for v in every[i])
