@@ -36,8 +36,10 @@ _ALIKE = 1e-10
 @kernel
 def order_of(costs: Array) -> Index:
     """Numbers of the costs ``(m,)`` in rising order; those that are alike in the order given."""
-    unit = _ALIKE * np.abs(costs).min()
     steps = costs.copy()
+    unit = 0.0
+    if costs.size > 0:
+        unit = _ALIKE * np.abs(costs).min()
     if 0.0 < unit < np.inf:
         for i in range(costs.size):
             steps[i] = np.floor(costs[i] / unit + 0.5)

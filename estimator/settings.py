@@ -109,8 +109,8 @@ class Searching:
         0.02, 0.035, 0.055, 0.08, 0.12, 0.19, 0.26, 0.33, 0.40, 0.47, 0.54, 0.61, 0.68, 0.75, 0.82,
         0.89, 0.97,
     )  # fmt: skip
-    jumps: tuple[float, ...] = (0.02, 0.4, 1.0)
-    starts: tuple[float, ...] = (-0.9, 0.0, 0.9)
+    jumps: tuple[float, ...] = (0.02, 0.25, 0.6, 1.0)
+    starts: tuple[float, ...] = (-0.95, -0.4, 0.4, 0.95)
     fine_jumps: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
     fine_starts: tuple[float, ...] = (-0.95, -0.5, 0.0, 0.5, 0.95)
     delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
