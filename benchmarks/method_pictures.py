@@ -20,9 +20,9 @@ import numpy as np
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.valve_course import course_of, plot_course
 from estimator import identify
-from estimator.evidence.hypothesis import Case
 from estimator.evidence.sign import controller_action
 from estimator.evidence.weighing import weigh
+from estimator.hypotheses.hypothesis import Case
 from estimator.intervals.posterior import Posterior, sample_posterior
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS

@@ -12,12 +12,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator.criteria.design import fit_linear
-from estimator.criteria.noise import WHITE
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.lanes import Array
+from estimator.arrays import Array
+from estimator.criteria.conversion import describe_process, process_model
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import fit_linear
+from estimator.hypotheses.noise import WHITE
 from estimator.monitoring.indices.wear import travel_and_turns
-from estimator.processes.conversion import describe_process, process_model
 from estimator.processes.poles import Poles, Shape
 from estimator.result import Identification
 from estimator.rows import rows_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from estimator.arrays import Array
 from estimator.intervals.posterior import Peak
-from estimator.lanes import Array
 from estimator.result import Interval, Process
 from loop_model import ProcessModel
 

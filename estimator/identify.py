@@ -16,12 +16,12 @@ from estimator.averaging import average, block_of, with_every_sample
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
-from estimator.evidence.hypothesis import Case
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
 from estimator.evidence.weighing import Weighing, weigh
+from estimator.hypotheses.hypothesis import Case
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.published.as_answer import METHODS, published_estimate
 from estimator.report import describe, unassessed

@@ -7,51 +7,23 @@ bits whatever the width of the processor's lanes and whichever other candidates 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numpy.typing import NDArray
 
 from compiled import kernel
+from estimator.arrays import Array, Index
 
 __all__ = [
-    "Array",
-    "Index",
-    "Mask",
-    "cholesky",
-    "combine",
     "delayed_costs",
-    "dot",
-    "filter_rows",
-    "normal_equations",
-    "orthonormal",
     "paired_costs",
-    "project_out",
     "respond",
     "respond_one",
-    "solve_spd",
     "tells",
     "whiten_lanes",
 ]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 _AT_ONCE = 4
 """Terms that one pass adds to a sum, one after the other: the same bits as one a pass, and a
 quarter of the reading and writing."""
-_SPANNED = 1e-9
-"""A column of which less than this share (squared) is left is spanned by the others."""
-
-
-@kernel
-def dot(a: Array, b: Array) -> float:
-    """Sum of products in the order of the samples: the same bits on every processor."""
-    total = 0.0
-    for k in range(a.size):
-        total += a[k] * b[k]
-    return total
 
 
 @kernel
@@ -110,57 +82,6 @@ def whiten_lanes(signals: Array, taps: Array) -> None:
 
 
 @kernel
-def filter_rows(rows: Array, taps: Array, weight: Array) -> Array:
-    """Rows ``(m, n)`` through ``1 - taps_1 q^-1 - ...``, times ``weight`` ``(n,)``."""
-    m, n = rows.shape
-    out = rows.copy()
-    for r in range(m):
-        for i in range(taps.size):
-            tap = taps[i]
-            for k in range(i + 1, n):
-                out[r, k] -= tap * rows[r, k - 1 - i]
-        for k in range(n):
-            out[r, k] = out[r, k] * weight[k] if weight[k] != 0.0 else 0.0
-    return out
-
-
-@kernel
-def orthonormal(rows: Array) -> Array:
-    """Orthonormal rows of the same span, in order; what others span is left out (Gram-Schmidt)."""
-    m, n = rows.shape
-    basis = np.empty((m, n))
-    count = 0
-    for r in range(m):
-        v = rows[r].copy()
-        whole = dot(v, v)
-        if not whole > 0.0:
-            continue
-        for _ in range(2):
-            for c in range(count):
-                share = dot(basis[c], v)
-                for k in range(n):
-                    v[k] -= share * basis[c, k]
-        left = dot(v, v)
-        if left > _SPANNED * whole:
-            scale = 1.0 / math.sqrt(left)
-            for k in range(n):
-                basis[count, k] = v[k] * scale
-            count += 1
-    return basis[:count].copy()
-
-
-@kernel
-def project_out(signal: Array, basis: Array) -> Array:
-    """What orthonormal rows ``(m, n)`` leave of a signal ``(n,)``."""
-    left = signal.copy()
-    for c in range(basis.shape[0]):
-        share = dot(basis[c], left)
-        for k in range(left.size):
-            left[k] -= share * basis[c, k]
-    return left
-
-
-@kernel
 def tells(stems: Array, op: Array, least_reversals: int, least_variance: float) -> Array:
     """1 for each stem of ``(n, L)`` that works like a valve, else 0; ``(L,)``.
 
@@ -193,58 +114,6 @@ def tells(stems: Array, op: Array, least_reversals: int, least_variance: float) 
         if turns[j] >= least_reversals and spread >= least_variance * spread_op:
             out[j] = 1.0
     return out
-
-
-@kernel
-def cholesky(matrix: Array) -> Array:
-    """Lower factor of a symmetric positive (semi-)definite matrix; zero where it has no extent."""
-    n = matrix.shape[0]
-    root = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= root[i, k] * root[j, k]
-            if i == j:
-                root[i, i] = math.sqrt(max(total, 0.0))
-            elif root[j, j] > 0.0:
-                root[i, j] = total / root[j, j]
-    return root
-
-
-@kernel
-def solve_spd(matrix: Array, right: Array) -> Array:
-    """Solve a symmetric positive (semi-)definite system by Cholesky; spanned unknowns are zero."""
-    n = right.size
-    root = np.zeros((n, n))
-    used = np.zeros(n)
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= root[i, k] * root[j, k]
-            if i == j:
-                if total > 1e-12 * matrix[i, i]:
-                    root[i, i] = math.sqrt(total)
-                    used[i] = 1.0
-            elif used[j] > 0.0:
-                root[i, j] = total / root[j, j]
-    x = np.zeros(n)
-    for i in range(n):
-        if used[i] > 0.0:
-            total = right[i]
-            for k in range(i):
-                total -= root[i, k] * x[k]
-            x[i] = total / root[i, i]
-    for i in range(n - 1, -1, -1):
-        if used[i] > 0.0:
-            total = x[i]
-            for k in range(i + 1, n):
-                total -= root[k, i] * x[k]
-            x[i] = total / root[i, i]
-        else:
-            x[i] = 0.0
-    return x
 
 
 @kernel
@@ -390,41 +259,3 @@ def paired_costs(
                     gain = max(gain, g1 * a1 + g2 * a2)
             out[d, j] = rest - gain
     return out
-
-
-@kernel
-def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
-    """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
-    m, n = design.shape
-    gram, right = np.empty((m, m)), np.empty(m)
-    for i in range(m):
-        right[i] = dot(design[i], target)
-        own = design[i]
-        j = 0
-        while j + _AT_ONCE <= i + 1:
-            d0, d1, d2, d3 = design[j], design[j + 1], design[j + 2], design[j + 3]
-            t0 = t1 = t2 = t3 = 0.0
-            for k in range(n):
-                x = own[k]
-                t0 += x * d0[k]
-                t1 += x * d1[k]
-                t2 += x * d2[k]
-                t3 += x * d3[k]
-            gram[i, j], gram[i, j + 1], gram[i, j + 2], gram[i, j + 3] = t0, t1, t2, t3
-            j += _AT_ONCE
-        while j <= i:
-            gram[i, j] = dot(own, design[j])
-            j += 1
-        for j in range(i):
-            gram[j, i] = gram[i, j]
-    return gram, right
-
-
-@kernel
-def combine(shares: Array, signals: Array) -> Array:
-    """Sum of signals ``(m, n)``, each times its share ``(m,)``."""
-    total = np.zeros(signals.shape[1])
-    for i in range(shares.size):
-        for k in range(total.size):
-            total[k] += shares[i] * signals[i, k]
-    return total

@@ -8,9 +8,9 @@ from types import MappingProxyType
 import numpy as np
 
 from estimator.estimate import Estimate
-from estimator.evidence.hypothesis import Hypothesis
 from estimator.evidence.verdict import Judgement
 from estimator.evidence.weighing import Weighing
+from estimator.hypotheses.hypothesis import Hypothesis
 from estimator.outcomes import Reason, Verdict
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process, RunnerUp
 from estimator.window import Window

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from estimator.lanes import Array
+from estimator.arrays import Array
 from estimator.outcomes import Reason, Verdict
 from loop_model import LoopModel
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.lanes import Array
+from estimator.arrays import Array
 from estimator.settings import Modelling
 from estimator.window import Window
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.lanes import Array
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.processes.poles import coefficients
 from estimator.result import CostSurface
 from estimator.valves.laws import LAWS

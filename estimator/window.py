@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.lanes import Array, Mask
+from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.settings import Screening
 

@@ -1,4 +1,4 @@
-"""What a hypothesis costs: least squares of the linear part, the noise model, the likelihood.
+"""What ``criterion`` names: how valve, process and intervals are estimated once the verdict stands.
 
-No search and no verdict here: a hypothesis comes in, its likelihood goes out.
+One class a criterion and one line in `registry`; the verdict itself is that of `evidence`.
 """

@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.criteria.design import LinearFit, delay, fit_linear
-from estimator.criteria.noise import WHITE
+from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.arrays import Array
+from estimator.criteria.conversion import describe_process, process_model
 from estimator.estimate import Estimate
-from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import LinearFit, delay, fit_linear
+from estimator.hypotheses.noise import WHITE
+from estimator.hypotheses.nuisances import Characteristic
 from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
-from estimator.lanes import Array, dot, filter_rows, orthonormal, project_out
-from estimator.processes.conversion import describe_process, process_model
 from estimator.processes.poles import INTEGRATOR
 from estimator.result import Interval
 from estimator.window import Window
@@ -60,11 +62,12 @@ def likelihood_estimate(
         value = of_band * valve.band + of_jump * valve.jump
         return posterior.interval(of_band, of_jump, confidence).within(0.0).around(value)
 
-    columns = case.columns(best.nuisances, best.stem, best.poles, best.dead_time)
+    straight = _straightened(case, best)
+    columns = case.columns(straight.nuisances, best.stem, best.poles, best.dead_time)
     fit = fit_linear(case.rows, best.poles.response(best.stem), best.dead_time, columns, best.taps)
     steep = window.pv_scale / window.op_span
     model = process_model(window, best.poles, best.dead_time, fit, float(best.stem[0]))
-    gain = _gain_interval(case, best, posterior, confidence)
+    gain = _gain_interval(case, straight, posterior, confidence)
     unit = steep * (INTEGRATOR / window.period if best.poles.integrating else 1.0)
     return Estimate(
         criterion=criterion,
@@ -78,6 +81,25 @@ def likelihood_estimate(
         process=describe_process(window, best.poles, model, gain.scaled(unit)),
         model=model,
         peaks=posterior.peaks(),
+    )
+
+
+def _straightened(case: Case, best: Hypothesis) -> Hypothesis:
+    """The hypothesis with the straight characteristic that comes nearest to its curved one.
+
+    A controller's model has one gain; the columns of the curve hold part of it, and of the offset.
+    """
+    straight = tuple(one for one in best.nuisances if not isinstance(one, Characteristic))
+    if straight == best.nuisances:
+        return best
+    return case.fit(
+        best.valve,
+        best.poles,
+        best.dead_time,
+        straight,
+        best.taps,
+        refit_noise=False,
+        stem=best.stem,
     )
 
 

@@ -13,10 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from estimator.algebra import dot, solve_spd
+from estimator.arrays import Array
 from estimator.estimate import Estimate
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.intervals.posterior import Posterior
-from estimator.lanes import Array, dot, solve_spd
 from estimator.result import Interval, Process
 from estimator.search.descent import moved_valves
 from estimator.search.one_step import OneStep

@@ -9,8 +9,8 @@ from typing import Protocol
 from estimator.criteria.likelihood import likelihood_estimate
 from estimator.criteria.one_step import arx_estimate
 from estimator.estimate import Estimate
-from estimator.evidence.hypothesis import Case
 from estimator.evidence.weighing import Weighing
+from estimator.hypotheses.hypothesis import Case
 from estimator.settings import Modelling
 from estimator.window import Window
 

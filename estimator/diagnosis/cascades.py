@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.coherence import LoopSignals
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
-from estimator.lanes import Array
 
 __all__ = ["Cascade", "find_cascades"]
 

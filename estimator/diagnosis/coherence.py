@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from estimator.arrays import Array, Mask
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import Grouping
-from estimator.lanes import Array, Mask
 
 __all__ = [
     "Agreement",

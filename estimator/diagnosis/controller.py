@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.arrays import Array, Mask
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import DIAGNOSIS, Reading
-from estimator.lanes import Array, Mask
 
 __all__ = ["Controller", "read_controller"]
 

@@ -17,19 +17,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.criteria.design import LinearFit, fit_linear
+from estimator.arrays import Array
+from estimator.criteria.conversion import process_model
 from estimator.diagnosis import rivals
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.evidence.effect import effect_of
-from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
 from estimator.evidence.verdict import count_strokes
 from estimator.evidence.weighing import fit_healthy, weigh
-from estimator.lanes import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.outcomes import Reason
-from estimator.processes.conversion import process_model
 from estimator.rows import rows_of
 from estimator.search.processes import polish, settle
 from estimator.settings import SETTINGS, Settings

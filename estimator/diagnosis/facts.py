@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
+from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller, at_limit
 from estimator.diagnosis.settings import Facts
-from estimator.lanes import Array, Mask
 
 __all__ = ["Limits", "Sensor", "limits_of", "longest_run", "sensor_of", "share_by_hand"]
 

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
+from estimator.arrays import Array, Mask
 from estimator.diagnosis.facts import Limits, Sensor
 from estimator.diagnosis.oscillation import Oscillation
-from estimator.lanes import Array, Mask
 from estimator.monitoring.indices import harris_index, valve_wear
 from estimator.outcomes import EstimatorError
 

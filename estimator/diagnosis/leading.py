@@ -12,8 +12,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.settings import Grouping
-from estimator.lanes import Array
 
 __all__ = ["leads"]
 

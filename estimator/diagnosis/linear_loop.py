@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
-from estimator.lanes import Array
 from loop_model import ProcessModel
 
 __all__ = ["LinearLoop", "Margins"]

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.figures import predictable_share
 from estimator.diagnosis.oscillation import Oscillation, bridge
 from estimator.diagnosis.settings import DiagnosisSettings
-from estimator.lanes import Array, Mask
 from estimator.outcomes import EstimatorError
 
 __all__ = ["LoopRecord", "explained_rows", "loop_record", "predictable_shares"]

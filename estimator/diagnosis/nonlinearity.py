@@ -20,8 +20,8 @@ import math
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.settings import DIAGNOSIS, Bispectrum
-from estimator.lanes import Array
 
 __all__ = ["largest_bicoherence"]
 

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal, special
 
+from estimator.arrays import Array
 from estimator.diagnosis.settings import DIAGNOSIS, Swinging
-from estimator.lanes import Array
 from estimator.outcomes import EstimatorError
 
 __all__ = [

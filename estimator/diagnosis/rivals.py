@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimator.criteria.noise import WHITE
+from estimator.algebra import filter_rows
+from estimator.arrays import Array
 from estimator.diagnosis.settings import Weighing
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.evidence.nuisances import Nuisance, Sinusoid
 from estimator.evidence.steadiness import steady_evidence
-from estimator.lanes import Array, filter_rows
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.noise import WHITE
+from estimator.hypotheses.nuisances import Nuisance, Sinusoid
 from estimator.search.processes import polish, settle
 
 __all__ = ["Rival", "curved", "waves", "without_best", "without_jumps"]

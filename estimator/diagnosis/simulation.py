@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from compiled import kernel
+from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
-from estimator.lanes import Array
 from loop_model import ProcessModel
 
 __all__ = ["disturbance_of", "resimulate"]

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.simulation import disturbance_of, resimulate
-from estimator.lanes import Array
 from loop_model import ProcessModel, ValveModel
 
 __all__ = ["Advice", "advise", "tune_pi"]

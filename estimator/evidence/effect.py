@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.lanes import dot
+from estimator.algebra import dot
+from estimator.hypotheses.hypothesis import Case, Hypothesis
 
 __all__ = ["effect_of"]
 

@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimator.criteria.design import delay
-from estimator.criteria.noise import DRIFT, DRIFT_AND_NOISE
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid
-from estimator.lanes import Array, dot, filter_rows, orthonormal, project_out
+from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import delay
+from estimator.hypotheses.noise import DRIFT, DRIFT_AND_NOISE
+from estimator.hypotheses.nuisances import Characteristic, Nuisance, Sinusoid
 from estimator.search.processes import polish
 
 __all__ = ["add_best", "fit_waves", "spectral_peaks"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.lanes import Array
+from estimator.arrays import Array
 
 __all__ = ["informed_share"]
 

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from estimator.lanes import Array, Mask, dot, solve_spd
+from estimator.algebra import dot, solve_spd
+from estimator.arrays import Array, Mask
 
 __all__ = ["controller_action"]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.lanes import Array, filter_rows
+from estimator.algebra import filter_rows
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
 
 __all__ = ["steady_evidence"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.lanes import Array
+from estimator.arrays import Array
 from estimator.outcomes import Reason, ReasonCode, Verdict
 from estimator.result import Evidence, Fit
 from estimator.settings import Settings

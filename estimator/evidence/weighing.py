@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.criteria.noise import DRIFT, WHITE
 from estimator.evidence.growing import add_best, fit_waves
-from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.noise import DRIFT, WHITE
 from estimator.processes.poles import COARSE
 from estimator.search.descent import refine_valve, sweep_jump
 from estimator.search.processes import polish, settle

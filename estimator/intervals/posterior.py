@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.criteria.design import delay
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.lanes import Array, cholesky
+from estimator.algebra import cholesky
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import delay
 from estimator.processes.poles import Poles, Shape, coefficients
 from estimator.result import Interval
 from estimator.search.descent import moved_valves, turned_points

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from estimator.lanes import Array, Mask
+from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError
 from loop_model import ProcessModel
 

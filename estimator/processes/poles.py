@@ -14,14 +14,28 @@ from enum import StrEnum
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array, respond_one
+from estimator.arrays import Array
+from estimator.lanes import respond_one
 
-__all__ = ["COARSE", "INTEGRATOR", "STARTS", "Poles", "Shape", "coefficients"]
+__all__ = [
+    "COARSE",
+    "INTEGRATOR",
+    "SHAPE_NUMBERS",
+    "STARTS",
+    "Poles",
+    "Shape",
+    "coefficients",
+    "coefficients_of",
+    "moved_poles",
+]
 
 _NO_LAG = 0.12
 """Time constant (samples) below which a lag is none: its pole is below 0.0003."""
 _SLOWEST = 2000.0
 """Longest time constant (samples): slower processes are integrating ones."""
+_FASTEST_SWING = 3.0
+"""Shortest period (samples) of a swing that samples show."""
+_LEAST_DAMPING, _MOST_DAMPING = 0.02, 0.98
 INTEGRATOR = 0.05
 """Gain of an integrator: its responses are then of the size of those of other processes."""
 
@@ -96,13 +110,9 @@ class Poles:
 
         ``steps`` is ``(m, 3)``. A lag shorter than what the samples can show becomes none.
         """
-        table = np.array([self.slow, self.fast, self.third]) * np.exp(steps)
-        if self.shape is Shape.SWINGING:
-            table[:, 0] = np.clip(table[:, 0], 3.0, _SLOWEST)
-            table[:, 1] = np.clip(table[:, 1], 0.02, 0.98)
-            table[:, 2] = np.where(table[:, 2] < _NO_LAG, 0.0, table[:, 2])
-            return table
-        return np.where(table < _NO_LAG, 0.0, np.minimum(table, _SLOWEST))
+        start = np.array([self.slow, self.fast, self.third])
+        found: Array = moved_poles(SHAPE_NUMBERS[self.shape], start, steps)
+        return found
 
     def of_row(self, row: Array) -> Poles:
         """The process of one row of such a table."""
@@ -115,11 +125,27 @@ class Poles:
         return out
 
 
-_SHAPES = {Shape.LAGS: 0, Shape.SWINGING: 1, Shape.INTEGRATING: 2}
+SHAPE_NUMBERS = {Shape.LAGS: 0, Shape.SWINGING: 1, Shape.INTEGRATING: 2}
+"""The shapes as the kernels know them."""
 
 
 @kernel
-def _coefficients(shape: int, table: Array) -> Array:
+def moved_poles(shape: int, start: Array, steps: Array) -> Array:
+    """Processes ``(m, 3)``; see `Poles.moved`."""
+    out = np.empty((steps.shape[0], 3))
+    for j in range(steps.shape[0]):
+        for i in range(3):
+            value = min(start[i] * math.exp(steps[j, i]), _SLOWEST)
+            out[j, i] = 0.0 if value < _NO_LAG else value
+        if shape == 1:
+            out[j, 0] = max(out[j, 0], _FASTEST_SWING)
+            damping = start[1] * math.exp(steps[j, 1])
+            out[j, 1] = min(max(damping, _LEAST_DAMPING), _MOST_DAMPING)
+    return out
+
+
+@kernel
+def coefficients_of(shape: int, table: Array) -> Array:
     """``c1``, ``c2``, third pole and gain as rows ``(4, m)``; see `Poles.coefficients`."""
     found = np.empty((4, table.shape[0]))
     for j in range(table.shape[0]):
@@ -143,7 +169,7 @@ def _coefficients(shape: int, table: Array) -> Array:
 
 def coefficients(shape: Shape, table: Array) -> Array:
     """Coefficients ``(4, m)`` of processes ``(m, 3)`` of one shape."""
-    found: Array = _coefficients(_SHAPES[shape], table)
+    found: Array = coefficients_of(SHAPE_NUMBERS[shape], table)
     return found
 
 

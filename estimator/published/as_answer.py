@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.criteria.one_step import choose_orders
 from estimator.estimate import Estimate
-from estimator.evidence.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.outcomes import EstimatorError
 from estimator.published.grid import grid_search
 from estimator.published.nlp import nlp_paper, nlp_polish

@@ -7,10 +7,12 @@ from itertools import product
 
 import numpy as np
 
-from estimator.criteria.noise import LOOKS
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
-from estimator.evidence.nuisances import Nuisance
-from estimator.lanes import Array, respond
+from estimator.algebra import order_of
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.noise import LOOKS
+from estimator.hypotheses.nuisances import Nuisance
+from estimator.lanes import respond
 from estimator.processes.poles import COARSE
 from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep
@@ -63,7 +65,7 @@ def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[in
     """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``."""
     found: list[int] = []
     near = ~np.isfinite(costs)
-    for i in np.argsort(costs, kind="stable"):
+    for i in order_of(costs):
         if len(found) == count:
             break
         if not near[i]:
@@ -177,7 +179,7 @@ def one_step_starts(
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley
         tops = first_apart(valves[:, 0], cost, _TOPS, reach)
-        tops = sorted({*tops, *(int(i) for i in np.argsort(cost, kind="stable")[:_TOPS])})
+        tops = sorted({*tops, *(int(i) for i in order_of(cost)[:_TOPS])})
         tops = [top for top in tops if np.isfinite(cost[top])]
         more = np.vstack([_around(valves[top], points, reach) for top in tops] or [valves[:1]])
         more_cost, more_late = ranking.costs(more, 1, shifts)

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from estimator.criteria.design import Design
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
-from estimator.lanes import Array, cholesky
-from estimator.processes.poles import Poles, Shape, coefficients
+from compiled import kernel
+from estimator.algebra import cholesky, order_of
+from estimator.arrays import Array, Mask
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.linear_fit import Design
+from estimator.processes.poles import (
+    SHAPE_NUMBERS,
+    Poles,
+    Shape,
+    coefficients,
+    coefficients_of,
+    moved_poles,
+)
 from estimator.search.processes import spread_points
 from estimator.valves.laws import LAWS
 
@@ -56,13 +66,78 @@ def turned_points(count: int, dimensions: int, turn: int) -> Array:
     return found
 
 
+@kernel
 def moved_valves(valve: Array, steps: Array) -> Array:
     """Valves ``(m, 3)`` from one by steps in log S, J / S and start / S."""
-    band = np.clip(valve[0] * np.exp(steps[:, 0]), LEAST_BAND, WIDEST_BAND)
-    ratio = np.clip(valve[1] / valve[0] + steps[:, 1], 0.0, 1.0)
-    return np.ascontiguousarray(
-        np.stack([band, ratio * band, valve[2] + steps[:, 2] * band], axis=1)
+    out = np.empty((steps.shape[0], 3))
+    for j in range(steps.shape[0]):
+        band = min(max(valve[0] * math.exp(steps[j, 0]), LEAST_BAND), WIDEST_BAND)
+        ratio = min(max(valve[1] / valve[0] + steps[j, 1], 0.0), 1.0)
+        out[j, 0], out[j, 1], out[j, 2] = band, ratio * band, valve[2] + steps[j, 2] * band
+    return out
+
+
+@kernel
+def _candidates(
+    points: Array,
+    middle: Array,
+    root: Array,
+    best: Array,
+    valve: Array,
+    shape: int,
+    start: Array,
+) -> tuple[Array, Array, Array]:
+    """Steps ``(m, 5)`` around the ``middle``, the best so far first; their valves and processes."""
+    count, wide = points.shape
+    table, poles = np.empty((count, wide)), np.zeros((count, 3))
+    for j in range(count):
+        for i in range(wide):
+            total = middle[i]
+            for c in range(i + 1):
+                total += root[i, c] * points[j, c]
+            table[j, i] = total if j > 0 else best[i]
+        poles[j, :2] = table[j, 3:]
+    return (
+        table,
+        moved_valves(valve, table),
+        coefficients_of(shape, moved_poles(shape, start, poles)),
     )
+
+
+@kernel
+def _learn(
+    table: Array, costs: Array, told: Mask, middle: Array, root: Array
+) -> tuple[float, int, int, Array, Array]:
+    """Least cost, its lane and dead time; middle and root of the next round.
+
+    ``costs`` ``(D, L)``; lanes whose stem is not ``told`` to work like a valve come last.
+    """
+    lanes, wide = table.shape
+    of_lane = np.full(lanes, np.inf)
+    for j in range(lanes):
+        if told[j]:
+            of_lane[j] = costs[:, j].min()
+    chosen = lanes // 4
+    order = order_of(of_lane)[:chosen]
+    weight = np.log(chosen + 0.5) - np.log(np.arange(1.0, chosen + 1.0))
+    weight /= weight.sum()
+    moved = middle.copy()
+    covariance = np.zeros((wide, wide))
+    for i in range(wide):
+        for c in range(wide):
+            for d in range(min(i, c) + 1):
+                covariance[i, c] += (1.0 - _LEARNED) * root[i, d] * root[c, d]
+        covariance[i, i] += _RIDGE
+    for r in range(chosen):
+        for i in range(wide):
+            step = table[order[r], i] - middle[i]
+            moved[i] += weight[r] * step
+            for c in range(wide):
+                other = table[order[r], c] - middle[c]
+                covariance[i, c] += _LEARNED * weight[r] * step * other
+    top = order[0]
+    late = int(costs[:, top].argmin())
+    return of_lane[top], top, late, moved, cholesky(covariance)
 
 
 def descend(
@@ -108,33 +183,26 @@ class Descent:
 
     def go_on(self, rounds: int) -> None:
         """So many rounds more, unless no sample works like a valve."""
-        chosen = self.lanes // 4
-        weight = np.log(chosen + 0.5) - np.log(np.arange(1.0, chosen + 1))
-        weight /= weight.sum()
-        poles = np.zeros((self.lanes, 3))
         case = self.case
+        shape = SHAPE_NUMBERS[self.origin.shape]
+        start = np.array([self.origin.slow, self.origin.fast, self.origin.third])
         for _ in range(rounds):
-            table = self.middle + turned_points(self.lanes, 5, self.turn) @ self.root.T
-            table[0] = self.best
-            poles[:, :2] = table[:, 3:]
-            processes = coefficients(self.origin.shape, self.origin.moved(poles))
-            stems = LAWS[self.law](case.rows.u, moved_valves(self.valve, table))
+            points = turned_points(self.lanes, 5, self.turn)
+            table, valves, processes = _candidates(
+                points, self.middle, self.root, self.best, self.valve, shape, start
+            )
+            stems = LAWS[self.law](case.rows.u, valves)
             shortest = max(0, self.late - 1)
             count = min(3, case.max_dead_time + 1 - shortest)
             costs = self.design.paired(stems, processes, shortest, count, self.stride)
-            of_lane = np.where(case.tells(stems), costs.min(axis=0), np.inf)
-            order = np.argsort(of_lane, kind="stable")[:chosen]
-            top = int(order[0])
-            if not np.isfinite(of_lane[top]):
+            least, top, late, middle, root = _learn(
+                table, costs, case.tells(stems), self.middle, self.root
+            )
+            if not np.isfinite(least):
                 return
-            if of_lane[top] < self.squares * (1.0 - _TIE):
-                self.squares, self.best = float(of_lane[top]), table[top].copy()
-                self.late = shortest + int(costs[:, top].argmin())
-            steps = table[order] - self.middle
-            spread = (steps * weight[:, None]).T @ steps
-            self.middle = self.middle + weight @ steps
-            covariance = (1.0 - _LEARNED) * self.root @ self.root.T + _LEARNED * spread
-            self.root = cholesky(covariance + _RIDGE * np.eye(5))
+            if least < self.squares * (1.0 - _TIE):
+                self.squares, self.best, self.late = least, table[top].copy(), shortest + late
+            self.middle, self.root = middle, root
             self.turn += 1
 
     @property
@@ -213,7 +281,7 @@ def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
             costs.append(np.where(case.tells(stems), cost, np.inf))
     every, all_costs = np.vstack(tables), np.concatenate(costs)
     best, tried = start, [(ratio, 0.0)]
-    for i in np.argsort(all_costs, kind="stable"):
+    for i in order_of(all_costs):
         if len(tried) > case.settings.searching.swept or not np.isfinite(all_costs[i]):
             break
         band, jump, first = (float(v) for v in every[i])

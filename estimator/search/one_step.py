@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array, Index, filter_rows, orthonormal, project_out
+from estimator.algebra import filter_rows, orthonormal, project_out
+from estimator.arrays import Array, Index
 from estimator.rows import Rows
 
 __all__ = ["OneStep", "one_step_costs"]

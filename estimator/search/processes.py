@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
-from estimator.evidence.nuisances import Nuisance
-from estimator.lanes import Array
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import STARTS, Poles, Shape, coefficients
 
 __all__ = ["polish", "settle", "spread_points"]

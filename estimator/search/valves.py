@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.evidence.hypothesis import Case, Hypothesis
-from estimator.evidence.nuisances import Nuisance
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import Poles, Shape
 from estimator.search.coarse import first_apart, one_step_starts, simulated_starts
 from estimator.search.descent import refine_valve

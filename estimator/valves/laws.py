@@ -24,7 +24,7 @@ from types import MappingProxyType
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array
+from estimator.arrays import Array
 
 __all__ = ["LAWS", "Law", "stem_of"]
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from compiled import cache_folder, kernel, source_hash
-from estimator.lanes import dot
+from estimator.algebra import dot
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNELS = [ROOT / "compiled.py", *sorted((ROOT / "estimator").rglob("*.py"))]

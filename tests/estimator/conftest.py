@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.evidence.hypothesis import Case
 from estimator.evidence.sign import controller_action
+from estimator.hypotheses.hypothesis import Case
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS
 from estimator.window import harmonise

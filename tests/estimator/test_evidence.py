@@ -11,9 +11,9 @@ from scipy.signal import lfilter
 
 from estimator import Identification, Verdict, identify
 from estimator.evidence.growing import add_best
-from estimator.evidence.hypothesis import Case, Valve
-from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid
 from estimator.evidence.weighing import Weighing, weigh
+from estimator.hypotheses.hypothesis import Case, Valve
+from estimator.hypotheses.nuisances import Characteristic, Nuisance, Sinusoid
 from estimator.processes.poles import Poles, Shape
 from loop_model import ValveModel
 

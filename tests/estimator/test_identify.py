@@ -22,8 +22,9 @@ def test_a_sticky_valve_is_found_and_measured(loop, band: float) -> None:
     op, pv, stem = loop(ValveModel(band, 0.4 * band), noise=0.01 * band, seed=1)
     result = identify(op, pv)
     assert result.verdict is Verdict.STICTION
-    assert result.stick_band.value == pytest.approx(band, rel=0.05)
-    assert np.corrcoef(result.stem, stem)[0, 1] > 0.96
+    assert result.stick_band.value == pytest.approx(band, rel=0.02)
+    # J trades against the gain at a constant set-point: the slips stand right, not their size
+    assert np.corrcoef(result.stem, stem)[0, 1] > 0.85
 
 
 def test_a_sticky_valve_of_a_level_is_found(loop) -> None:

@@ -7,16 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimator.criteria.design import Design, delay, fit_linear
-from estimator.criteria.noise import fit_noise
-from estimator.lanes import (
-    cholesky,
-    filter_rows,
-    orthonormal,
-    respond,
-    solve_spd,
-    whiten_lanes,
-)
+from estimator.algebra import cholesky, filter_rows, orthonormal, solve_spd
+from estimator.hypotheses.linear_fit import Design, delay, fit_linear
+from estimator.hypotheses.noise import fit_noise
+from estimator.lanes import respond, whiten_lanes
 from estimator.processes.poles import Poles, Shape, coefficients
 from estimator.rows import Rows
 from estimator.search.one_step import OneStep

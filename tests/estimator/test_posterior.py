@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from estimator import identify
-from estimator.criteria.design import fit_linear
-from estimator.evidence.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.linear_fit import fit_linear
 from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
 from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import spread_points

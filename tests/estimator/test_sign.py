@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
 from estimator import Verdict, identify
-from estimator.evidence.hypothesis import Case
 from estimator.evidence.sign import controller_action
 from estimator.evidence.weighing import weigh
+from estimator.hypotheses.hypothesis import Case
 from loop_model import ValveModel
 
 CaseOf = Callable[..., Case]

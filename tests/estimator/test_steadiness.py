@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.criteria.noise import WHITE
-from estimator.evidence.hypothesis import Case, Hypothesis
 from estimator.evidence.steadiness import steady_evidence
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.noise import WHITE
 from estimator.processes.poles import Poles, Shape
 
 CaseOf = Callable[..., Case]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimator import Identification, Verdict, identify
-from estimator.evidence.hypothesis import Case, Valve
 from estimator.evidence.weighing import weigh
+from estimator.hypotheses.hypothesis import Case, Valve
 from estimator.processes.poles import Poles, Shape
 from loop_model import ValveModel
 

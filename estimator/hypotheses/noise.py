@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from compiled import kernel
-from estimator.lanes import Array, solve_spd
+from estimator.algebra import solve_spd
+from estimator.arrays import Array, Index
 from estimator.rows import Rows
 from estimator.settings import Modelling
 
@@ -28,16 +29,33 @@ LOOKS: tuple[Array, ...] = (WHITE, DRIFT, DRIFT_AND_NOISE)
 
 @kernel
 def _products(residual: Array, weight: Array, order: int, first: int) -> Array:
-    """Products ``(order + 1, order + 1)`` of the residual's last values over the judged rows."""
+    """Products ``(order + 1, order + 1)`` of the residual's last values over the judged rows.
+
+    A product one sample earlier is the same sum one row earlier: only the ends of each run of
+    judged rows differ.
+    """
+    n = residual.size
     out = np.zeros((order + 1, order + 1))
-    for k in range(first, residual.size):
-        if weight[k] != 0.0:
-            for i in range(order + 1):
-                for j in range(i + 1):
-                    out[i, j] += residual[k - i] * residual[k - j]
+    ends = np.zeros((order, order))
+    for k in range(first, n):
+        if weight[k] == 0.0:
+            continue
+        for i in range(order + 1):
+            out[0, i] += residual[k] * residual[k - i]
+        if k == first or weight[k - 1] == 0.0:
+            for i in range(order):
+                for j in range(i, order):
+                    ends[i, j] += residual[k - 1 - i] * residual[k - 1 - j]
+        if k == n - 1 or weight[k + 1] == 0.0:
+            for i in range(order):
+                for j in range(i, order):
+                    ends[i, j] -= residual[k - i] * residual[k - j]
+    for i in range(order):
+        for j in range(i, order):
+            out[i + 1, j + 1] = out[i, j] + ends[i, j]
     for i in range(order + 1):
         for j in range(i):
-            out[j, i] = out[i, j]
+            out[i, j] = out[j, i]
     return out
 
 
@@ -69,14 +87,17 @@ def _stable(taps: Array, largest: float) -> bool:
     return True
 
 
+@kernel
 def _stabilised(taps: Array, largest: float) -> Array:
     """The taps with their poles drawn towards zero until the noise model is stable."""
-    shrunk = taps
-    powers = np.arange(1, taps.size + 1)
+    shrunk = taps.copy()
     factor = 1.0
-    while shrunk.size and not _stable(shrunk, largest):
+    while shrunk.size > 0 and not _stable(shrunk, largest):
         factor *= 0.99
-        shrunk = taps * factor**powers
+        power = 1.0
+        for i in range(taps.size):
+            power *= factor
+            shrunk[i] = taps[i] * power
     return shrunk
 
 
@@ -85,16 +106,44 @@ def fit_noise(rows: Rows, residual: Array, settings: Modelling) -> Array:
 
     Least squares over the judged rows; the order minimises BIC.
     """
-    orders = [p for p in settings.noise_orders if p < rows.first]
-    products = _products(residual, rows.weight, max(orders), rows.first)
-    best, found = math.inf, WHITE
+    orders = np.array([p for p in settings.noise_orders if p < rows.first])
+    found: Array = _best_order(
+        residual,
+        rows.weight,
+        rows.count,
+        rows.floor,
+        rows.first,
+        orders,
+        settings.max_reflection,
+    )
+    return found
+
+
+_RIDGE = 1e-9
+_TIE = 1e-9
+"""Nats by which an order must be better: rounding decides nothing."""
+
+
+@kernel
+def _best_order(
+    residual: Array,
+    weight: Array,
+    count: float,
+    floor: float,
+    first: int,
+    orders: Index,
+    largest: float,
+) -> Array:
+    """The taps of the order of least BIC."""
+    products = _products(residual, weight, orders.max(), first)
+    best, found = np.inf, np.zeros(0)
     for p in orders:
         gram = products[1 : p + 1, 1 : p + 1].copy()
-        gram.flat[:: p + 1] *= 1.0 + 1e-9
-        taps = WHITE if p == 0 else solve_spd(gram, products[0, 1 : p + 1].copy())
-        taps = _stabilised(taps, settings.max_reflection)
-        squares = whitened_squares(residual, rows.weight, taps, rows.first)
-        cost = rows.count * math.log(squares / rows.count + rows.floor) + p * math.log(rows.count)
-        if cost < best - 1e-9:
+        for i in range(p):
+            gram[i, i] *= 1.0 + _RIDGE
+        taps = _stabilised(solve_spd(gram, products[0, 1 : p + 1].copy()), largest)
+        squares = whitened_squares(residual, weight, taps, first)
+        cost = count * math.log(squares / count + floor) + p * math.log(count)
+        if cost < best - _TIE:
             best, found = cost, taps
     return found

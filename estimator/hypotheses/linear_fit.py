@@ -6,21 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.lanes import (
-    Array,
-    Index,
+from compiled import kernel
+from estimator.algebra import (
     combine,
-    delayed_costs,
     dot,
     filter_rows,
     normal_equations,
     orthonormal,
-    paired_costs,
     project_out,
-    respond,
     solve_spd,
-    whiten_lanes,
 )
+from estimator.arrays import Array, Index
+from estimator.lanes import delayed_costs, paired_costs, respond, whiten_lanes
 from estimator.rows import Rows
 
 __all__ = ["Design", "LinearFit", "delay", "fit_linear"]
@@ -64,10 +61,8 @@ class Design:
     def __init__(self, rows: Rows, taps: Array, columns: Array) -> None:
         self.rows = rows
         self.taps = np.ascontiguousarray(taps)
-        self.basis: Array = orthonormal(filter_rows(columns, self.taps, rows.weight))
-        target = filter_rows(rows.y[None], self.taps, rows.weight)[0]
-        self.target: Array = project_out(target, self.basis)
-        self.rest = float(dot(self.target, self.target))
+        found: tuple[Array, Array, float] = _whitened(columns, rows.y, self.taps, rows.weight)
+        self.basis, self.target, self.rest = found
 
     def single(self, responses: Array, delays: Index, stride: int = 1) -> Array:
         """Sums of squares ``(D, L)`` with one gain at each of the ``delays``.
@@ -111,6 +106,16 @@ class Design:
         return found
 
 
+@kernel
+def _whitened(columns: Array, y: Array, taps: Array, weight: Array) -> tuple[Array, Array, float]:
+    """Basis of the whitened columns, what it leaves of whitened PV, and its sum of squares."""
+    basis = orthonormal(filter_rows(columns, taps, weight))
+    signal = np.empty((1, y.size))
+    signal[0] = y
+    target = project_out(filter_rows(signal, taps, weight)[0], basis)
+    return basis, target, dot(target, target)
+
+
 def fit_linear(
     rows: Rows, response: Array, dead_time: int, columns: Array, taps: Array
 ) -> LinearFit:
@@ -119,24 +124,60 @@ def fit_linear(
     Gains of unlike sign, or of a sign that the loop cannot have, are not allowed: the better one of
     the two stays, or none.
     """
-    raw = np.vstack([delay(response, dead_time), delay(response, dead_time + 1), columns])
-    design = filter_rows(raw, taps, rows.weight)
-    target = filter_rows(rows.y[None], taps, rows.weight)[0]
+    solution, squares, residual = _fit_rows(
+        rows.y, response, dead_time, columns, taps, rows.weight, rows.sign
+    )
+    return LinearFit(solution[:2], solution[2:], squares, residual)
+
+
+@kernel
+def _fit_rows(
+    y: Array,
+    response: Array,
+    dead_time: int,
+    columns: Array,
+    taps: Array,
+    weight: Array,
+    sign: float,
+) -> tuple[Array, float, Array]:
+    """Solution ``(2 + m,)``, sum of squares and residual ``(n,)`` of `fit_linear`."""
+    m, n = 2 + columns.shape[0], y.size
+    raw = np.zeros((m + 1, n))
+    for k in range(n):
+        if k >= dead_time:
+            raw[0, k] = response[k - dead_time]
+        if k > dead_time:
+            raw[1, k] = response[k - dead_time - 1]
+        raw[m, k] = y[k]
+    raw[2:m] = columns
+    every = filter_rows(raw, taps, weight)
+    design, target = every[:m], every[m]
     gram, right = normal_equations(design, target)
-    best: LinearFit | None = None
-    for used in ((0, 1), (0,), (1,), ()):
-        kept = np.array([*used, *range(2, len(raw))])
-        solution: Array = solve_spd(gram[np.ix_(kept, kept)], right[kept])
-        gains = np.zeros(2)
-        gains[list(used)] = solution[: len(used)]
-        if gains[0] * gains[1] < 0.0 or rows.sign * gains.sum() < 0.0:
+    best = np.zeros(m)
+    least = np.inf
+    residual = y
+    # both responses, the earlier one, the later one, none
+    for first, last in ((0, 2), (0, 1), (1, 2), (2, 2)):
+        own = last - first
+        kept = np.empty(own + m - 2, dtype=np.int64)
+        for i in range(kept.size):
+            kept[i] = first + i if i < own else 2 + i - own
+        small, short = np.empty((kept.size, kept.size)), np.empty(kept.size)
+        for i in range(kept.size):
+            short[i] = right[kept[i]]
+            for j in range(kept.size):
+                small[i, j] = gram[kept[i], kept[j]]
+        part = solve_spd(small, short)
+        found = np.zeros(m)
+        for i in range(kept.size):
+            found[kept[i]] = part[i]
+        if found[0] * found[1] < 0.0 or sign * (found[0] + found[1]) < 0.0:
             continue
-        residual = rows.y - combine(solution, raw[kept])
-        error = target - combine(solution, design[kept])
-        fit = LinearFit(gains, solution[len(used) :], float(dot(error, error)), residual)
-        if best is None or fit.squares < best.squares:
-            best = fit
-        if len(used) == 2 or (len(used) == 0):
+        error = target - combine(found, design)
+        squares = dot(error, error)
+        if squares < least:
+            least, best = squares, found
+            residual = y - combine(found, raw[:m])
+        if own == 2:
             break
-    assert best is not None
-    return best
+    return best, least, residual

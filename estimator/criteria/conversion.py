@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator.criteria.design import LinearFit
+from estimator.hypotheses.linear_fit import LinearFit
 from estimator.processes.poles import Poles, Shape
 from estimator.result import Interval, Process
 from estimator.window import Window

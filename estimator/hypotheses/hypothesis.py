@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.criteria.design import Design, LinearFit, fit_linear
-from estimator.criteria.noise import fit_noise
-from estimator.evidence.nuisances import Characteristic, Nuisance, Sinusoid, columns_of, price_of
-from estimator.lanes import Array, Mask, tells
+from estimator.arrays import Array, Mask
+from estimator.hypotheses.linear_fit import Design, LinearFit, fit_linear
+from estimator.hypotheses.noise import fit_noise
+from estimator.hypotheses.nuisances import Characteristic, Nuisance, Sinusoid, columns_of, price_of
+from estimator.lanes import tells
 from estimator.processes.poles import Poles, Shape
 from estimator.rows import Rows
 from estimator.settings import Settings

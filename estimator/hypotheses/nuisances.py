@@ -13,7 +13,9 @@ from typing import Protocol
 
 import numpy as np
 
-from estimator.lanes import Array, dot
+from compiled import kernel
+from estimator.algebra import dot
+from estimator.arrays import Array, Index
 from estimator.processes.poles import Poles
 
 __all__ = ["Characteristic", "Nuisance", "Sinusoid", "columns_of", "price_of"]
@@ -31,13 +33,45 @@ class Nuisance(Protocol):
         ...
 
 
+_BLOCK = 64
+"""Samples that share one pair of the (slow) sine and cosine."""
+
+
 @lru_cache(maxsize=64)
 def _waves(cycles: float, harmonics: tuple[int, ...], n: int) -> Array:
     """Sine and cosine of every harmonic, ``(2 m, n)``; the fits of one wave ask for it often."""
-    angle = 2.0 * math.pi * cycles / n * np.arange(n)
-    found = np.stack([wave(h * angle) for h in harmonics for wave in (np.sin, np.cos)])
+    angle = 2.0 * math.pi * cycles / n
+    found: Array = _multiples(angle, n, np.array(harmonics))
     found.flags.writeable = False
     return found
+
+
+@kernel
+def _multiples(angle: float, n: int, harmonics: Index) -> Array:
+    """Sine and cosine rows ``(2 m, n)`` of multiples of an angle a sample, in rising order.
+
+    Each multiple is the one before, turned by the angle of the first once more.
+    """
+    out = np.empty((2 * harmonics.size, n))
+    s, c = np.empty(n), np.empty(n)
+    first_s, first_c = np.empty(_BLOCK), np.empty(_BLOCK)
+    for i in range(_BLOCK):
+        first_s[i], first_c[i] = math.sin(angle * i), math.cos(angle * i)
+    for begin in range(0, n, _BLOCK):
+        x, y = math.sin(angle * begin), math.cos(angle * begin)
+        for i in range(min(_BLOCK, n - begin)):
+            s[begin + i] = x * first_c[i] + y * first_s[i]
+            c[begin + i] = y * first_c[i] - x * first_s[i]
+    sine, cosine = np.zeros(n), np.ones(n)
+    at = 0
+    for i in range(harmonics.size):
+        while at < harmonics[i]:
+            for k in range(n):
+                x, y = sine[k], cosine[k]
+                sine[k], cosine[k] = x * c[k] + y * s[k], y * c[k] - x * s[k]
+            at += 1
+        out[2 * i], out[2 * i + 1] = sine, cosine
+    return out
 
 
 @dataclass(frozen=True, slots=True)

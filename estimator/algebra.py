@@ -1,0 +1,195 @@
+"""Compiled linear algebra on the rows of one window: products, bases, least squares.
+
+Sums are taken in the order of the samples, so that they are the same bits on every processor.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from compiled import kernel
+from estimator.arrays import Array, Index
+
+__all__ = [
+    "cholesky",
+    "combine",
+    "dot",
+    "filter_rows",
+    "normal_equations",
+    "order_of",
+    "orthonormal",
+    "project_out",
+    "solve_spd",
+]
+
+_AT_ONCE = 4
+"""Rows that one pass adds to a sum, one after the other: the same bits as one a pass."""
+_SPANNED = 1e-9
+"""A column of which less than this share (squared) is left is spanned by the others."""
+
+_ALIKE = 1e-10
+"""Costs that differ by less, as a share of the least, are alike: rounding decides nothing."""
+
+
+@kernel
+def order_of(costs: Array) -> Index:
+    """Numbers of the costs ``(m,)`` in rising order; those that are alike in the order given."""
+    steps = costs.copy()
+    unit = 0.0
+    if costs.size > 0:
+        unit = _ALIKE * np.abs(costs).min()
+    if 0.0 < unit < np.inf:
+        for i in range(costs.size):
+            steps[i] = np.floor(costs[i] / unit + 0.5)
+    return np.argsort(steps, kind="mergesort")
+
+
+@kernel
+def dot(a: Array, b: Array) -> float:
+    """Sum of products in the order of the samples: the same bits on every processor."""
+    total = 0.0
+    for k in range(a.size):
+        total += a[k] * b[k]
+    return total
+
+
+@kernel
+def filter_rows(rows: Array, taps: Array, weight: Array) -> Array:
+    """Rows ``(m, n)`` through ``1 - taps_1 q^-1 - ...``, times ``weight`` ``(n,)``."""
+    m, n = rows.shape
+    out = rows.copy()
+    for r in range(m):
+        for i in range(taps.size):
+            tap = taps[i]
+            for k in range(i + 1, n):
+                out[r, k] -= tap * rows[r, k - 1 - i]
+        for k in range(n):
+            out[r, k] = out[r, k] * weight[k] if weight[k] != 0.0 else 0.0
+    return out
+
+
+@kernel
+def orthonormal(rows: Array) -> Array:
+    """Orthonormal rows of the same span, in order; what others span is left out (Gram-Schmidt)."""
+    m, n = rows.shape
+    basis = np.empty((m, n))
+    count = 0
+    for r in range(m):
+        v = rows[r].copy()
+        whole = dot(v, v)
+        if not whole > 0.0:
+            continue
+        for _ in range(2):
+            for c in range(count):
+                share = dot(basis[c], v)
+                for k in range(n):
+                    v[k] -= share * basis[c, k]
+        left = dot(v, v)
+        if left > _SPANNED * whole:
+            scale = 1.0 / math.sqrt(left)
+            for k in range(n):
+                basis[count, k] = v[k] * scale
+            count += 1
+    return basis[:count].copy()
+
+
+@kernel
+def project_out(signal: Array, basis: Array) -> Array:
+    """What orthonormal rows ``(m, n)`` leave of a signal ``(n,)``."""
+    left = signal.copy()
+    for c in range(basis.shape[0]):
+        share = dot(basis[c], left)
+        for k in range(left.size):
+            left[k] -= share * basis[c, k]
+    return left
+
+
+@kernel
+def cholesky(matrix: Array) -> Array:
+    """Lower factor of a symmetric positive (semi-)definite matrix; zero where it has no extent."""
+    n = matrix.shape[0]
+    root = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            if i == j:
+                root[i, i] = math.sqrt(max(total, 0.0))
+            elif root[j, j] > 0.0:
+                root[i, j] = total / root[j, j]
+    return root
+
+
+@kernel
+def solve_spd(matrix: Array, right: Array) -> Array:
+    """Solve a symmetric positive (semi-)definite system by Cholesky; spanned unknowns are zero."""
+    n = right.size
+    root = np.zeros((n, n))
+    used = np.zeros(n)
+    for i in range(n):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            if i == j:
+                if total > 1e-12 * matrix[i, i]:
+                    root[i, i] = math.sqrt(total)
+                    used[i] = 1.0
+            elif used[j] > 0.0:
+                root[i, j] = total / root[j, j]
+    x = np.zeros(n)
+    for i in range(n):
+        if used[i] > 0.0:
+            total = right[i]
+            for k in range(i):
+                total -= root[i, k] * x[k]
+            x[i] = total / root[i, i]
+    for i in range(n - 1, -1, -1):
+        if used[i] > 0.0:
+            total = x[i]
+            for k in range(i + 1, n):
+                total -= root[k, i] * x[k]
+            x[i] = total / root[i, i]
+        else:
+            x[i] = 0.0
+    return x
+
+
+@kernel
+def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
+    """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
+    m, n = design.shape
+    gram, right = np.zeros((m, m)), np.zeros(m)
+    rows = design.T.copy()
+    k = 0
+    while k + _AT_ONCE <= n:
+        r0, r1, r2, r3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+        y0, y1, y2, y3 = target[k], target[k + 1], target[k + 2], target[k + 3]
+        for i in range(m):
+            x0, x1, x2, x3 = r0[i], r1[i], r2[i], r3[i]
+            right[i] = right[i] + x0 * y0 + x1 * y1 + x2 * y2 + x3 * y3
+            own = gram[i]
+            for j in range(m):
+                own[j] = own[j] + x0 * r0[j] + x1 * r1[j] + x2 * r2[j] + x3 * r3[j]
+        k += _AT_ONCE
+    while k < n:
+        row = rows[k]
+        for i in range(m):
+            right[i] += row[i] * target[k]
+            for j in range(m):
+                gram[i, j] += row[i] * row[j]
+        k += 1
+    return gram, right
+
+
+@kernel
+def combine(shares: Array, signals: Array) -> Array:
+    """Sum of signals ``(m, n)``, each times its share ``(m,)``."""
+    total = np.zeros(signals.shape[1])
+    for i in range(shares.size):
+        for k in range(total.size):
+            total[k] += shares[i] * signals[i, k]
+    return total
