@@ -70,7 +70,7 @@ def layers() -> list[list[str]]:
     """Return the packages of the adapter, top layer first, as import-linter holds them."""
     settings = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = settings["tool"]["importlinter"]["contracts"]
-    (found,) = (contract for contract in contracts if contract["type"] == "layers")
+    (found,) = (one for one in contracts if one["name"] == "the adapter's layers")
     return [[name.strip() for name in layer.split("|")] for layer in found["layers"]]
 
 

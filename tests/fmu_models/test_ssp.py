@@ -304,7 +304,7 @@ def test_a_component_that_ends_or_is_unknown(mini_fmus: Minis, tmp_path: Path) -
         (connection("feed", "first/nothing"), "", "names a connector 'nothing', there is none"),
         (connection("feed", "level"), "", "level"),
         (CHAIN + connection("feed", "second/tank.inflow[1]"), "", "is connected twice"),
-        (CHAIN, "s", "are other quantities"),
+        (CHAIN, "s", "are different quantities"),
         (CHAIN, "ft", "define both units"),
     ],
 )

@@ -295,7 +295,9 @@ def test_sixteen_fmus_run_in_one_plc(make_many: MakeMany) -> None:
         for _ in range(5):
             plc.scan()
         assert plc.failures == {}
-        pids = {os.getpid()} | {plc._loops[loop].program.plant._plant._key for loop in plc.loops}
+        pids = {os.getpid()} | {
+            plc._loops[loop].program.plant._plant._link._key for loop in plc.loops
+        }
         assert len(pids) == 17
         assert all(np.isfinite(plc.truth(loop).pv).all() for loop in plc.loops)
 

@@ -247,7 +247,7 @@ def test_a_crashed_plant_stops_its_loop_and_no_other(make_site: MakeSite, tmp_pa
         for _ in range(3):
             plc.scan()
         plant = plc._loops["FC101"].program.plant._plant
-        plant._home.kill(plant._key)  # what a segfault does to the process of an FMU
+        plant._link.kill()  # what a segfault does to the process of an FMU
         while not plc.failures:
             plc.scan()
         op, cycle = real(plc, 0), plc.scans

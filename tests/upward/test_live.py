@@ -152,6 +152,6 @@ def test_a_password_does_not_cross_a_network_unencrypted(
 def test_check_says_what_is_published(make_site: Callable[..., Any]) -> None:
     site = make_site(1883, 'commands = ["withdraw"]')
     assert check(site).upward == (
-        "estimates, writebacks, events, health, samples as json and sparkplug to 127.0.0.1:1883 "
-        "(not encrypted); commands withdraw"
+        "estimates, writebacks, events, findings, health, samples as json and sparkplug to "
+        "127.0.0.1:1883 (not encrypted); commands withdraw"
     )
