@@ -26,7 +26,7 @@ class Screening:
             from there on).
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
-        min_strokes: strokes of the stem; a single one is a step, which anything explains.
+        min_strokes: strokes of the stem; one is a step, two are a load that comes and goes.
         enough: rows of a window, and rows of a stroke of OP, beyond which samples are averaged:
             four strokes of a loop whose dead time (20 rows at most) is a tenth of its cycle.
     """
@@ -38,7 +38,7 @@ class Screening:
     max_still: float = 0.9
     min_informed: float = 0.2
     min_band: float = 0.02
-    min_strokes: int = 2
+    min_strokes: int = 3
     enough: tuple[int, int] = (1000, 25)
 
 

@@ -27,7 +27,13 @@ from fieldlink.registers.exchange import (
     split_commit,
 )
 from fieldlink.registers.heartbeat import HEARTBEAT_EVERY, HEARTBEAT_TIMEOUT
-from fieldlink.registers.parameter_block import Bounded, ParameterBlock, is_newer, next_seq
+from fieldlink.registers.parameter_block import (
+    Bounded,
+    ParameterBlock,
+    block_gain,
+    is_newer,
+    next_seq,
+)
 from fieldlink.registers.plan import Apart, PlanError, ReadRequest, find_apart, plan_reads
 from fieldlink.registers.tag import DecodedValue, Tag, ValueQuality
 from fieldlink.registers.types import (
@@ -72,6 +78,7 @@ __all__ = [
     "Tag",
     "ValueQuality",
     "Verdict",
+    "block_gain",
     "commit_word",
     "decode",
     "decode_block",

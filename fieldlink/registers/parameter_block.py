@@ -15,7 +15,13 @@ from fieldlink.registers.block_layout import MAX_COEFFICIENTS
 from fieldlink.registers.codes import BlockError, BlockFault, Status, Verdict
 from loop_model import LoopModel, ProcessModel, ValveModel
 
-__all__ = ["Bounded", "ParameterBlock", "is_newer", "next_seq"]
+__all__ = [
+    "Bounded",
+    "ParameterBlock",
+    "block_gain",
+    "is_newer",
+    "next_seq",
+]
 
 _FLOAT32_MAX = 3.4e38
 _SEQ_LAST = 0xFFFF
@@ -155,7 +161,7 @@ class ParameterBlock:
     @property
     def gain(self) -> float:
         """Steady-state gain, PV per OP (and second when integrating); 0 without a process."""
-        return 0.0 if self.process is None else _gain(self.process)
+        return 0.0 if self.process is None else block_gain(self.process)
 
     @property
     def time_constant(self) -> float:
@@ -205,11 +211,11 @@ def _check_process(process: ProcessModel) -> None:
         )
     _require(process.dead_time <= 0xFFFF, f"dead_time = {process.dead_time}")
     _require_float32("offset", process.offset)
-    _require_float32("gain", _gain(process))
+    _require_float32("gain", block_gain(process))
     _require(1e-6 <= process.period <= 1e9, f"period = {process.period} s, limit 1e-6 to 1e9")
 
 
-def _gain(process: ProcessModel) -> float:
+def block_gain(process: ProcessModel) -> float:
     """Steady-state gain, or the slope of PV per OP and second of an integrating process."""
     if not process.is_integrating:
         return process.gain

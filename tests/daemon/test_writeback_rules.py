@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from fieldlink.registers import (
     ExchangeLayout,
 )
 from fieldlink.site import WriteLimits
+from loop_model import LoopModel
 from tests.daemon.bench import Bench
 
 Make = Callable[..., Findings]
@@ -52,6 +54,18 @@ async def test_a_change_within_the_deadband_is_not_written(
     await b.seconds(5)
     assert b.outcomes[-1] is WritebackOutcome.UNCHANGED
     await b.write(findings(7.0, 4.2))
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.05])
+async def test_another_gain_is_no_change_within_the_deadband(
+    bench: Callable[..., Bench], findings: Make, factor: float
+) -> None:
+    b = bench(deadband=0.1)
+    right = findings(7.0, 4.0)
+    assert right.model is not None
+    turned = replace(right.model.process, b=tuple(factor * v for v in right.model.process.b))
+    await b.write(findings(7.0, 4.0, model=LoopModel(right.model.valve, turned)))
+    await b.write(right)
 
 
 async def test_a_block_is_renewed_before_it_expires(

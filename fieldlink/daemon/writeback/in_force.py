@@ -7,9 +7,13 @@ from dataclasses import dataclass
 
 from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.daemon.writeback.exchange_io import ControlWords, Exchange
-from fieldlink.registers import ParameterBlock, Refusal, Status
+from fieldlink.registers import ParameterBlock, Refusal, Status, block_gain
 
-__all__ = ["InForce", "RefusedModel", "refusal_of"]
+__all__ = ["InForce", "RefusedModel", "has_other_gain", "refusal_of"]
+
+OTHER_GAIN = 3.0
+"""Factor between the gains of two models from which they are different ones: at a constant
+set-point a window tells the gain to a factor of three at worst, because J trades against it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +25,11 @@ class RefusedModel:
     since: float
 
     def is_same(self, candidate: Candidate, now: float) -> bool:
-        """Whether a candidate is that model again: inside its intervals, with its sign of gain."""
+        """Whether a candidate is that model again: inside its intervals, with its gain."""
         block, found = self.block, candidate.findings
         if candidate.status is not Status.VALID or now - self.since > block.valid_for:
             return False
-        gain = 0.0 if found.model is None else found.model.process.gain
-        if not math.isinf(gain) and gain * block.gain < 0.0:
+        if has_other_gain(candidate, block):
             return False
         return all(
             bounded.low <= value <= bounded.high
@@ -35,6 +38,20 @@ class RefusedModel:
                 (found.slip_jump.value, block.slip_jump),
             )
         )
+
+
+def has_other_gain(candidate: Candidate, block: ParameterBlock) -> bool:
+    """Whether the process gains of a candidate and of a block are those of different models.
+
+    They have unlike signs, or one is more than `OTHER_GAIN` times the other.
+    """
+    model = candidate.findings.model
+    if model is None or block.process is None:
+        return False
+    one, other = block_gain(model.process), block.gain
+    if not (math.isfinite(one) and math.isfinite(other)):
+        return False
+    return one * other < 0.0 or max(abs(one), abs(other)) > OTHER_GAIN * min(abs(one), abs(other))
 
 
 class InForce:

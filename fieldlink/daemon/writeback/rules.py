@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fieldlink.daemon.writeback.candidate import Candidate
-from fieldlink.daemon.writeback.in_force import InForce, RefusedModel
+from fieldlink.daemon.writeback.in_force import InForce, RefusedModel, has_other_gain
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.registers import BlockError, ParameterBlock, Status
@@ -110,7 +110,9 @@ class Rules:
                 return Objection(WritebackOutcome.CONTRADICTS_BLOCK, what)
         if valve is not None and not unused and candidate.status is not Status.VALID:
             return Objection(WritebackOutcome.KEPT_VALID, "the active block names a sticky valve")
-        if self._is_unchanged(candidate, in_force, now):
+        # a refused model is compared with its intervals before: what comes here is another one
+        asked_for = unused and candidate.status is Status.VALID
+        if not asked_for and self._is_unchanged(candidate, in_force, now):
             return Objection(WritebackOutcome.UNCHANGED, f"deadband {self.settings.deadband:g}")
         return None
 
@@ -140,6 +142,7 @@ class Rules:
     def _is_within_deadband(self, candidate: Candidate, active: ParameterBlock) -> bool:
         found, deadband = candidate.findings, self.settings.deadband
         return (
-            abs(found.stick_band.value - active.stick_band.value) <= deadband
+            not has_other_gain(candidate, active)
+            and abs(found.stick_band.value - active.stick_band.value) <= deadband
             and abs(found.slip_jump.value - active.slip_jump.value) <= deadband
         )
