@@ -15,7 +15,6 @@ from compensator import PiController, PiSettings
 from estimator import Identification, identify
 from fmu_models import catalogue, open_plant
 
-
 STEPS = (1.1, 1.05, 1.12, 1.03, 1.08)
 """Set-points over the first one: without noise the valve moves only when it is asked to."""
 
