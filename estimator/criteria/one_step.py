@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator.algebra import dot, solve_spd
+from estimator.algebra import dot, order_of, solve_spd
 from estimator.arrays import Array
 from estimator.estimate import Estimate
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
@@ -118,7 +118,7 @@ def arx_estimate(
         tables.append(table)
         costs.append(cost)
         every, all_costs = np.vstack(tables), np.concatenate(costs)
-        middle = every[int(np.argsort(all_costs, kind="stable")[0])]
+        middle = every[int(order_of(all_costs)[0])]
         reach = reach * _NARROWER
     n = case.rows.count
     samples = moved_valves(centre, every)
@@ -132,7 +132,7 @@ def arx_estimate(
         [1, *([_LANES] * _ROUNDS)],
     )
     weights *= density
-    top = samples[int(np.argsort(all_costs, kind="stable")[0])]
+    top = samples[int(order_of(all_costs)[0])]
     valve = Valve(float(top[0]), float(top[1]), float(top[2]), "he")
     law = case.settings.spreading
     posterior = Posterior(

@@ -27,6 +27,12 @@ LOOKS: tuple[Array, ...] = (WHITE, DRIFT, DRIFT_AND_NOISE)
 """The noise models of the first look; the noise of loops lies between them."""
 
 
+_RIDGE = 1e-9
+"""Share added to the diagonal of the products: residuals without noise have a singular one."""
+_TIE = 1e-9
+"""Nats by which an order must be better: rounding decides nothing."""
+
+
 @kernel
 def _products(residual: Array, weight: Array, order: int, first: int) -> Array:
     """Products ``(order + 1, order + 1)`` of the residual's last values over the judged rows.
@@ -117,11 +123,6 @@ def fit_noise(rows: Rows, residual: Array, settings: Modelling) -> Array:
         settings.max_reflection,
     )
     return found
-
-
-_RIDGE = 1e-9
-_TIE = 1e-9
-"""Nats by which an order must be better: rounding decides nothing."""
 
 
 @kernel

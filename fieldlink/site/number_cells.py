@@ -136,7 +136,7 @@ def plain_number(text: str) -> float:
     Raises:
         ValueError: the text is none.
     """
-    # Python's grouping underscore is no notation of measured data.
+    # Python reads 1_000 as a number; measured data does not write numbers so.
     if "_" in text:
         raise ValueError(text)
     value = float(text)

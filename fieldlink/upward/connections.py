@@ -69,7 +69,7 @@ class Connections:
         """Note that the connection, if there was one, has ended.
 
         Args:
-            is_known: whether the reason is told elsewhere; then an early end is no sign of another.
+            is_known: whether the reason is told elsewhere; an early end is not counted then.
         """
         early = self.is_up and time.monotonic() - self._up_since < STEADY
         self.is_up = False

@@ -15,7 +15,7 @@ __all__ = ["Timing", "timed", "timed_compensator"]
 class Timing:
     """Seconds of processor time of each scan: to take in PV, and to decide.
 
-    Not of the clock: what other programs do meanwhile is no property of a controller.
+    Not of the clock, which also counts what other programs do meanwhile.
     """
 
     observe: list[float] = field(default_factory=list)
