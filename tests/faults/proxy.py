@@ -69,14 +69,19 @@ class FaultProxy(LoopbackServer):
         framing: ``tcp`` or ``rtu``.
         timeout: the daemon's time-out in seconds.
         seed: of the bytes and bits that are not prescribed.
+
+    Attributes:
+        attempts: connections after the last fault until a reply passed.
+        answered: whether a reply has passed since the last fault.
+        done: faults that were really done, by their number.
     """
 
     upstream: int
     framing: str
     timeout: float
     seed: int = 1
-    connections: int = 0
-    passed: int = 0
+    attempts: int = 0
+    answered: bool = False
     done: Counter[Fault] = field(default_factory=Counter)
     _faults: deque[Fault | None] = field(default_factory=deque)
     _refuse: int = 0
@@ -89,14 +94,21 @@ class FaultProxy(LoopbackServer):
     def schedule(self, faults: Iterable[Fault | None]) -> None:
         """Do these to the next replies, one each; None lets a reply pass."""
         self._faults.extend(faults)
+        self.attempts, self.answered = 0, False
 
     @property
     def over(self) -> bool:
         """Whether the schedule is used up."""
         return not self._faults and not self._refuse
 
+    @property
+    def _harmless(self) -> bool:
+        """Whether no fault is left."""
+        return not any(self._faults) and not self._refuse
+
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self.connections += 1
+        if self._harmless and not self.answered:
+            self.attempts += 1
         if self._refuse:
             self._refuse -= 1
             _reset(writer)
@@ -109,7 +121,7 @@ class FaultProxy(LoopbackServer):
                 reply = await self._reply(up)
                 fault = self._faults.popleft() if self._faults else None
                 if fault is None:
-                    self.passed += 1
+                    self.answered = self._harmless
                     writer.write(self._held + reply)
                     self._held = b""
                 else:

@@ -96,9 +96,7 @@ async def endure(
         await until(lambda: run.done() or read("faulty.L2") >= 3, "the first samples")
         between.schedule(faults)
         await until(lambda: run.done() or between.over, "the end of the faults")
-        connections, passed = between.connections, between.passed
-        await until(lambda: run.done() or between.passed > passed, "an answer")
-        attempts = between.connections - connections
+        await until(lambda: run.done() or between.answered, "an answer")
         before = {loop: read(f"faulty.{loop}") for loop in plant.LOOPS}
         await until(
             lambda: (
@@ -110,7 +108,7 @@ async def endure(
     finally:
         stop.set()
         status = await run
-    return Outcome(read_samples(site.historian_url), status, attempts, dict(between.done))
+    return Outcome(read_samples(site.historian_url), status, between.attempts, dict(between.done))
 
 
 def judge(outcome: Outcome) -> None:
