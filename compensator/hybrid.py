@@ -191,7 +191,7 @@ class HybridMpc:
         tracker = self.tracker
         belief = tracker.best
         if self._thrift is not None:
-            self._thrift.push(float(belief.state[0]) - sp, self._way)
+            self._thrift.push(float(belief.state[0]), sp, self._way)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         moves = self._moves()
