@@ -5,13 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
 from scipy import signal
 
 from benchmarks.apart.plants import PROCESSES, VALVES, ApartPlant, Process
-from compensator import Action, ActionStatus, Controller, MpcSettings, Supervisor, UnawareMpc
+from compensator import (
+    Action,
+    ActionStatus,
+    Controller,
+    MpcSettings,
+    Supervisor,
+    UnawareMpc,
+    Uncertainty,
+)
 from estimator import identify
 from loop_model import LoopModel, ProcessModel, ValveModel
 
@@ -209,9 +218,18 @@ class Course:
     offered: bool
 
 
-def _identified(op: np.ndarray, pv: np.ndarray, sp: np.ndarray) -> LoopModel | None:
+def _identified(
+    op: np.ndarray, pv: np.ndarray, sp: np.ndarray
+) -> tuple[LoopModel | None, Uncertainty]:
+    """Return the model that a window gives, and the uncertainty that its block would state."""
     found = identify(op, pv, sp=sp, period=1.0)
-    return found.model if found.verdict.value == "stiction" else None
+    if found.verdict.value != "stiction":
+        return None, Uncertainty()
+    widths = 2.0 * NormalDist().inv_cdf(0.5 + 0.5 * found.confidence)
+    static, dynamic = (
+        (i.high - i.low) / widths for i in (found.static_friction, found.dynamic_friction)
+    )
+    return found.model, Uncertainty(static, dynamic)
 
 
 def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
@@ -225,6 +243,7 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
     white = rng.normal(0.0, 1.0, SAMPLES) * size
     supervisor = Supervisor(loop.make_controller())
     model: LoopModel | None = WRONG[wrong](loop.true_model()) if wrong in WRONG else None
+    stated = Uncertainty()
     pv, sp, op, stem = (np.zeros(SAMPLES) for _ in range(4))
     held = np.zeros(SAMPLES, dtype=bool)
     applied, offered = 50.0, False
@@ -243,8 +262,8 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
                 supervisor = Supervisor(loop.make_controller())
                 supervisor.restore(memory)
             if wrong == "identified" and k == WARM:
-                model = _identified(op[100:k], pv[100:k], sp[100:k])
-            offered = model is not None and supervisor.offer(model)
+                model, stated = _identified(op[100:k], pv[100:k], sp[100:k])
+            offered = model is not None and supervisor.offer(model, stated)
         manual = disturbance == "manual" and (780 <= k < 800 or 1200 <= k < 1260)
         action = supervisor.step(seen, float(sp[k]), applied, automatic=not manual)
         applied = applied if manual or not math.isfinite(action.op) else action.op
