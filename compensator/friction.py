@@ -54,6 +54,8 @@ class FrictionPrior:
         nearest: deviations from fS (negative: below it) up to which a command never moves the stem.
         farthest: deviations above fS from which a command always does; the bound of every claim.
         kept: share of a claim that is left after each slip, because friction varies.
+        jump_spread_most: largest relative deviation of J, and with it of the gain, that is counted
+            with: what is believed of the gain stays within half of it.
         uncertainty: deviations that the identification states; the larger ones count.
     """
 
@@ -64,6 +66,7 @@ class FrictionPrior:
     nearest: float = -4.0
     farthest: float = 6.0
     kept: float = 0.95
+    jump_spread_most: float = 0.5
     uncertainty: Uncertainty = Uncertainty()
 
     def __post_init__(self) -> None:
@@ -89,6 +92,17 @@ class FrictionPrior:
     def dynamic_deviation(self, valve: ValveModel) -> float:
         """Return the deviation of fD, in OP."""
         return max(self.dynamic_spread * valve.dynamic_friction, self.uncertainty.dynamic_friction)
+
+    def jump_deviation(self, valve: ValveModel) -> float:
+        """Return the relative deviation of J that the identification states, at most
+        `jump_spread_most`.
+
+        The stick band is known well, so that it is twice that of fD.
+        """
+        if valve.slip_jump <= 0.0:
+            return 0.0
+        stated = 2.0 * self.uncertainty.dynamic_friction / valve.slip_jump
+        return min(stated, self.jump_spread_most)
 
     def chance_of_rest(self, z: float, tested: float) -> float:
         """Return the probability that the stem withstands a command.

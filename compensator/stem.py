@@ -229,8 +229,7 @@ class StemTracker:
         colour = self.innovations.colour
         drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
         self._covariance[n + LOAD, n + LOAD] += drift
-        for error in (FRICTION, GAIN):
-            self._covariance[n + error, n + error] += (1.0 - keep**2) * errors[error]
+        self._covariance[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * errors[1:, 1:]
 
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
@@ -311,20 +310,27 @@ class StemTracker:
         self._covariance += size**2 * np.outer(signature, signature)
 
     def _prior_errors(self) -> Array:
-        """Return the variances that the settings give the errors ``(m, w, g)``."""
+        """Return the covariance that the settings give the errors ``(m, w, g)``.
+
+        A limit cycle at one set-point shows what a slip makes of PV, so that a slip jump which is
+        too small by a share comes with a gain too large by as much.
+        """
         s, valve = self.settings, self.valve
-        deviations = [
-            0.5 * valve.static_friction + 1e-3,
-            s.friction.dynamic_deviation(valve),
-            s.gain_spread,
-        ]
-        return np.asarray(np.square(deviations), dtype=np.float64)
+        together = s.friction.jump_deviation(valve)
+        half = 0.5 * valve.slip_jump
+        own = max(s.friction.dynamic_deviation(valve) ** 2 - (half * together) ** 2, 0.0)
+        covariance = np.diag(
+            [(0.5 * valve.static_friction + 1e-3) ** 2, own, s.gain_spread**2]
+        )
+        shared = np.array([0.0, half * together, -together])
+        covariance += np.outer(shared, shared)
+        return covariance
 
     def _forget_errors(self) -> None:
         """Go back to what the settings say of the errors' size."""
         n = self.prediction.order
         self._covariance[n:, :] = self._covariance[:, n:] = 0.0
-        self._covariance[n:, n:] = np.diag(self._prior_errors())
+        self._covariance[n:, n:] = self._prior_errors()
 
     def _keep_believable(self, h: Belief) -> None:
         """Limit the errors of fD and of the gain to plausible values."""

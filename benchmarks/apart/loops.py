@@ -32,6 +32,7 @@ __all__ = [
     "Course",
     "Loop",
     "Plant",
+    "asked_way",
     "nominal",
     "play",
 ]
@@ -286,6 +287,29 @@ def _setpoint(loop: Loop, disturbance: str, k: int) -> float:
     if disturbance == "saturation" and k in UNREACHED:
         return first + 80.0 * loop.scale
     return first
+
+
+def asked_way(loop: Loop, disturbance: str) -> np.ndarray:
+    """Return how far the stem has to go in each scan to follow the set-point, shape
+    ``(SAMPLES,)``.
+
+    A stem without friction goes as far as the set-point over the gain (a level: as far as the
+    slope of the set-point over the gain); one that slips may have to go one slip jump farther
+    where the set-point turns.
+    """
+    asked = np.zeros(SAMPLES)
+    if disturbance != "ramps":
+        return asked
+    process = loop.true_model().process
+    slope = np.diff([_setpoint(loop, disturbance, k) for k in range(SAMPLES)], prepend=0.0)
+    slope[: WARM + 1] = 0.0
+    turns = np.diff(np.sign(slope), prepend=0.0) != 0.0
+    if process.is_integrating:
+        asked = np.abs(np.diff(slope, prepend=0.0)) / abs(sum(process.b))
+    else:
+        asked = np.abs(slope / process.gain)
+    way: np.ndarray = asked + loop.jump * turns
+    return way
 
 
 def _load(loop: Loop, disturbance: str, k: int) -> float:
