@@ -5,12 +5,13 @@
 reversals, and the scans after which the loop was given back. Figures are over those before the
 model was offered; those of a disturbed loop over the same loop's, with the same noise and
 disturbance, when its own controller goes on, or its travel over what a ramping set-point asks of
-the stem, one slip jump a turn included, if that is more. A row is good when PV and travel are at most 0.5 and 1
-times those. A set-point that no controller can reach is left out, with the 100 scans after it. A
-scan is harmed when over the last 60 scans PV is above 1.1 times **and** travel above 2 times those
-(and those of the loop's own controller over the same 60 scans of the same disturbance), or when
-the error is beyond three times its known range; the last column is the most of them in a row, and
-a row counts as harmed from more than 60 on. ``--quick`` takes few rows, ``--first`` other seeds.
+the stem, one slip jump a turn included, if that is more. A row is good when PV and travel are at
+most 0.5 and 1 times those. A set-point that no controller can reach is left out, with the 100 scans
+after it. A scan is harmed when over the last 60 scans PV is above 1.1 times **and** travel above 2
+times those (and those of the loop's own controller over the same 60 scans of the same disturbance),
+or when the error is beyond three times its known range; the last column is the most of them in a
+row, and a row counts as harmed from more than 60 on. ``--quick`` takes few rows, ``--first`` other
+seeds.
 """
 
 from __future__ import annotations

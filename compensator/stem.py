@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation, held_correlations
-from compensator.hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
 from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import Prediction, settling_samples
 from compensator.resolution import PvResolution
+from compensator.stem_hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
 from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
@@ -155,7 +155,7 @@ class StemTracker:
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
-        self.beliefs = first_beliefs(self.prediction, pv, op, self.valve)
+        self.beliefs = first_beliefs(self.prediction, pv, op, self.valve, self.settings)
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
@@ -197,12 +197,12 @@ class StemTracker:
         moved: list[Belief] = []
         for h in self.beliefs:
             free = self.free(h)
-            outcomes = outcomes_of(h, op, self.valve, self.settings.friction)
+            outcomes = outcomes_of(h, op, self.valve, self.settings)
             for after in outcomes:
                 after.state = free + self.prediction.B * self.drive(after)
             moved += outcomes
         merged, spreads = merge_alike(moved)
-        self.beliefs = likely_ones(merged, self.settings.hypotheses)
+        self.beliefs = likely_ones(merged, self.settings)
         self._spread_out()
         if self.best.stem in spreads:
             self._covariance += spreads[self.best.stem]
@@ -236,7 +236,7 @@ class StemTracker:
         s = self.settings
         reach = self.valve.static_friction + 2.0 * s.friction.static_deviation(self.valve)
         earlier = recalled_ones(self.best, self._rests, self._op, reach, s.recalled)
-        self.beliefs = likely_ones(self.beliefs + earlier, s.hypotheses)
+        self.beliefs = likely_ones(self.beliefs + earlier, s)
 
     def _correct(self, pv: float) -> None:
         if not math.isfinite(pv):
@@ -267,7 +267,7 @@ class StemTracker:
             self._keep_believable(h)
             # Heavy tails: one wild sample must not decide between two positions.
             h.see(-0.5 * min(surprise**2 / self._innovation, 9.0), keep)
-        self.beliefs = likely_ones(self.beliefs, self.settings.hypotheses)
+        self.beliefs = likely_ones(self.beliefs, self.settings)
         self._watch(surprises[id(self.best)])
 
     @property
@@ -319,9 +319,7 @@ class StemTracker:
         together = s.friction.jump_deviation(valve)
         half = 0.5 * valve.slip_jump
         own = max(s.friction.dynamic_deviation(valve) ** 2 - (half * together) ** 2, 0.0)
-        covariance = np.diag(
-            [(0.5 * valve.static_friction + 1e-3) ** 2, own, s.gain_spread**2]
-        )
+        covariance = np.diag([(0.5 * valve.static_friction + 1e-3) ** 2, own, s.gain_spread**2])
         shared = np.array([0.0, half * together, -together])
         covariance += np.outer(shared, shared)
         return covariance

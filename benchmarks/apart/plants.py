@@ -44,9 +44,7 @@ class He(Valve):
 
 
 class Kano(Valve):
-    """Tells a stop from a reversal: from the OP at which it stopped, J must be overcome onwards and S
-    backwards.
-    """
+    """From the OP at which it stopped, J must be overcome onwards and S backwards."""
 
     def __init__(self, band: float, jump: float, at: float) -> None:
         super().__init__(band, jump, at)
