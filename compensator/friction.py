@@ -12,6 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from compensator.action import CompensatorError, require_not_negative
 from loop_model import ValveModel
 
@@ -103,6 +106,21 @@ class FrictionPrior:
             return 0.0
         stated = 2.0 * self.uncertainty.dynamic_friction / valve.slip_jump
         return min(stated, self.jump_spread_most)
+
+    def error_covariance(self, valve: ValveModel, gain_spread: float) -> NDArray[np.float64]:
+        """Return the covariance of the error of fD (OP) and of the relative error of the gain.
+
+        A limit cycle at one set-point shows what a slip makes of PV, so that a slip jump which is
+        too small by a share comes with a gain too large by as much, and with half of it in fD.
+
+        Args:
+            valve: the valve model.
+            gain_spread: relative deviation that the gain has beside that.
+        """
+        jump = self.jump_deviation(valve)
+        shared = np.array([0.5 * valve.slip_jump * jump, -jump])
+        alone = max(self.dynamic_deviation(valve) ** 2 - float(shared[0]) ** 2, 0.0)
+        return np.diag([alone, gain_spread**2]) + np.outer(shared, shared)
 
     def chance_of_rest(self, z: float, tested: float) -> float:
         """Return the probability that the stem withstands a command.

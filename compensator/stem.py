@@ -310,19 +310,13 @@ class StemTracker:
         self._covariance += size**2 * np.outer(signature, signature)
 
     def _prior_errors(self) -> Array:
-        """Return the covariance that the settings give the errors ``(m, w, g)``.
-
-        A limit cycle at one set-point shows what a slip makes of PV, so that a slip jump which is
-        too small by a share comes with a gain too large by as much.
-        """
-        s, valve = self.settings, self.valve
-        together = s.friction.jump_deviation(valve)
-        half = 0.5 * valve.slip_jump
-        own = max(s.friction.dynamic_deviation(valve) ** 2 - (half * together) ** 2, 0.0)
-        covariance = np.diag([(0.5 * valve.static_friction + 1e-3) ** 2, own, s.gain_spread**2])
-        shared = np.array([0.0, half * together, -together])
-        covariance += np.outer(shared, shared)
-        return covariance
+        """Return the covariance that the settings give the errors ``(m, w, g)``."""
+        prior = np.zeros((ERRORS, ERRORS))
+        prior[LOAD, LOAD] = (0.5 * self.valve.static_friction + 1e-3) ** 2
+        prior[FRICTION:, FRICTION:] = self.settings.friction.error_covariance(
+            self.valve, self.settings.gain_spread
+        )
+        return prior
 
     def _forget_errors(self) -> None:
         """Go back to what the settings say of the errors' size."""
