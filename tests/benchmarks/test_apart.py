@@ -44,7 +44,7 @@ def test_both_families_follow_kano_s_flow_chart() -> None:
     apart, tuned = VALVES["Kano"](6.0, 2.0, 50.0), TwoStops(6.0, 2.0, 50.0, rng)
     seen = np.array([[apart.move(float(u), 1.0), tuned.move(float(u), 1.0)] for u in op])
     later = slice(100, None)  # the first state is forgotten by then
-    assert np.count_nonzero(np.diff(told[later])) > 50
+    assert np.count_nonzero(np.diff(told[later])) > 20
     assert seen[later] == pytest.approx(np.column_stack([told, told])[later])
 
 
