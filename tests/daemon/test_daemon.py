@@ -56,9 +56,9 @@ async def test_polling_by_the_counter_takes_every_cycle_once(device: Any, tmp_pa
     site = site_for(tmp_path, {"plc": device.port})
     async with plant_on(device) as plant, running(site) as daemon:
         await until(lambda: daemon.status().loops["PLC"].counts.read >= 100, "100 samples")
-        read = daemon.status().loops["PLC"].counts
-        assert read.expected <= plant.cycle
+        assert daemon.status().loops["PLC"].counts.read <= plant.cycle
     samples = read_samples(site.historian_url)
+    assert samples["slot"].is_unique
     op = [50.0 + 6.0 * abs((k / 40.0) % 2.0 - 1.0) for k in range(10_000)]
     # The plant counts after each cycle: what it shows beside count n is cycle n - 1.
     expected = [op[slot - 1] for slot in samples["slot"]]
@@ -102,9 +102,7 @@ async def test_a_silent_device_does_not_slow_another(
         status = daemon.status()
     assert status.loops["SILENT"].counts.read == 0
     assert status.devices["silent"].state is LinkState.DEMOTED
-    counts = status.loops["GOOD"].counts
-    # Waiting for the silent one would cost seven slots of every eight.
-    assert counts.missed <= 0.5 * counts.expected
+    # Were the good one asked only between two of the silent one's time-outs, they would be as many.
     assert 5 * status.devices["silent"].requests < status.devices["good"].requests
 
 

@@ -38,7 +38,7 @@ class Bench:
         self.now = 0.0
         self.writer = BlockWriter(
             settings,
-            Exchange(self.link, self.layout, "big"),
+            Exchange(self.link, self.layout, "big", device="plc"),
             period=1.0,
             read_only=False,
             pause=self.scan,

@@ -258,7 +258,7 @@ class WritebackMachine(RuleBasedStateMachine):
 
         return BlockWriter(
             self.settings,
-            Exchange(self.plc, LAYOUT, "big"),
+            Exchange(self.plc, LAYOUT, "big", device="plc"),
             period=1.0,
             read_only=self.read_only,
             pause=nothing,

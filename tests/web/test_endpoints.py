@@ -108,7 +108,7 @@ async def test_what_a_device_refuses_and_how_often_it_was_opened_is_reported(
 async def test_a_part_that_hangs_is_a_503(tmp_path: Path, live: Any) -> None:
     site = with_web(live.site_for(tmp_path, {"plc": 9}), "")
     daemon = Daemon(site)
-    async with web_server(site, daemon) as port, httpx.AsyncClient() as client:
+    async with web_server(site, daemon) as port, httpx.AsyncClient(timeout=60.0) as client:
         before = await client.get(f"http://127.0.0.1:{port}/readyz")
         assert before.status_code == 503
         assert before.json()["reasons"][0] == "the daemon is starting"
@@ -122,7 +122,7 @@ async def test_a_token_is_asked_for_at_every_endpoint(
 ) -> None:
     text = f'token_file = "{token_file.name}"\n'
     site = with_web(live.site_for(tmp_path, {"plc": 9}), text)
-    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
+    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient(timeout=60.0) as client:
         for name in ("healthz", "readyz", "metrics"):
             url = f"http://127.0.0.1:{port}/{name}"
             for wrong in ({}, {"Authorization": f"Bearer {TOKEN[:-1]}"}, {"Authorization": TOKEN}):
@@ -217,7 +217,7 @@ async def test_bytes_that_are_no_request_do_no_harm(
     tmp_path: Path, live: Any, bytes_sent: bytes
 ) -> None:
     site = with_web(live.site_for(tmp_path, {"plc": 9}), "")
-    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
+    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient(timeout=60.0) as client:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(bytes_sent)
         writer.write_eof()
