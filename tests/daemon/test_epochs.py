@@ -140,6 +140,7 @@ def test_a_loop_with_a_new_name_keeps_its_window_its_numbers_and_its_orders(
     assert [(row.kind, row.source) for row in told] == [
         ("loop.renamed", "FIC101"),
         ("operator.hold", "FIC101"),
+        ("loop.left", "PLC"),
     ]
     record = kept.take(scan_of(60), 60.0, None, answers=True)
     assert record is not None

@@ -86,7 +86,6 @@ class Bench:
         return decode_block(words[first : first + BLOCK_REGISTERS], "big")
 
 
-@pytest.mark.timeout(120)
 async def test_a_block_is_written_acknowledged_and_written_again_after_a_restart(
     tmp_path: Path, findings: Callable[..., Findings]
 ) -> None:

@@ -222,7 +222,7 @@ def test_no_temporary_folder_is_left(
         env=program_environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
@@ -319,7 +319,7 @@ def test_what_an_fmu_prints_does_not_reach_stdout(program_environment: dict[str,
         env=program_environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=True,
     )
     assert done.stdout == ""
@@ -345,7 +345,7 @@ def test_a_forked_child_has_plants_of_its_own(program_environment: dict[str, str
         env=program_environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")

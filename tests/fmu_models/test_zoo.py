@@ -125,7 +125,7 @@ def test_bad_fmus_beside_a_good_one(
         env=program_environment,
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stderr

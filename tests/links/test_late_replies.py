@@ -138,8 +138,11 @@ async def test_late_replies_are_counted(new_slow: Callable[..., Any]) -> None:
     link = link_to(slow, PATIENCE)
     with expecting_silence(link):
         assert isinstance((await link.scan()).failures[0], LinkTimeoutError)
+    scans = asyncio.create_task(scan_until_good(link))
+    # The late reply comes into the connection after, when that has sent its probe.
+    await until(lambda: len(slow.requests) == 2)
     slow.gate.set()
-    await scan_until_good(link)
+    await scans
     assert link.late_replies == 1
     await link.close()
 

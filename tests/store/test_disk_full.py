@@ -107,7 +107,7 @@ def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, hard)),
     ) as process:
-        out, _ = process.communicate("\n", timeout=60)
+        out, _ = process.communicate("\n", timeout=300)
     lines = out.splitlines()
     assert "full" in out
     assert lines[-1] == "20001 0 False"

@@ -223,7 +223,7 @@ async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
         assert not server.listening.is_set()
         taken.close()
         await taken.wait_closed()
-        await asyncio.wait_for(server.listening.wait(), 60.0)
+        await asyncio.wait_for(server.listening.wait(), 300.0)
         await until(lambda: daemon.status().devices["plc"].state.name == "DEMOTED", "demoted")
         async with Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0) as client:
             health = client.get_node("ns=1;s=Devices/plc/DeviceHealth")
@@ -236,7 +236,7 @@ async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
         assert server.process is not None
         server.process.kill()
         await until(lambda: not server.listening.is_set(), "the end")
-        await asyncio.wait_for(server.listening.wait(), 60.0)
+        await asyncio.wait_for(server.listening.wait(), 300.0)
         async with Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0) as client:
             assert await client.get_node("ns=1;s=Loops/PLC/AssetId").read_value() == "PLC"
         last = server.process
