@@ -17,10 +17,10 @@ from fieldlink.registers import HEARTBEAT_TIMEOUT
 __all__ = ["SoleWriter", "Standing"]
 
 DOUBT = HEARTBEAT_TIMEOUT
-"""Plant seconds for which the signs of another writer have to last: as long as its life is watched.
+"""Plant seconds for which another identity has to be read: as long as its life would be watched.
 
-Nothing but its writing, or ours, takes them away; what a gateway gives for a PLC that it has lost
-is gone by itself. No block is written meanwhile.
+Only a writer takes a true one away, and we do not write meanwhile: what is gone by itself was a
+wrong reading, as from a gateway that has lost its PLC.
 """
 
 STRANGE_BEATS = 2
@@ -31,7 +31,7 @@ class Standing(Enum):
     """Whether this installation may write; the value says why not."""
 
     SOLE = ""
-    DOUBTED = "another writer's identity or heartbeat is read; it is watched for ten seconds first"
+    DOUBTED = "another writer's identity is read; it is watched for ten seconds first"
     WATCHING = "another installation wrote here; its heartbeat is watched for ten seconds first"
     CONTESTED = (
         "another installation, or the PLC's own program, writes Fieldlink's registers of this loop"
@@ -46,7 +46,6 @@ class SoleWriter:
 
     Attributes:
         standing: whether this installation may write, by the last look.
-        doubt: the last sign of another writer, in words.
     """
 
     def __init__(self, identity: int | None) -> None:
@@ -58,13 +57,21 @@ class SoleWriter:
         self._strange = 0
         self._objected = False
         self._doubted_since: float | None = None
-        self.doubt = ""
+        self._foreign = 0
         self.standing = Standing.WATCHING
 
     @property
     def beats(self) -> bool:
         """Whether this installation keeps the heartbeat: the one that was first goes on with it."""
         return self._claimed
+
+    @property
+    def relief(self) -> str:
+        """Say what was doubted, and that it is gone."""
+        return (
+            f"writer {self._foreign} was read, as if another installation wrote, and is gone "
+            "again; blocks go on; look at the gateway or network between"
+        )
 
     def look(self, control: ControlWords, now: float) -> Standing:
         """Judge what was read at plant second ``now``."""
@@ -88,11 +95,14 @@ class SoleWriter:
         if self._beats and not foreign:
             ours = control.heartbeat == 0 or control.heartbeat in self._beats
             self._strange = 0 if ours else self._strange + 1
-        if foreign or self._strange >= STRANGE_BEATS:
-            self.doubt = f"writer {control.writer}" if foreign else f"heartbeat {control.heartbeat}"
+        if not foreign:
+            self._doubted_since = None
+        if self._strange >= STRANGE_BEATS:
+            self.standing = Standing.CONTESTED
+        elif foreign:
+            self._foreign = control.writer or 0
             self.standing = self._doubted(now)
         else:
-            self._doubted_since = None
             self.standing = Standing.SOLE
         return self.standing
 

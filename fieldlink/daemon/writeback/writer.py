@@ -249,12 +249,8 @@ class BlockWriter:
             advice = WritebackOutcome.CONTESTED.advice
             self._told.tell("writeback.contested", f"{standing.value}; {advice}")
         elif was is Standing.DOUBTED and standing is Standing.SOLE:
-            self._told.tell(
-                "writeback.uncontested",
-                f"{self._permission.sole.doubt} was read, as if another installation wrote, and is "
-                "gone again; blocks are written as before; look at the gateway or network between",
-            )
             self._told.forget("writeback.uncontested")
+            self._told.tell("writeback.uncontested", self._permission.sole.relief)
         if await self._unsettled.look_back(control):
             self._not_before = now + self._settings.min_interval
         self._unsettled.look_for_answer(control, now)
