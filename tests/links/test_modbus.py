@@ -173,6 +173,7 @@ async def test_while_waiting_to_retry_a_scan_sends_nothing(device: FakeDevice) -
     assert isinstance(first.failures[0], LinkTimeoutError)
     assert isinstance(second.failures[0], LinkUnreachableError)
     assert "next attempt in" in str(second.failures[0])
+    assert str(second.failures[0]).count(f"127.0.0.1:{device.port}") == 1
     assert len(device.requests) == 1
 
 
