@@ -80,8 +80,10 @@ class WatchedPlc:
         deadline = time.monotonic()
         while True:
             self._scan()
-            deadline = max(deadline + CYCLE, time.monotonic() - 1.0)
-            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
+            # A machine that stands still holds up the plant, too: no cycle is made up for, which a
+            # poll could not have seen.
+            deadline = max(deadline + CYCLE, time.monotonic())
+            await asyncio.sleep(deadline - time.monotonic())
 
     def _scan(self) -> None:
         """One cycle: the plant moves, the block reader looks at the registers."""

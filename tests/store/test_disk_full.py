@@ -41,7 +41,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("a file system of one megabyte can be mounted by root only")
     yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+    # Lazily: an error that a test has kept may hold a file open until it is forgotten.
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def fill_up(ballast: Path) -> None:
