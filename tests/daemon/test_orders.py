@@ -184,7 +184,7 @@ async def test_orders_of_a_loop_that_got_another_name_while_no_daemon_ran(
         ("operator.hold", "FIC101"),
         ("loop.left", "PLC"),
     ]
-    # Another valve: nothing is carried over, and that is said, once.
+    # Another valve: nothing is carried over, and one event reports it.
     runner, told = await begin("FIC102", 102)
     assert runner.orders["FIC102"].hold == ""
     (left,) = told

@@ -52,7 +52,7 @@ class ControlWords:
 
     @property
     def blank(self) -> bool:
-        """Whether every word is zero, as in a PLC that starts again: nobody has decided that."""
+        """Whether every word is zero, as in a PLC that starts again; no operator did that."""
         return not any(self._there)
 
     @property
