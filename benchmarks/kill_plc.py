@@ -82,8 +82,10 @@ class WatchedPlc:
             self._scan()
             # A machine that stands still holds up the plant, too: no cycle is made up for, which a
             # poll could not have seen.
-            deadline = max(deadline + CYCLE, time.monotonic())
-            await asyncio.sleep(deadline - time.monotonic())
+            now, deadline = time.monotonic(), deadline + CYCLE
+            if deadline < now + 0.5 * CYCLE:
+                deadline = now + CYCLE
+            await asyncio.sleep(deadline - now)
 
     def _scan(self) -> None:
         """One cycle: the plant moves, the block reader looks at the registers."""

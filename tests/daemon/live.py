@@ -65,8 +65,10 @@ class Plant:
             self.step()
             # A machine that stands still for a moment holds up the plant, too: no cycle is made up
             # for, which a poll could not have seen.
-            deadline = max(deadline + PERIOD_WALL, time.monotonic())
-            await asyncio.sleep(deadline - time.monotonic())
+            now, deadline = time.monotonic(), deadline + PERIOD_WALL
+            if deadline < now + 0.5 * PERIOD_WALL:
+                deadline = now + PERIOD_WALL
+            await asyncio.sleep(deadline - now)
 
 
 @asynccontextmanager
