@@ -80,8 +80,12 @@ class WatchedPlc:
         deadline = time.monotonic()
         while True:
             self._scan()
-            deadline = max(deadline + CYCLE, time.monotonic() - 1.0)
-            await asyncio.sleep(max(0.0, deadline - time.monotonic()))
+            # A machine that stands still holds up the plant, too: no cycle is made up for, which a
+            # poll could not have seen.
+            now, deadline = time.monotonic(), deadline + CYCLE
+            if deadline < now + 0.5 * CYCLE:
+                deadline = now + CYCLE
+            await asyncio.sleep(deadline - now)
 
     def _scan(self) -> None:
         """One cycle: the plant moves, the block reader looks at the registers."""

@@ -54,7 +54,9 @@ min_windows = 1
 min_interval = 0.0
 deadband = 0.0
 valid_for = 40
+max_age = 86400.0
 """
+"""A finding may wait: a hundred plant seconds go by while a busy machine judges a window."""
 MAP = "tag,table,address,type\nOP,holding,0,float32\nPV,holding,2,float32\nSCAN,holding,4,uint16\n"
 TABLES = ("samples", "estimates", "writebacks", "events")
 FC16, FC6 = 16, 6

@@ -82,7 +82,10 @@ class DevicesAtWork:
             await asyncio.wait(left, timeout=seconds)
         for task in left:
             self._journal.event(
-                "daemon.unfinished", "daemon", f"{task.get_name()} was given up", bad=True
+                "daemon.unfinished",
+                "daemon",
+                f"{task.get_name()} did not end within {STOP_GRACE:g} s and was given up",
+                bad=True,
             )
             task.cancel()
         await asyncio.gather(*left, return_exceptions=True)

@@ -6,7 +6,7 @@ import fcntl
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fieldlink.errors import FieldlinkError
@@ -49,8 +49,10 @@ def only_daemon(data_dir: Path) -> Iterator[int]:
                 f"the data directory {data_dir} is in use by process {holder}; stop that daemon, "
                 "or give this site a data_dir of its own"
             ) from error
-        os.ftruncate(lock, 0)
-        os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
+        # The number is for the message above only: a full disk does not keep a daemon from running.
+        with suppress(OSError):
+            os.ftruncate(lock, 0)
+            os.pwrite(lock, f"{os.getpid()}\n".encode(), 0)
         yield writer_identity(data_dir)
     finally:
         os.close(lock)
@@ -89,7 +91,7 @@ def writer_identity(data_dir: Path) -> int:
         part.replace(file)
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError(
-            f"the file {file} cannot be used: {error}; it holds this installation's identity, and "
-            "may be deleted while no daemon runs"
+            f"the file {file} cannot be used: {getattr(error, 'strerror', 'it is no text')}; it "
+            "holds this installation's identity, and may be deleted while no daemon runs"
         ) from error
     return identity

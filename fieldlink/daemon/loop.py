@@ -285,6 +285,7 @@ class LoopRunner:
                 link,
                 layout,
                 spec.device.word_order,
+                device=spec.loop.device,
                 max_gap=spec.device.max_gap,
                 readable=spec.device.ranges,
             ),

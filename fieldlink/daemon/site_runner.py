@@ -119,7 +119,12 @@ class SiteRunner:
             self.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
         else:
             self.resume(last)
-            recall_orders(orders, self.orders)
+            loops = {
+                name: loop
+                for runner in self.runners.values()
+                for name, loop in runner.loops.items()
+            }
+            recall_orders(orders, loops, self.journal)
 
     async def open(self) -> None:
         """Open every link.

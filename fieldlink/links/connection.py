@@ -155,9 +155,10 @@ class ModbusConnection:
             return
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
+            named = self._where in self._last_error
             raise LinkUnreachableError(
                 self._device,
-                f"{self._where}: {self._last_error}",
+                self._last_error if named else f"{self._where}: {self._last_error}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
             )
 

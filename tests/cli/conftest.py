@@ -23,7 +23,7 @@ SCRIPT = Path(sys.executable).with_name("fieldlink")
 def script(tmp_path: Path) -> Run:
     """Run the installed ``fieldlink ARGUMENTS`` in an empty folder, in a process of its own."""
 
-    def run(*arguments: str | Path, timeout: float = 100.0) -> subprocess.CompletedProcess[str]:
+    def run(*arguments: str | Path, timeout: float = 300.0) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [str(SCRIPT), *map(str, arguments)],
             cwd=tmp_path,

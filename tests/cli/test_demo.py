@@ -53,7 +53,7 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Demo]]
 def outcome_of(demo: Demo) -> tuple[dict[str, Any], Path]:
     """What a demonstration printed in the end, and its folder."""
     process, folder = demo
-    printed, complaints = process.communicate(timeout=110)
+    printed, complaints = process.communicate(timeout=300)
     assert process.returncode == 0, complaints
     found: dict[str, Any] = json.loads(printed)
     return found, folder

@@ -109,13 +109,13 @@ def test_sigterm_loses_nothing(demo_site: Path) -> None:
         database = demo_site.parent / "data" / "history.sqlite"
         _wait_for_rows(database, 20)
         daemon.send_signal(signal.SIGTERM)
-        said, complaints = daemon.communicate(timeout=30)
+        said, complaints = daemon.communicate(timeout=300)
         assert daemon.returncode == 0, complaints
     finally:
         for process in (daemon, plant):
             if process is not None and process.poll() is None:
                 process.send_signal(signal.SIGTERM)
-                process.communicate(timeout=30)
+                process.communicate(timeout=300)
     read = int(said.split("loop FC101: ")[1].split(" samples read")[0])
     with sqlite3.connect(database) as connection:
         (stored,) = connection.execute("select count(*) from samples").fetchone()

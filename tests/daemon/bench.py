@@ -114,7 +114,7 @@ async def benches(
 
         writeback = BlockWriter(
             Settings(enabled=True, loop_id=101, base=100, **({"min_windows": 1} | settings)),
-            Exchange(link, layout, word_order),
+            Exchange(link, layout, word_order, device="plc"),
             period=1.0,
             read_only=read_only,
             pause=pause or nothing,

@@ -208,7 +208,7 @@ def test_the_real_clock_is_set_back_and_forth_by_hours(tmp_path: Path) -> None:
             wait_for_more(url, process)
         finally:
             process.terminate()
-            _, said = process.communicate(timeout=60)
+            _, said = process.communicate(timeout=300)
     assert process.returncode == 0, said
     samples, events = read_samples(url).sort_values("slot"), read_events(url)
     assert samples["clock_steps"].is_monotonic_increasing

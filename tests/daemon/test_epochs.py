@@ -103,7 +103,7 @@ def test_an_estimate_of_before_a_reload_is_asked_for_again(
     loop = filled(before)
     late, request = answer(loop, findings(7.0))
     assert loop.pipeline.samples_until_estimate > 0
-    after = runner_of(reloaded(site, "timeout = 2.0", "timeout = 3.0"))
+    after = runner_of(reloaded(site, "timeout = 4.0", "timeout = 3.0"))
     after.carry_over(before)
     kept = after.loops["PLC"]
     assert kept.pipeline.counts.read == 60
@@ -140,6 +140,7 @@ def test_a_loop_with_a_new_name_keeps_its_window_its_numbers_and_its_orders(
     assert [(row.kind, row.source) for row in told] == [
         ("loop.renamed", "FIC101"),
         ("operator.hold", "FIC101"),
+        ("loop.left", "PLC"),
     ]
     record = kept.take(scan_of(60), 60.0, None, answers=True)
     assert record is not None

@@ -230,6 +230,20 @@ def test_slots_run_with_the_clock_and_are_counted_once() -> None:
     assert loop.counts.missed == 35 + 2
 
 
+def test_a_daemon_that_stood_still_leaves_a_gap_and_calls_nothing_a_restart() -> None:
+    loop = pipeline(scan="SCAN")
+    for cycle in range(3):
+        take(loop, 2.0 * cycle, 10.0 + cycle)
+    # The scan that was due at second 6 is read half an hour late; the next one repeats its count.
+    record = take(loop, 6.0, 13.0 + 900.0, began=6.0 + 1800.0)
+    take(loop, 1807.0, 913.0)
+    assert (record.slot, record.quality) == (913, 0)
+    assert loop.counts.restarts == 0
+    assert (loop.counts.expected, loop.counts.read, loop.counts.missed) == (904, 4, 900)
+    take(loop, 1808.0, 914.0)
+    assert (loop.counts.expected, loop.counts.read, loop.counts.missed) == (905, 5, 900)
+
+
 def test_a_controller_that_is_a_little_slow_misses_nothing() -> None:
     loop = pipeline(scan="SCAN")
     for poll in range(400):

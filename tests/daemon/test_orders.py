@@ -10,11 +10,20 @@ import pytest
 
 from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.operators.orders import Action, Order, OrderError
+from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.errors import FieldlinkError
+from fieldlink.links import SystemClock
 from fieldlink.registers import ExchangeLayout
-from fieldlink.store import read_estimates, read_events, read_writebacks
+from fieldlink.site import load_site
+from fieldlink.store import (
+    EventRecord,
+    Historian,
+    read_estimates,
+    read_events,
+    read_writebacks,
+)
 from tests.daemon.bench import Bench
 
 Make = Callable[..., Findings]
@@ -122,7 +131,13 @@ async def test_orders_are_recorded_outlive_the_daemon_and_cannot_enable_what_the
             assert daemon.status().loops["PLC"].hold == "A. Meyer: watched today"
     events = read_events(site.historian_url)
     held = events[events["kind"] == "operator.hold"].iloc[0]
-    assert (held["source"], held["detail"]) == ("PLC", {"who": "A. Meyer", "why": "watched\ntoday"})
+    assert held["source"] == "PLC"
+    assert held["detail"] == {
+        "who": "A. Meyer",
+        "why": "watched\ntoday",
+        "device": "plc",
+        "loop_id": 101,
+    }
     assert "accepted" not in set(read_writebacks(site.historian_url)["outcome"])
     window = read_estimates(site.historian_url)["document"].iloc[0]["window"]
     # OP moves by 6 in 40 s, and so all day.
@@ -133,6 +148,56 @@ async def test_orders_are_recorded_outlive_the_daemon_and_cannot_enable_what_the
         await live.until(lambda: daemon.started.is_set(), "started")
         with pytest.raises(OrderError, match="not enabled in the site file"):
             daemon.carry_out(Order("PLC", Action.WRITEBACK_ON, "A. Meyer", "please"))
+
+
+async def test_orders_of_a_loop_that_got_another_name_while_no_daemon_ran(
+    tmp_path: Path, live: Any
+) -> None:
+    site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
+    text = site.path.read_text()
+
+    async def begin(name: str, loop_id: int) -> tuple[SiteRunner, list[Any]]:
+        """What a daemon knows and tells that begins with this name and number of the loop."""
+        told: list[Any] = []
+        changed = text.replace("[loops.PLC", f"[loops.{name}")
+        site.path.write_text(changed.replace("loop_id = 101", f"loop_id = {loop_id}"))
+        runner = SiteRunner(load_site(site.path), SystemClock(), told.append)
+        await runner.resume_from(site.historian_url)
+        return runner, told
+
+    def store(*records: Any) -> None:
+        historian = Historian(site.historian_url, live.STORE)
+        historian.start(EventRecord(0, "daemon.start", "daemon", ""))
+        for record in records:
+            historian.put(record)
+        historian.stop()
+
+    first = SiteRunner(site, SystemClock(), lambda _: None).loop("PLC")
+    assert first is not None
+    store(Order("PLC", Action.HOLD, "A. Meyer", "watched").record(0, first.spec))
+
+    # The PLC knows it by the same number: the same valve.
+    runner, told = await begin("FIC101", 101)
+    assert runner.orders["FIC101"].hold == "A. Meyer: watched"
+    assert [(event.kind, event.source) for event in told] == [
+        ("loop.renamed", "FIC101"),
+        ("operator.hold", "FIC101"),
+        ("loop.left", "PLC"),
+    ]
+    # Another valve: nothing is carried over, and one event reports it.
+    runner, told = await begin("FIC102", 102)
+    assert runner.orders["FIC102"].hold == ""
+    (left,) = told
+    assert left.message == (
+        "the site file has no loop of this name any more; its orders are not carried over: on hold "
+        "(A. Meyer: watched), since 1970-01-01 00:00 UTC; if it has another name now, give them "
+        "again"
+    )
+    store(left)
+    assert (await begin("FIC102", 102))[1] == []
+    # It comes back.
+    runner, told = await begin("PLC", 101)
+    assert (runner.orders["PLC"].hold, told) == ("A. Meyer: watched", [])
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ async def test_settings_that_are_not_about_samples_leave_the_window(
     async with live.plant_on(device), live.running(site) as daemon:
         await live.until(lambda: daemon.status().loops["PLC"].counts.read >= 50, "50 samples")
         change(site, "estimate_every = 20.0", "estimate_every = 30.0")
-        change(site, "timeout = 2.0", "timeout = 3.0")
+        change(site, "timeout = 60.0", "timeout = 50.0")
         daemon.reload_soon()
         await live.until(lambda: daemon.status().reloads == 1, "the reload")
         counts = daemon.status().loops["PLC"].counts

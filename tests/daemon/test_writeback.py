@@ -130,7 +130,7 @@ async def test_registers_between_are_read_along_only_where_the_site_allows(
             return [address + i for i in range(count)]
 
     least = replace(layout, ack_refusal=None, writer=None)
-    exchange = Exchange(Registers(), least, "big", max_gap=8, readable=readable)  # type: ignore[arg-type]
+    exchange = Exchange(Registers(), least, "big", device="plc", max_gap=8, readable=readable)  # type: ignore[arg-type]
     words = await exchange.control()
     assert asked == requests
     assert (words.enable, words.ack_commit, words.heartbeat, words.commit) == (100, 104, 106, 107)

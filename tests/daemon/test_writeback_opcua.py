@@ -38,7 +38,7 @@ class Bench:
         self.now = 0.0
         self.writer = BlockWriter(
             settings,
-            Exchange(self.link, self.layout, "big"),
+            Exchange(self.link, self.layout, "big", device="plc"),
             period=1.0,
             read_only=False,
             pause=self.scan,
@@ -86,7 +86,6 @@ class Bench:
         return decode_block(words[first : first + BLOCK_REGISTERS], "big")
 
 
-@pytest.mark.timeout(120)
 async def test_a_block_is_written_acknowledged_and_written_again_after_a_restart(
     tmp_path: Path, findings: Callable[..., Findings]
 ) -> None:

@@ -50,7 +50,7 @@ class CheckingPlc:
         self.reader = BlockReader(101)
         self.now = 0.0
         self.refusal: Refusal | None = None
-        self.glitch = False
+        self.glitch = self.lost = False
         self.state = self.reader.scan(self._view(), 0.0)
         self.lose = self.kill_after = 0
 
@@ -70,10 +70,13 @@ class CheckingPlc:
 
     async def read_registers(self, address: int, count: int) -> list[int]:
         self._fail()
+        if self.lost:
+            return [0xFFFF] * count
         return self.words[address : address + count]
 
     async def write_registers(self, address: int, words: Sequence[int]) -> None:
         self._fail()
+        assert not self.lost, "written while the gateway has lost the PLC"
         bank = {LAYOUT.bank_a: Bank.A, LAYOUT.bank_b: Bank.B}[address]
         assert self.words[LAYOUT.enable], "a bank was written while the operator forbids it"
         held = self.state.accepted
@@ -83,6 +86,7 @@ class CheckingPlc:
 
     async def write_register(self, address: int, word: int) -> None:
         self._fail()
+        assert not self.lost, "written while the gateway has lost the PLC"
         # The enable bit may be cleared between the last look and a heartbeat; it does no harm.
         assert address in (LAYOUT.heartbeat, LAYOUT.writer, LAYOUT.commit)
         if address == LAYOUT.commit:
@@ -211,6 +215,10 @@ class WritebackMachine(RuleBasedStateMachine):
     def glitch(self, wrong: bool) -> None:
         self.plc.glitch = wrong
 
+    @rule(lost=st.booleans())
+    def lose_behind_a_gateway(self, lost: bool) -> None:
+        self.plc.lost = lost
+
     @invariant()
     def what_is_in_force_was_committed(self) -> None:
         if hasattr(self, "plc") and self.plc.state.accepted is not None:
@@ -258,7 +266,7 @@ class WritebackMachine(RuleBasedStateMachine):
 
         return BlockWriter(
             self.settings,
-            Exchange(self.plc, LAYOUT, "big"),
+            Exchange(self.plc, LAYOUT, "big", device="plc"),
             period=1.0,
             read_only=self.read_only,
             pause=nothing,

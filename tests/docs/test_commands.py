@@ -100,7 +100,7 @@ def served(words: list[str], folder: Path) -> Iterator[None]:
         yield
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.communicate(timeout=300)
 
 
 def run_line(words: list[str], folder: Path) -> tuple[int, str]:

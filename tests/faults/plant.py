@@ -81,7 +81,7 @@ def frame(framing: str, transaction: int, unit: int, pdu: bytes) -> bytes:
     return struct.pack(">HHHB", transaction, 0, len(pdu) + 1, unit) + pdu
 
 
-def site_text(ports: dict[str, tuple[int | str, str]], timeout: float) -> str:
+def site_text(ports: dict[str, tuple[int | str, str]], timeouts: dict[str, float]) -> str:
     """A site with the three loops of each device; name to (TCP or serial port, framing)."""
     parts = ['[site]\nname = "faults"\n[web]\nenabled = false\n']
     for name, (port, framing) in ports.items():
@@ -91,7 +91,7 @@ def site_text(ports: dict[str, tuple[int | str, str]], timeout: float) -> str:
             where = f'link = "modbus-rtu"\nserial_port = "{port}"\nbaud = 115200\nparity = "none"'
         parts.append(
             f"[devices.{name}]\n{where}\n"
-            f'register_map = "map.csv"\ntimeout = {timeout}\nspeed = {1.0 / CYCLE}\n'
+            f'register_map = "map.csv"\ntimeout = {timeouts[name]}\nspeed = {1.0 / CYCLE}\n'
             f"retry_after_max = 0.2\n"
         )
         for loop in LOOPS:

@@ -11,7 +11,7 @@ import random
 import socket
 import struct
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -55,6 +55,8 @@ SERIAL_FAULTS = tuple(fault for fault in RTU_FAULTS if fault not in OF_CONNECTIO
 """Faults of a line that has no connections."""
 HARMLESS = frozenset({Fault.SPLIT, Fault.DOUBLED})
 """Faults after which the reply has arrived all the same."""
+SILENT = frozenset({Fault.LATE, Fault.DROPPED, Fault.HALF_OPEN, Fault.TRUNCATED, Fault.HELD})
+"""Faults after which the daemon waits for its whole time-out."""
 
 EXCEPTIONS = (5, 6, 10, 11)
 """Acknowledge, busy, and the two of gateways; those that blame an address are a quarantine's."""
@@ -68,23 +70,28 @@ class FaultProxy(LoopbackServer):
         upstream: the PLC's port.
         framing: ``tcp`` or ``rtu``.
         timeout: the daemon's time-out in seconds.
+        others: counts the requests to the other devices.
         seed: of the bytes and bits that are not prescribed.
 
     Attributes:
         attempts: connections after the last fault until a reply passed.
         answered: whether a reply has passed since the last fault.
         done: faults that were really done, by their number.
+        alone: silences in which ``others`` did not count: nobody else was asked meanwhile.
     """
 
     upstream: int
     framing: str
     timeout: float
+    others: Callable[[], int]
     seed: int = 1
     attempts: int = 0
     answered: bool = False
+    alone: int = 0
     done: Counter[Fault] = field(default_factory=Counter)
     _faults: deque[Fault | None] = field(default_factory=deque)
     _refuse: int = 0
+    _silent_since: int | None = None
     _held: bytes = b""
     _old: deque[bytes] = field(default_factory=lambda: deque(maxlen=7))
 
@@ -107,6 +114,7 @@ class FaultProxy(LoopbackServer):
         return not any(self._faults) and not self._refuse
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._end_silence()
         if self._harmless and not self.answered:
             self.attempts += 1
         if self._refuse:
@@ -117,6 +125,7 @@ class FaultProxy(LoopbackServer):
         try:
             while True:
                 transaction, unit, pdu = await read_request(reader, self.framing)
+                self._end_silence()
                 down.write(self._request(transaction, unit, pdu))
                 reply = await self._reply(up)
                 fault = self._faults.popleft() if self._faults else None
@@ -126,12 +135,20 @@ class FaultProxy(LoopbackServer):
                     self._held = b""
                 else:
                     self.done[fault] += 1
+                    if fault in SILENT:
+                        self._silent_since = self.others()
                     if not await self._harm(fault, writer, reply, pdu, unit, transaction):
                         return
                 self._old.append(reply)
                 await writer.drain()
         finally:
             down.close()
+
+    def _end_silence(self) -> None:
+        """Take note that the daemon asks again: what has it done while it waited?"""
+        if self._silent_since is not None:
+            self.alone += self.others() == self._silent_since
+            self._silent_since = None
 
     def _request(self, transaction: int, unit: int, pdu: bytes) -> bytes:
         return frame(self.framing, transaction, unit, pdu)

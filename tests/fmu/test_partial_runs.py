@@ -89,7 +89,7 @@ def test_what_is_computed_is_on_the_disk_as_it_goes(
         assert program.poll() is None
         time.sleep(0.05)
     program.send_signal(number)
-    _said, complaint = program.communicate(timeout=60)
+    _said, complaint = program.communicate(timeout=300)
     assert ("it was interrupted" in complaint) == (number == signal.SIGINT)
     assert "Traceback" not in complaint
     table = pd.read_csv(file)

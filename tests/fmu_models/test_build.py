@@ -61,7 +61,7 @@ def test_two_builds_at_once_do_no_harm(tmp_path: Path) -> None:
     arguments = [sys.executable, "-m", "fmu_models.build", "flow", "--force", "--output", tmp_path]
     builds = [subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     for process in builds:
-        output, _ = process.communicate(timeout=120)
+        output, _ = process.communicate(timeout=300)
         assert process.returncode == 0
         assert "flow.fmi3.fmu" in output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["flow.fmi2.fmu", "flow.fmi3.fmu"]

@@ -73,7 +73,7 @@ def test_ecos_and_fmpy_get_the_same_bits(name: str, version: int) -> None:
         [sys.executable, "-c", _PROGRAM, json.dumps(request)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -72,7 +72,6 @@ print(len(fmu_models.catalogue))
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 @pytest.mark.skipif(
     "FIELDLINK_TEST_WHEEL" not in os.environ,
     reason="takes about 20 s; set FIELDLINK_TEST_WHEEL=1",

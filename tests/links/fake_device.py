@@ -23,6 +23,8 @@ class FakeDevice:
     """Answer everything with this exception code."""
     delay: float = 0.0
     """Seconds from request to reply."""
+    gate: asyncio.Event = field(default_factory=asyncio.Event)
+    """Replies wait until it is set, as it is in the beginning."""
     mute: bool = False
     """Read requests and say nothing."""
     closes: bool = False
@@ -40,6 +42,9 @@ class FakeDevice:
     connections: int = 0
     _server: asyncio.Server | None = None
     _clients: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.gate.set()
 
     async def start(self) -> None:
         self._server = await asyncio.start_server(self._serve, "127.0.0.1", self.port, ssl=self.tls)
@@ -69,6 +74,7 @@ class FakeDevice:
                 if mute or unit != self.unit:
                     continue
                 await asyncio.sleep(delay)
+                await self.gate.wait()
                 frame = struct.pack(">HHHB", transaction, 0, len(answer) + 1, unit) + answer
                 frame = self.tamper(frame) if self.tamper else frame
                 if not frame:

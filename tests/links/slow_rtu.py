@@ -15,18 +15,23 @@ from tests.wire_bytes import crc
 class SlowRtu(LoopbackServer):
     """Holding register n holds n. One server of RTU frames over TCP.
 
-    ``delay`` gives the seconds that the next request takes; requests queue behind one another, as
-    in a device with one processor, and answers outlive the connection, as behind a gateway.
+    ``delay`` gives the seconds that the next request takes, and no answer leaves while ``gate`` is
+    not set. Requests queue behind one another, as in a device with one processor, and answers
+    outlive the connection, as behind a gateway.
     """
 
     unit: int = 1
     delay: Callable[[], float] = lambda: 0.0
+    gate: asyncio.Event = field(default_factory=asyncio.Event)
     echoes: str = "answered"
     """What becomes of FC8: ``answered``, ``refused`` (exception 1) or ``ignored``."""
     illegal: set[int] = field(default_factory=set)
     requests: list[bytes] = field(default_factory=list)
     _queue: asyncio.Queue[bytes] = field(default_factory=asyncio.Queue)
     _writer: asyncio.StreamWriter | None = None
+
+    def __post_init__(self) -> None:
+        self.gate.set()
 
     async def start(self) -> None:
         await super().start()
@@ -45,6 +50,7 @@ class SlowRtu(LoopbackServer):
         while True:
             frame = await self._queue.get()
             await asyncio.sleep(self.delay())
+            await self.gate.wait()
             answer = self._answer(frame)
             if answer and self._writer is not None and not self._writer.is_closing():
                 self._writer.write(answer + crc(answer))

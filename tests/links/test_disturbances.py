@@ -17,14 +17,12 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
+from tests.links.patience import PATIENCE
 from tests.loopback import LoopbackServer
 from tests.wire_bytes import crc
 
 if TYPE_CHECKING:
     from tests.links.fake_device import FakeDevice
-
-PATIENCE = 30.0
-"""Seconds: no test waits for a time-out, and a busy machine is no silent device."""
 
 FAR_APART = [Tag(f"T{i}", Table.HOLDING, 50 * i, DataType.UINT16) for i in range(7)]
 """Seven tags, each in a request of its own."""

@@ -20,6 +20,7 @@ from fieldlink.links.late_replies import LateReplies, proves
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
+from tests.links.patience import PATIENCE, SHORT, expecting_silence, until
 from tests.links.slow_rtu import SlowRtu
 
 TIMEOUT = 0.08
@@ -42,12 +43,12 @@ async def new_slow() -> AsyncIterator[Callable[..., Any]]:
         await device.stop()
 
 
-def link_to(slow: SlowRtu) -> ModbusLink:
+def link_to(slow: SlowRtu, timeout: float = TIMEOUT) -> ModbusLink:
     device = Device(
         link="modbus-rtu-tcp",
         host="127.0.0.1",
         port=slow.port,
-        timeout=TIMEOUT,
+        timeout=timeout,
         register_map=Path("map.csv"),
     )
     soon = BackoffSettings(first=0.005, cap=0.02)
@@ -69,16 +70,24 @@ async def scan_until_good(link: ModbusLink, tries: int = 400) -> None:
 async def test_the_danger_is_real_a_bare_client_takes_a_late_reply(
     new_slow: Callable[..., Any],
 ) -> None:
-    delays = iter([1.6 * TIMEOUT])
-    slow = await new_slow(delay=lambda: next(delays, 0.0))
-    client = AsyncModbusTcpClient(
-        "127.0.0.1", port=slow.port, framer=FramerType.RTU, timeout=TIMEOUT, retries=0
+    slow = await new_slow()
+    slow.gate.clear()
+    first, second = (
+        AsyncModbusTcpClient(
+            "127.0.0.1", port=slow.port, framer=FramerType.RTU, timeout=timeout, retries=0
+        )
+        for timeout in (SHORT, PATIENCE)
     )
-    await client.connect()
+    await first.connect()
     with pytest.raises(ModbusIOException):
-        await client.read_holding_registers(10, count=1)
-    reply = await client.read_holding_registers(110, count=1)
-    client.close()
+        await first.read_holding_registers(10, count=1)
+    first.close()
+    await second.connect()
+    asked = asyncio.create_task(second.read_holding_registers(110, count=1))
+    await until(lambda: len(slow.requests) == 2)
+    slow.gate.set()
+    reply = await asked
+    second.close()
     assert reply.registers == [10]
 
 
@@ -108,27 +117,32 @@ async def test_a_late_reply_is_never_another_registers_value(
 async def test_a_cancelled_requests_reply_is_no_other_requests_value(
     new_slow: Callable[..., Any],
 ) -> None:
-    slow = await new_slow(delay=lambda: 0.5 * TIMEOUT)
-    link = link_to(slow)
-    for n in APART:
+    slow = await new_slow()
+    slow.gate.clear()
+    link = link_to(slow, PATIENCE)
+    for number, n in enumerate(APART, start=1):
         task = asyncio.create_task(link.read_registers(n, 1))
-        await asyncio.sleep(0.2 * TIMEOUT)
+        await until(lambda number=number: len(slow.requests) == number)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
-    slow.delay = lambda: 0.0
+    slow.gate.set()
     await scan_until_good(link)
     assert link.late_replies > 0
     await link.close()
 
 
 async def test_late_replies_are_counted(new_slow: Callable[..., Any]) -> None:
-    delays = iter([1.6 * TIMEOUT])
-    slow = await new_slow(delay=lambda: next(delays, 0.0))
-    link = link_to(slow)
-    assert isinstance((await link.scan()).failures[0], LinkTimeoutError)
-    await asyncio.sleep(0.01)
-    await scan_until_good(link)
+    slow = await new_slow()
+    slow.gate.clear()
+    link = link_to(slow, PATIENCE)
+    with expecting_silence(link):
+        assert isinstance((await link.scan()).failures[0], LinkTimeoutError)
+    scans = asyncio.create_task(scan_until_good(link))
+    # The late reply comes into the connection after, when that has sent its probe.
+    await until(lambda: len(slow.requests) == 2)
+    slow.gate.set()
+    await scans
     assert link.late_replies == 1
     await link.close()
 

@@ -23,6 +23,7 @@ from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.plan_reader import PlanReader
 from fieldlink.registers import DataType, Table, Tag, pack_payload, plan_reads
 from fieldlink.site import Device, Quirks
+from tests.links.patience import PATIENCE, SHORT, expecting_silence
 
 if TYPE_CHECKING:
     from tests.links.fake_device import FakeDevice
@@ -34,7 +35,9 @@ def word(address: int, **rest: Any) -> Tag:
     return Tag(f"R{address}", Table.HOLDING, address, DataType.UINT16, **rest)
 
 
-def link_to(device: FakeDevice, tags: list[Tag], timeout: float = 2.0, **quirks: Any) -> ModbusLink:
+def link_to(
+    device: FakeDevice, tags: list[Tag], timeout: float = PATIENCE, **quirks: Any
+) -> ModbusLink:
     settings = Device(
         link="modbus-tcp",
         host="127.0.0.1",
@@ -81,12 +84,13 @@ async def test_one_request_a_tag(device: FakeDevice) -> None:
 
 
 async def test_a_probe_after_a_time_out_where_it_is_asked_for(device: FakeDevice) -> None:
-    link = link_to(device, [word(1)], timeout=0.1, probe_after_timeout=True)
+    link = link_to(device, [word(1)], probe_after_timeout=True)
     device.mute = True
-    assert isinstance((await link.scan()).failures[0], LinkTimeoutError)
+    with expecting_silence(link):
+        assert isinstance((await link.scan()).failures[0], LinkTimeoutError)
     device.mute = False
     device.exception = 6
-    await asyncio.sleep(0.03)
+    await asyncio.sleep(SOON.cap)
     # The exception answers the echo's function, and so proves that nothing older will come.
     assert isinstance((await link.scan()).failures[0], ExceptionReplyError)
     assert [function for function, _, _ in device.requests] == [3, 8, 3]
@@ -161,13 +165,13 @@ class LateUdp(asyncio.DatagramProtocol):
 async def test_a_late_datagram_is_passed_over() -> None:
     loop = asyncio.get_running_loop()
     transport, _ = await loop.create_datagram_endpoint(
-        lambda: LateUdp([0.15]), local_addr=("127.0.0.1", 0)
+        lambda: LateUdp([3.0 * SHORT]), local_addr=("127.0.0.1", 0)
     )
     device = Device(
         link="modbus-udp",
         host="127.0.0.1",
         port=transport.get_extra_info("sockname")[1],
-        timeout=0.1,
+        timeout=SHORT,
         register_map=Path("map.csv"),
     )
     link = ModbusLink(

@@ -21,6 +21,7 @@ from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.transports import TlsFilesError
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device, Tls, load_site
+from tests.links.patience import PATIENCE, SHORT
 
 HOST = "127.0.0.1"
 MAP = Path("map.csv")
@@ -81,7 +82,13 @@ async def assert_it_works(device: Device, unit: int = 1) -> None:
 @pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu-tcp", "modbus-udp"])
 async def test_network_transports_read_and_write(kind: str) -> None:
     async with served(Listening(link=kind)) as port:
-        device = Device(link=kind, host=HOST, port=port, register_map=MAP)  # type: ignore[arg-type]
+        device = Device(
+            link=kind,  # type: ignore[arg-type]
+            host=HOST,
+            port=port,
+            register_map=MAP,
+            timeout=PATIENCE,
+        )
         await assert_it_works(device)
 
 
@@ -92,7 +99,9 @@ def secured(files: Callable[[str], Path], name: str = "plc") -> Listening:
 
 
 def tls_device(port: int, tls: Tls) -> Device:
-    return Device(link="modbus-tls", host=HOST, port=port, register_map=MAP, tls=tls, timeout=2.0)
+    return Device(
+        link="modbus-tls", host=HOST, port=port, register_map=MAP, tls=tls, timeout=PATIENCE
+    )
 
 
 async def test_tls_with_client_certificates(certificates: Callable[[str], Path]) -> None:
@@ -174,7 +183,7 @@ def test_unusable_certificates_are_named(certificates: Callable[[str], Path]) ->
         link_to(tls_device(802, tls))
 
 
-def on_line(port: str, unit: int = 1, timeout: float = 1.0) -> Device:
+def on_line(port: str, unit: int = 1, timeout: float = PATIENCE) -> Device:
     return Device(
         link="modbus-rtu",
         serial_port=port,
@@ -200,7 +209,7 @@ serial_port = "{here}"
 plc_serial_port = "{there}"
 unit = 1
 parity = "none"
-timeout = 5.0
+timeout = 60.0
 register_map = "map.csv"
 [devices.b]
 link = "modbus-rtu"
@@ -208,7 +217,7 @@ serial_port = "{here}"
 plc_serial_port = "{there}"
 unit = 2
 parity = "none"
-timeout = 5.0
+timeout = 60.0
 register_map = "map.csv"
 [loops.A]
 device = "a"
@@ -273,7 +282,10 @@ async def test_a_silent_unit_costs_the_others_on_its_line_no_value(
 ) -> None:
     plant, here = serial_line
     async with served(Listening(link="modbus-rtu", serial_port=plant), units=(1, 2)):
-        links = [link_to(on_line(here, unit, timeout=0.4)) for unit in (1, 2, 9)]
+        links = [
+            link_to(on_line(here, unit, timeout))
+            for unit, timeout in ((1, PATIENCE), (2, PATIENCE), (9, SHORT))
+        ]
         for _ in range(6):
             first, second, silent = await asyncio.gather(*(link.scan() for link in links))
             assert first["count"].value == 101.0

@@ -9,7 +9,6 @@ import json
 import logging
 import socket
 import ssl
-import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -21,7 +20,7 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
 from fieldlink.links import LinkState
-from fieldlink.notices import NoticeError, Notifying, receivers_of
+from fieldlink.notices import NoticeError, Notifying, mail, receivers_of, web_hook
 from fieldlink.notices.outbox import Retrying
 from fieldlink.site import Site, SiteError, load_site
 from fieldlink.store import FindingRecord
@@ -243,9 +242,15 @@ async def test_a_receiver_that_refuses_is_tried_with_a_bound_and_costs_the_other
 
 
 async def test_dead_and_slow_receivers_hold_up_neither_the_others_nor_the_end(
-    hook: HookServer, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    hook: HookServer,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     caplog.set_level(logging.DEBUG)
+    # What waited for one of these would be ended by the test's own time-out.
+    for place, name in ((mail, "PATIENCE"), (mail, "STEP_PATIENCE"), (web_hook, "PATIENCE")):
+        monkeypatch.setattr(place, name, 3600.0)
     hook.status = 0
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
@@ -254,10 +259,7 @@ async def test_dead_and_slow_receivers_hold_up_neither_the_others_nor_the_end(
             people.notifying.put(finding())
             await until(lambda: hook.posts, "the post that gets no answer")
             connection, _ = await asyncio.to_thread(silent.accept)
-            begun = time.monotonic()
         connection.close()
-    # neither waits for its 20 and 60 seconds
-    assert time.monotonic() - begun < 15.0
     # a dead one says so at once, and nothing secret is logged
     found = receivers_of(site)
     with pytest.raises(NoticeError, match=r"127.0.0.1:\d+ cannot be reached: connection refused"):

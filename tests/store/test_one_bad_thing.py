@@ -30,7 +30,7 @@ from fieldlink.store.wal import find_log_damage
 
 NOON_MS = 1_795_262_400_000
 OPENED = EventRecord(NOON_MS, "start", "daemon", "started")
-QUICK = HistorianSettings(linger=0.01, retry=0.01, busy_timeout=0.05, flush=5.0)
+QUICK = HistorianSettings(linger=0.01, retry=0.01, busy_timeout=0.05, flush=60.0)
 
 
 def sample(slot: int) -> SampleRecord:

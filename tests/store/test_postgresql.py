@@ -34,7 +34,7 @@ from fieldlink.store import (
 pytest.importorskip("psycopg", reason="the driver is an extra: pip install 'fieldlink[postgresql]'")
 
 OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
-QUICK = HistorianSettings(linger=0.01, retry=0.05, busy_timeout=2.0, flush=10.0)
+QUICK = HistorianSettings(linger=0.01, retry=0.05, busy_timeout=2.0, flush=60.0)
 DAY_MS = 86_400_000
 
 

@@ -83,7 +83,7 @@ async def test_verdicts_reach_broker_and_opcua_clients_and_commands_the_loop(
 
 async def shown_to_a_client(port: int | None, *, has_verdict: bool) -> dict[str, Any]:
     """The loop's values in the OPC UA server, once there is a verdict where there will be one."""
-    async with OpcuaClient(f"opc.tcp://127.0.0.1:{port}") as client:
+    async with OpcuaClient(f"opc.tcp://127.0.0.1:{port}", timeout=60.0) as client:
         verdict = client.get_node("ns=1;s=Loops/PLC/Verdict")
         while (
             has_verdict

@@ -44,10 +44,10 @@ async def test_a_foreign_client_reads_and_changes_nothing() -> None:
         nodes += ["Loops/FC101/SignalSet/SlipJump/AnalogSignal"]
         found = await look_from_outside(server.address, nodes)
         # What a client may not write has not changed either.
-        async with Client(server.address) as client:
+        async with Client(server.address, timeout=60.0) as client:
             assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 2.5
         await server.show({"FC101": LOOP | {"StickBand": 3.5}})
-        async with Client(server.address) as client:
+        async with Client(server.address, timeout=60.0) as client:
             assert await client.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.5
             loops = await client.get_node("ns=1;s=Loops").get_children()
             assert [loop.nodeid.Identifier for loop in loops] == ["Loops/FC101"]
@@ -119,7 +119,7 @@ def test_what_the_pages_show_becomes_values_of_every_kind(tmp_path: Path) -> Non
 
 async def connect(address: str, folder: Path | None, user: tuple[str, str] | None = None) -> float:
     """Read a value with a certificate of a folder, or without encryption."""
-    client = Client(address, timeout=20.0)
+    client = Client(address, timeout=60.0)
     client.application_uri = "urn:fieldlink:client"
     if folder is not None:
         await client.set_security(
@@ -177,7 +177,7 @@ async def test_a_certificate_that_cannot_be_used_is_one_sentence(tmp_path: Path)
 
 
 async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() -> None:
-    async with served() as server, Client(server.address) as client:
+    async with served() as server, Client(server.address, timeout=60.0) as client:
         await server.show({"FC101": LOOP})
         flood = [await asyncio.open_connection("127.0.0.1", server.port) for _ in range(40)]
         for number, (_, writer) in enumerate(flood):
@@ -191,7 +191,7 @@ async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() ->
         for _, writer in flood:
             writer.close()
         await asyncio.gather(*ended, return_exceptions=True)
-        async with Client(server.address) as other:
+        async with Client(server.address, timeout=60.0) as other:
             with pytest.raises(UaError):
                 await other.nodes.objects.add_folder(1, "mine")
             assert await other.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.0
@@ -223,9 +223,9 @@ async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
         assert not server.listening.is_set()
         taken.close()
         await taken.wait_closed()
-        await asyncio.wait_for(server.listening.wait(), 60.0)
+        await asyncio.wait_for(server.listening.wait(), 300.0)
         await until(lambda: daemon.status().devices["plc"].state.name == "DEMOTED", "demoted")
-        async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
+        async with Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0) as client:
             health = client.get_node("ns=1;s=Devices/plc/DeviceHealth")
             while await health.read_value() != 1:
                 await asyncio.sleep(0.05)
@@ -236,8 +236,8 @@ async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
         assert server.process is not None
         server.process.kill()
         await until(lambda: not server.listening.is_set(), "the end")
-        await asyncio.wait_for(server.listening.wait(), 60.0)
-        async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
+        await asyncio.wait_for(server.listening.wait(), 300.0)
+        async with Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0) as client:
             assert await client.get_node("ns=1;s=Loops/PLC/AssetId").read_value() == "PLC"
         last = server.process
     assert last.returncode == 0

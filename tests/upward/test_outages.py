@@ -56,12 +56,16 @@ async def test_a_broker_that_is_killed_again_and_again_gets_everything_in_order(
 
 
 async def test_a_paused_broker_costs_nothing_but_time(
-    bench: Callable[..., Any], tap: WireTap, broker_process: Mosquitto
+    bench: Callable[..., Any],
+    tap: WireTap,
+    broker_process: Mosquitto,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with bench(tap.port) as running:
         running.put(sample("FC101", 0))
         await until(lambda: running.waiting == 0, "the first sample")
         broker_process.pause()
+        monkeypatch.setattr("fieldlink.upward.broker.ANSWER_WITHIN", 1.0)
         running.put(*(sample("FC101", number) for number in range(1, 200)))
         await until(lambda: running.kinds().count("mqtt.lost") >= 2, "both connections lost")
         broker_process.resume()

@@ -17,7 +17,7 @@ import pytest
 from fieldlink.lab.demo.plc_process import PlcProcess
 from fieldlink.lab.demo.site_files import simulated_scene
 
-PATIENCE = 100.0
+PATIENCE = 300.0
 """Seconds for what happens by itself on a machine that has other work."""
 
 DEAD = """

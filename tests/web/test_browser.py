@@ -21,7 +21,6 @@ CHROMIUM = shutil.which("chromium")
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (apt-get install)"),
     pytest.mark.slow,
-    pytest.mark.timeout(300),
 ]
 PATIENCE_MS = PATIENCE * 1000.0
 

@@ -50,7 +50,7 @@ async def test_health_and_metrics_of_a_running_daemon(
     )
     async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
         base = f"http://127.0.0.1:{at}"
-        async with httpx.AsyncClient(base_url=base) as client:
+        async with httpx.AsyncClient(base_url=base, timeout=60.0) as client:
             await live.until(lambda: daemon.status().loops["PLC"].estimates >= 1, "an estimate")
             assert (await client.get("/healthz")).json() == {"status": "ok", "stuck": []}
             ready = await client.get("/readyz")
@@ -96,7 +96,7 @@ async def test_what_a_device_refuses_and_how_often_it_was_opened_is_reported(
     site = load_site(site.path)
     async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
         await live.until(lambda: daemon.status().devices["plc"].quarantined != (), "quarantined")
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}") as client:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}", timeout=60.0) as client:
             found = figures((await client.get("/metrics")).text)
             ready = (await client.get("/readyz")).json()
     assert found["fieldlink_device_quarantined_tags", "plc"] == 1
@@ -108,7 +108,7 @@ async def test_what_a_device_refuses_and_how_often_it_was_opened_is_reported(
 async def test_a_part_that_hangs_is_a_503(tmp_path: Path, live: Any) -> None:
     site = with_web(live.site_for(tmp_path, {"plc": 9}), "")
     daemon = Daemon(site)
-    async with web_server(site, daemon) as port, httpx.AsyncClient() as client:
+    async with web_server(site, daemon) as port, httpx.AsyncClient(timeout=60.0) as client:
         before = await client.get(f"http://127.0.0.1:{port}/readyz")
         assert before.status_code == 503
         assert before.json()["reasons"][0] == "the daemon is starting"
@@ -122,7 +122,7 @@ async def test_a_token_is_asked_for_at_every_endpoint(
 ) -> None:
     text = f'token_file = "{token_file.name}"\n'
     site = with_web(live.site_for(tmp_path, {"plc": 9}), text)
-    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
+    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient(timeout=60.0) as client:
         for name in ("healthz", "readyz", "metrics"):
             url = f"http://127.0.0.1:{port}/{name}"
             for wrong in ({}, {"Authorization": f"Bearer {TOKEN[:-1]}"}, {"Authorization": TOKEN}):
@@ -169,7 +169,7 @@ async def test_tls(token_file: Path, tmp_path: Path, live: Any) -> None:
     trusted = ssl.create_default_context(cafile=tmp_path / "cert.pem")
     async with (
         web_server(site, Daemon(site)) as port,
-        httpx.AsyncClient(verify=trusted) as client,
+        httpx.AsyncClient(verify=trusted, timeout=60.0) as client,
     ):
         url = f"https://127.0.0.1:{port}/healthz"
         assert (await client.get(url)).status_code == 401
@@ -217,7 +217,7 @@ async def test_bytes_that_are_no_request_do_no_harm(
     tmp_path: Path, live: Any, bytes_sent: bytes
 ) -> None:
     site = with_web(live.site_for(tmp_path, {"plc": 9}), "")
-    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
+    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient(timeout=60.0) as client:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(bytes_sent)
         writer.write_eof()

@@ -144,7 +144,7 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
     path, asked = "/api/loops/PLC/actions", {"action": "hold", "who": "A. Meyer", "why": "leak"}
     async with live.plant_on(device), live.running(site) as daemon, web_server(site, daemon) as at:
         await live.until(lambda: daemon.started.is_set(), "started")
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}") as client:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{at}", timeout=60.0) as client:
             # Without the token a person is led to the login and a program is refused.
             assert (await client.get("/")).headers["location"] == "/login"
             assert (await client.get("/api/loops")).status_code == 401
@@ -184,7 +184,7 @@ async def test_without_a_token_file_one_is_drawn_for_actions_and_kept_secret(
     site = live.site_for(tmp_path, {"plc": 9})
     site.path.write_text(site.path.read_text() + "\n[web]\nport = 0\n")
     site = load_site(site.path)
-    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient() as client:
+    async with web_server(site, Daemon(site)) as port, httpx.AsyncClient(timeout=60.0) as client:
         file = site.data_dir / "operator-token"
         assert file.stat().st_mode & 0o777 == 0o600
         drawn = file.read_text()

@@ -118,6 +118,8 @@ class WindowJudging:
         task = asyncio.current_task()
         assert task is not None
         assert self._pool is not None
+        if not by_hand:
+            task.set_name(_job(loop))
         self.tasks.add(task)
         try:
             request = asking.request(by_hand=by_hand)

@@ -8,10 +8,12 @@ stand (hold, off) are read from these events again when the daemon begins.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from enum import Enum
 
 from fieldlink.daemon.loop import LoopRunner
+from fieldlink.daemon.loop_spec import LoopSpec
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.errors import FieldlinkError
@@ -77,7 +79,9 @@ class Action(Enum):
 
 _STANDING = (Action.ACCEPT, Action.HOLD, Action.WRITEBACK_OFF, Action.WRITEBACK_ON)
 
-ORDER_EVENTS = tuple(action.event for action in _STANDING)
+_LEFT = "loop.left"
+
+ORDER_EVENTS = (_LEFT, *(action.event for action in _STANDING))
 """Kinds of the events from which standing orders are known again, see `recall_orders`."""
 
 
@@ -111,9 +115,9 @@ class Order:
         """Who and why, in one line."""
         return f"{' '.join(self.who.split())}: {' '.join(self.why.split())}"
 
-    def record(self, utc_ms: int) -> EventRecord:
-        """Return the event to store."""
-        detail = {"who": self.who, "why": self.why}
+    def record(self, utc_ms: int, spec: LoopSpec) -> EventRecord:
+        """Return the event to store; ``spec`` tells the valve by what its PLC calls it."""
+        detail = {"who": self.who, "why": self.why, **_valve(spec)}
         return EventRecord(utc_ms, self.action.event, self.loop, self.words, detail)
 
 
@@ -148,12 +152,49 @@ def carry_out(order: Order, loop: LoopRunner, utc: float, *, read_only: bool) ->
         _apply(orders, action, order.words)
 
 
-def recall_orders(events: Sequence[EventRecord], orders: Mapping[str, StandingOrders]) -> None:
-    """Put the standing orders of events, oldest first, in force again."""
+def recall_orders(
+    events: Sequence[EventRecord], loops: Mapping[str, LoopRunner], journal: Journal
+) -> None:
+    """Put the standing orders of events, oldest first, in force again.
+
+    Those of a loop that the site file does not name any more go to the loop that has its place in
+    the PLC now, or it is told, once, that they are lost.
+    """
+    absent: dict[str, tuple[StandingOrders, EventRecord]] = {}
     for event in events:
-        known = orders.get(event.source)
-        if known is not None:
-            _apply(known, Action.of(event.kind.removeprefix(_PREFIX)), event.message)
+        if event.kind == _LEFT:
+            absent.pop(event.source, None)
+            continue
+        loop = loops.get(event.source)
+        orders = StandingOrders() if loop is None else loop.orders
+        if loop is None:
+            orders = absent.get(event.source, (orders, event))[0]
+            absent[event.source] = orders, event
+        _apply(orders, Action.of(event.kind.removeprefix(_PREFIX)), event.message)
+    named = {event.source for event in events}
+    for name, (orders, event) in absent.items():
+        if not orders.hold and not orders.off:
+            continue
+        same = (
+            loop for loop in loops.values() if _has_place(loop, event) and loop.name not in named
+        )
+        if (heir := next(same, None)) is not None:
+            _hand_on(heir, name, orders, journal)
+            continue
+        since = datetime.fromtimestamp(event.utc_ms / 1000.0, UTC)
+        words = " and ".join(
+            f"{what} ({said})"
+            for what, said in (("on hold", orders.hold), ("write-back off", orders.off))
+            if said
+        )
+        journal.event(
+            _LEFT,
+            name,
+            "the site file has no loop of this name any more; its orders are not carried over: "
+            f"{words}, since {since:%Y-%m-%d %H:%M} UTC; if it has another name now, give them "
+            "again",
+            bad=True,
+        )
 
 
 def keep_orders(loop: LoopRunner, former: LoopRunner, journal: Journal) -> None:
@@ -165,14 +206,29 @@ def keep_orders(loop: LoopRunner, former: LoopRunner, journal: Journal) -> None:
         journal: where it is recorded, so that it is known again when the daemon begins.
     """
     loop.numbers.learn(former.numbers.last)
-    journal.event("loop.renamed", loop.name, f"its name was {former.name}; its orders stand")
-    for action, words in (
-        (Action.HOLD, former.orders.hold),
-        (Action.WRITEBACK_OFF, former.orders.off),
-    ):
+    _hand_on(loop, former.name, former.orders, journal)
+
+
+def _hand_on(loop: LoopRunner, former: str, orders: StandingOrders, journal: Journal) -> None:
+    journal.event("loop.renamed", loop.name, f"its name was {former}; its orders stand")
+    for action, words in ((Action.HOLD, orders.hold), (Action.WRITEBACK_OFF, orders.off)):
         if words:
             _apply(loop.orders, action, words)
-            journal.event(action.event, loop.name, words)
+            record = journal.event_record(action.event, loop.name, words)
+            journal.order(replace(record, detail=_valve(loop.spec)))
+    if orders.hold or orders.off:
+        journal.event(_LEFT, former, f"its name is {loop.name} now; its orders stand there")
+
+
+def _valve(spec: LoopSpec) -> dict[str, str | int]:
+    number = spec.loop.writeback.loop_id
+    return {} if number is None else {"device": spec.loop.device, "loop_id": number}
+
+
+def _has_place(loop: LoopRunner, event: EventRecord) -> bool:
+    """Whether the PLC knows a loop by what it called the one that an order was given for."""
+    valve = _valve(loop.spec)
+    return bool(valve) and valve.items() <= (event.detail or {}).items()
 
 
 def _apply(orders: StandingOrders, action: Action, words: str) -> None:

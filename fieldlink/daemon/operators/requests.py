@@ -56,7 +56,7 @@ class OperatorRequests:
         if order.action is Action.ESTIMATE:
             self._judging.judge_by_hand(loop)
         carry_out(order, loop, utc, read_only=self._read_only)
-        self._site_runner.journal.order(order.record(round(utc * 1000.0)))
+        self._site_runner.journal.order(order.record(round(utc * 1000.0), loop.spec))
         return order.action.done
 
     def order_for_broker(self, action: Action, loop: str, why: str) -> None:

@@ -41,6 +41,9 @@ async def control_socket(data_dir: Path, answer: Answer) -> AsyncIterator[None]:
     Args:
         data_dir: the daemon's data directory, which it holds.
         answer: gives the answer to a request; a `FieldlinkError` becomes its message.
+
+    Raises:
+        ControlError: the socket cannot be made.
     """
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -55,11 +58,18 @@ async def control_socket(data_dir: Path, answer: Answer) -> AsyncIterator[None]:
         finally:
             writer.close()
 
-    with _short_path(data_dir) as path:
-        (data_dir / SOCKET).unlink(missing_ok=True)
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
-        listener.bind(path)
-        (data_dir / SOCKET).chmod(SOCKET_MODE)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+    try:
+        with _short_path(data_dir) as path:
+            (data_dir / SOCKET).unlink(missing_ok=True)
+            listener.bind(path)
+            (data_dir / SOCKET).chmod(SOCKET_MODE)
+    except OSError as error:
+        listener.close()
+        raise ControlError(
+            f"the socket {data_dir / SOCKET} cannot be made: {error.strerror or error}; free space "
+            "there, or set data_dir to a folder that this user may write"
+        ) from error
     server = await asyncio.start_unix_server(serve, sock=listener, limit=LONGEST)
     try:
         yield

@@ -83,6 +83,7 @@ class LoopPipeline:
     ) -> None:
         self.name = name
         self.loop = loop
+        self._speed = speed
         self._watch = watch
         self._late_after = LATE_SHARE * loop.period / speed
         self._placer = _placer(loop, counter)
@@ -145,7 +146,8 @@ class LoopPipeline:
         Returns:
             What to store; None when the scan has nothing new of this loop.
         """
-        placed = self._place(scan, now)
+        moment = self._moment(scan, now, due)
+        placed = self._place(scan, moment)
         if placed is None:
             if due is not None:
                 self.pass_by(now)
@@ -153,7 +155,7 @@ class LoopPipeline:
         sample = self._sample(scan, self._worst(scan, placed.place, due))
         # What the clock has counted as missed already is not counted again.
         skipped = max(0, self._window.put(placed.slot, sample) - self._open)
-        self._sampled_at, self._open = now, 0
+        self._sampled_at, self._open = moment, 0
         good = sample.quality == 0
         pv = scan[self.loop.pv]
         late = None if due is None else max(0.0, pv.monotonic - due)
@@ -232,6 +234,16 @@ class LoopPipeline:
     def full_window(self) -> WindowData | None:
         """Return a copy of the window for a diagnosis; None before it is full."""
         return self._window.data() if self._window.is_full else None
+
+    def _moment(self, scan: Scan, now: float, due: float | None) -> float:
+        """Return the plant second that places a scan.
+
+        A count is of the moment it was read, which a daemon that stood still may be late for; a
+        sample without one belongs to the beat it was due in.
+        """
+        if due is None or self.loop.scan is None:
+            return now
+        return now + self._speed * max(0.0, scan[self.loop.scan].monotonic - due)
 
     def _place(self, scan: Scan, now: float) -> Placed | None:
         """Return the slot of what a scan has of the loop; None when it has nothing new."""

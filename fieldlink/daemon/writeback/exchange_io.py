@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fieldlink.links import ExceptionReplyError, RegisterAccess
+from fieldlink.links import ExceptionReplyError, LinkError, RegisterAccess
 from fieldlink.registers import (
     ACCEPTED,
     BLOCK_REGISTERS,
@@ -25,11 +25,15 @@ from fieldlink.registers import (
     split_commit,
 )
 
-__all__ = ["ControlWords", "Exchange"]
+__all__ = ["ControlWords", "Exchange", "NoAreaError"]
 
 Range = tuple[int, int]
 
 _OPTIONAL = frozenset({"ack_refusal", "writer"})
+
+
+class NoAreaError(LinkError):
+    """What was read is no exchange area: nothing may be concluded from it, nothing written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,24 @@ class ControlWords:
     commit: int
     ack_refusal: int | None = None
     writer: int | None = None
+
+    @property
+    def blank(self) -> bool:
+        """Whether every word is zero, as in a PLC that starts again; no operator did that."""
+        return not any(self._there)
+
+    @property
+    def filler(self) -> int | None:
+        """The number that every word holds, as from a gateway that has lost its PLC; else None.
+
+        No area is so: no bank has the number of the enable bit, of a commit and of an answer to it.
+        """
+        return self.enable if self.enable and len(set(self._there)) == 1 else None
+
+    @property
+    def _there(self) -> tuple[int, ...]:
+        words = (getattr(self, name) for name in self.__dataclass_fields__)
+        return tuple(word for word in words if word is not None)
 
     @property
     def enabled(self) -> bool:
@@ -90,6 +112,7 @@ class Exchange:
         access: the device's registers.
         layout: the area.
         word_order: of the fields of a block that are longer than a register.
+        device: the device's name, for messages.
         max_gap: unused registers read along between two words, where they are readable.
         readable: declared readable ranges (first, last), both included.
     """
@@ -100,12 +123,14 @@ class Exchange:
         layout: ExchangeLayout,
         word_order: Order,
         *,
+        device: str,
         max_gap: int = 0,
         readable: Sequence[Range] = (),
     ) -> None:
         self._access = access
         self._layout = layout
         self._word_order: Order = word_order
+        self._device = device
         addresses = {name: getattr(layout, name) for name in ControlWords.__dataclass_fields__}
         there = {name: address for name, address in addresses.items() if address is not None}
         needed = {name: address for name, address in there.items() if name not in _OPTIONAL}
@@ -117,7 +142,20 @@ class Exchange:
         """Read the single words.
 
         A PLC of an earlier layout refuses the optional ones; they are not asked for again.
+
+        Raises:
+            NoAreaError: all of them hold one number that is no zero.
         """
+        found = await self._any_control()
+        if found.filler is not None:
+            raise NoAreaError(
+                self._device,
+                f"all words of the exchange area read {found.filler}, as no PLC's program has them",
+                "nothing is written meanwhile; look whether a gateway has lost its PLC",
+            )
+        return found
+
+    async def _any_control(self) -> ControlWords:
         try:
             return await self._control(self._plan)
         except ExceptionReplyError as refusal:

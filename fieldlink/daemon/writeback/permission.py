@@ -46,7 +46,12 @@ class WritePermission:
         self.held, self.sole, self._was_enabled = other.held, other.sole, other._was_enabled
 
     def watch_enable(self, control: ControlWords) -> bool:
-        """Return whether the enable bit was cleared and is set again: an operator has decided."""
+        """Return whether the enable bit was cleared and is set again: an operator has decided.
+
+        An area of zeros is a PLC that starts again, which decides nothing.
+        """
+        if control.blank:
+            return False
         again = self._was_enabled is False and control.enabled
         self._was_enabled = control.enabled
         return again

@@ -16,6 +16,13 @@ from fieldlink.registers import HEARTBEAT_TIMEOUT
 
 __all__ = ["SoleWriter", "Standing"]
 
+DOUBT = HEARTBEAT_TIMEOUT
+"""Plant seconds for which another identity has to be read: as long as its life would be watched.
+
+Only a writer takes a true one away, and we do not write meanwhile: what is gone by itself was a
+wrong reading, as from a gateway that has lost its PLC.
+"""
+
 STRANGE_BEATS = 2
 """Looks in a row with a heartbeat that is not ours; one may be a write that came late."""
 
@@ -24,6 +31,7 @@ class Standing(Enum):
     """Whether this installation may write; the value says why not."""
 
     SOLE = ""
+    DOUBTED = "another writer's identity is read; it is watched for ten seconds first"
     WATCHING = "another installation wrote here; its heartbeat is watched for ten seconds first"
     CONTESTED = (
         "another installation, or the PLC's own program, writes Fieldlink's registers of this loop"
@@ -35,6 +43,9 @@ class SoleWriter:
 
     Args:
         identity: of this installation, 1 to 65535; None where it has none.
+
+    Attributes:
+        standing: whether this installation may write, by the last look.
     """
 
     def __init__(self, identity: int | None) -> None:
@@ -45,6 +56,8 @@ class SoleWriter:
         self._beats: tuple[int, ...] = ()
         self._strange = 0
         self._objected = False
+        self._doubted_since: float | None = None
+        self._foreign = 0
         self.standing = Standing.WATCHING
 
     @property
@@ -52,28 +65,45 @@ class SoleWriter:
         """Whether this installation keeps the heartbeat: the one that was first goes on with it."""
         return self._claimed
 
+    @property
+    def relief(self) -> str:
+        """Say what was doubted, and that it is gone."""
+        return (
+            f"writer {self._foreign} was read, as if another installation wrote, and is gone "
+            "again; blocks go on; look at the gateway or network between"
+        )
+
     def look(self, control: ControlWords, now: float) -> Standing:
         """Judge what was read at plant second ``now``."""
         if self.standing is Standing.CONTESTED:
             return self.standing
         if control.writer == self._identity:
             self._replaced = None
-        foreign = control.writer not in (0, None, self._identity, self._replaced)
-        if self._identity is None or not foreign:
-            self._claimed = True
-            self.standing = Standing.SOLE
-        elif self._claimed:
-            self.standing = Standing.CONTESTED
-        else:
+        foreign = self._identity is not None and control.writer not in (
+            0,
+            None,
+            self._identity,
+            self._replaced,
+        )
+        if foreign and not self._claimed:
             self.standing = self._watch(control.heartbeat, now)
             if self.standing is Standing.SOLE:
                 # Its identity may still be read until ours is there.
                 self._replaced = control.writer
-        if self._claimed and self._beats and self.standing is Standing.SOLE:
+            return self.standing
+        self._claimed = True
+        if self._beats and not foreign:
             ours = control.heartbeat == 0 or control.heartbeat in self._beats
             self._strange = 0 if ours else self._strange + 1
-            if self._strange >= STRANGE_BEATS:
-                self.standing = Standing.CONTESTED
+        if not foreign:
+            self._doubted_since = None
+        if self._strange >= STRANGE_BEATS:
+            self.standing = Standing.CONTESTED
+        elif foreign:
+            self._foreign = control.writer or 0
+            self.standing = self._doubted(now)
+        else:
+            self.standing = Standing.SOLE
         return self.standing
 
     def mark(self, control: ControlWords) -> int | None:
@@ -100,7 +130,14 @@ class SoleWriter:
         """Forget what was found: the operator has decided."""
         self._claimed, self._watched, self._replaced = False, None, None
         self._beats, self._strange, self._objected = (), 0, False
+        self._doubted_since = None
         self.standing = Standing.WATCHING
+
+    def _doubted(self, now: float) -> Standing:
+        """Tell another writer from a register that was read wrong for a moment."""
+        if self._doubted_since is None:
+            self._doubted_since = now
+        return Standing.CONTESTED if now - self._doubted_since >= DOUBT else Standing.DOUBTED
 
     def _watch(self, heartbeat: int, now: float) -> Standing:
         """Tell a living installation from one that is gone by its heartbeat."""

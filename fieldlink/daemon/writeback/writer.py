@@ -235,6 +235,7 @@ class BlockWriter:
             control = await self._exchange.control()
             if self._permission.watch_enable(control):
                 self._follow_operator()
+            was = self._permission.sole.standing
             standing = self._permission.sole.look(control, now)
             self._use.watch_orders(now)
             if control.enabled and not self._orders.off:
@@ -247,6 +248,9 @@ class BlockWriter:
         if standing is Standing.CONTESTED:
             advice = WritebackOutcome.CONTESTED.advice
             self._told.tell("writeback.contested", f"{standing.value}; {advice}")
+        elif was is Standing.DOUBTED and standing is Standing.SOLE:
+            self._told.forget("writeback.uncontested")
+            self._told.tell("writeback.uncontested", self._permission.sole.relief)
         if await self._unsettled.look_back(control):
             self._not_before = now + self._settings.min_interval
         self._unsettled.look_for_answer(control, now)
