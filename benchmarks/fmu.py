@@ -1,11 +1,13 @@
 """How fast the plants are, and what isolation and pacing cost.
 
-    python -m benchmarks.fmu [--seconds 60] [--out docs/benchmarks]
+    python -m benchmarks.fmu [--seconds 60] [--beside CHECKOUT] [--out docs/benchmarks]
 
 1. Lockstep: a plant with its controller inside, windows of 1,000 samples collected as an estimator
    takes them, isolated and in this process; beside it the simulated PLC, whose controller and
    registers stand between every two samples, and the same in batches (`BatchedPlc`: PLC and plants
-   in one process of their own). One core (pinned where the system can).
+   in one process of their own). One core (pinned where the system can). With --beside a second
+   checkout of this project is measured in turn with this one, each the best of three, so that the
+   load of the machine is the same for both.
 2. The link over a bare loop of FMPy in the same process, alternating, FMI 2 and FMI 3.
 3. 64 isolated plants behind one served PLC at a scan of 1 s: processor time and memory of the PLC
    and all its plants (proportional set size) over --seconds.
@@ -17,6 +19,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import statistics
@@ -42,6 +45,7 @@ from fmu_models import collect_windows, fmu_path, open_plant
 __all__ = ["main"]
 
 _PLANTS = 64
+_SCANS = "example1 in the simulated PLC, PI and registers between samples"
 _SITE_HEAD = """
 [site]
 name = "bench"
@@ -119,8 +123,33 @@ def _lockstep() -> list[list[Any]]:
         with BatchedPlc(site, "plc") as batched:
             tags = ["L0.OP", "L0.PV"]
             in_batches = _rate(lambda n: batched.record(n, tags), 10_000, 3)
-    rows.append(["example1 in the simulated PLC, PI and registers between samples", *scans])
+    rows.append([_SCANS, *scans])
     rows.append(["the same in batches, registers read after every sample", in_batches, math.nan])
+    return rows
+
+
+_IN_A_CHECKOUT = "import json, benchmarks.fmu as b; print(json.dumps(b._lockstep()))"
+
+
+def _in_turn(other: Path, turns: int = 3) -> list[list[Any]]:
+    """Measure this checkout and another in turn; a row by name: here, there and their ratio.
+
+    The batches are compared with what the other has for the same loop, scan by scan.
+    """
+    here = Path(__file__).resolve().parent.parent
+    best: dict[Path, dict[str, float]] = {here: {}, other: {}}
+    for _ in range(turns):
+        for checkout, found in best.items():
+            done = subprocess.run(
+                [sys.executable, "-c", _IN_A_CHECKOUT],
+                cwd=checkout, capture_output=True, text=True, check=True,
+            )  # fmt: skip
+            for name, isolated, *_ in json.loads(done.stdout.splitlines()[-1]):
+                found[name] = max(found.get(name, 0.0), isolated)
+    rows = []
+    for name, rate in best[here].items():
+        before = best[other].get(name, best[other].get(_SCANS, math.nan))
+        rows.append([name, f"{rate:,.0f}", f"{before:,.0f}", f"{rate / before:.1f}"])
     return rows
 
 
@@ -217,17 +246,26 @@ def _served(seconds: float) -> dict[str, float]:
     }
 
 
+def _ratios(rows: list[list[Any]]) -> list[str]:
+    if not rows:
+        return []
+    head = ["plant, isolated", "here", "second checkout", "ratio"]
+    return ["Samples per second of both checkouts, measured in turn:", table(head, rows)]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--seconds", type=float, default=60.0, help="seconds for which the PLC is served"
     )
+    parser.add_argument("--beside", type=Path, help="folder of a second checkout to measure too")
     parser.add_argument("--out", type=Path, help="folder for the result")
     options = parser.parse_args(arguments)
     served = _served(options.seconds)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     lockstep = _lockstep()
+    beside = [] if options.beside is None else _in_turn(options.beside)
     overhead = {version: _overhead(version) for version in (2, 3)}
     with tempfile.TemporaryDirectory() as folder:
         grids = compare_grids(Path(folder))
@@ -241,6 +279,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     for name, *rates in lockstep
                 ],
             ),
+            *_ratios(beside),
             "Time of a sample over that of a bare FMPy loop, in this process (limit 1.3):",
             table(
                 ["FMI", "one step at a time", "columns"],
@@ -265,7 +304,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     print(text)
     figures = {"lockstep": lockstep, "overhead": overhead, "served": served, "physical": grids}
-    figures |= {"machine": machine()}
+    figures |= {"beside": beside, "machine": machine()}
     about = heading("fmu", __doc__, arguments)
     keep(options.out, "fmu", f"{about}\n\n{text}", figures)
 

@@ -133,8 +133,11 @@ def _with_warnings(summary: FmuSummary, description: Any, interface: Any) -> Fmu
         warnings.append("it names no stop time: give one")
     if not summary.can_restore:
         warnings.append("it offers no serialised state: no snapshots")
+    texts = [v.name for v in summary.variables if v.type == "String" and v.settable]
+    if texts:
+        warnings.append(f"texts that can be given at the start: {_enumerate_some(texts)}")
     for kind, why in LEFT_OUT.items():
-        names = [v.name for v in summary.variables if v.type == kind]
+        names = [v.name for v in summary.variables if v.type == kind and v.name not in texts]
         if names:
             warnings.append(f"left out, {why}: {_enumerate_some(names)}")
     if not any(v.causality == "output" for v in summary.variables):
