@@ -231,9 +231,7 @@ def _transformed(given: Start, entry: Any) -> Start:
 
     if given.is_text:
         if len(entry):
-            raise ValueError(
-                f"the mapping of {name} transforms a text; remove the transformation"
-            )
+            raise ValueError(f"the mapping of {name} transforms a text; remove the transformation")
         return given
     if isinstance(given.value, str):
         words = entry.find("ssc:EnumerationMappingTransformation", _NS)
