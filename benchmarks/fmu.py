@@ -19,7 +19,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import statistics
@@ -38,6 +37,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from benchmarks.physical_grid import compare_grids
 from benchmarks.report import heading, keep, machine, table
+from benchmarks.second_checkout import measure_in_turn
 from fieldlink.lab.plc import BatchedPlc, VirtualPlc
 from fieldlink.site import load_site
 from fmu_models import collect_windows, fmu_path, open_plant
@@ -125,31 +125,6 @@ def _lockstep() -> list[list[Any]]:
             in_batches = _rate(lambda n: batched.record(n, tags), 10_000, 3)
     rows.append([_SCANS, *scans])
     rows.append(["the same in batches, registers read after every sample", in_batches, math.nan])
-    return rows
-
-
-_IN_A_CHECKOUT = "import json, benchmarks.fmu as b; print(json.dumps(b._lockstep()))"
-
-
-def _in_turn(other: Path, turns: int = 3) -> list[list[Any]]:
-    """Measure this checkout and another in turn; a row by name: here, there and their ratio.
-
-    The batches are compared with what the other has for the same loop, scan by scan.
-    """
-    here = Path(__file__).resolve().parent.parent
-    best: dict[Path, dict[str, float]] = {here: {}, other: {}}
-    for _ in range(turns):
-        for checkout, found in best.items():
-            done = subprocess.run(
-                [sys.executable, "-c", _IN_A_CHECKOUT],
-                cwd=checkout, capture_output=True, text=True, check=True,
-            )  # fmt: skip
-            for name, isolated, *_ in json.loads(done.stdout.splitlines()[-1]):
-                found[name] = max(found.get(name, 0.0), isolated)
-    rows = []
-    for name, rate in best[here].items():
-        before = best[other].get(name, best[other].get(_SCANS, math.nan))
-        rows.append([name, f"{rate:,.0f}", f"{before:,.0f}", f"{rate / before:.1f}"])
     return rows
 
 
@@ -265,7 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     lockstep = _lockstep()
-    beside = [] if options.beside is None else _in_turn(options.beside)
+    beside = [] if options.beside is None else measure_in_turn(options.beside, _SCANS)
     overhead = {version: _overhead(version) for version in (2, 3)}
     with tempfile.TemporaryDirectory() as folder:
         grids = compare_grids(Path(folder))

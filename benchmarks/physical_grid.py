@@ -102,8 +102,12 @@ def compare_grids(folder: Path) -> list[list[object]]:
         closed = _settings(stick_band, _JUMP_SHARES[0], lag)
         ours = _parts_at("physical", reference, closed)
         itself = _parts_at(reference, reference, closed, _NUDGE)
-        rows.append([stick_band, lag, runs, f"{100.0 * worst:.1e}", ours, itself])
+        rows.append([stick_band, lag, runs, f"{100.0 * worst:.1e}", _shown(ours), _shown(itself)])
     return rows
+
+
+def _shown(second: float) -> str:
+    return f"{second:.0f}" if second < np.inf else f"not in {_CLOSED_SAMPLES}"
 
 
 def _settings(stick_band: float, share: float, lag: float) -> dict[str, float]:
