@@ -16,7 +16,7 @@ def leave_out_texts(structure: SystemStructure, parts: Mapping[str, FmuSummary])
     """Take the outputs that are no numbers out of a system; return their names.
 
     Raises:
-        PlantFileError: an output that is no number feeds a component.
+        PlantFileError: an output that is not a number feeds a component.
     """
     for component, links in structure.links.items():
         for name, link in links.items():

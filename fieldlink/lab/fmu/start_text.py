@@ -19,7 +19,7 @@ def read_start_value(fmu: FmuSummary, name: str, text: str) -> StartValue:
         text: as typed.
 
     Raises:
-        ValueError: it is no number, and no word of the variable; the message says what it may be.
+        ValueError: it is not a number, and no word of the variable; the message says what it may be.
     """
     variable = fmu.variable(name)
     if variable is not None and variable.type in ("String", "Binary"):
@@ -31,4 +31,4 @@ def read_start_value(fmu: FmuSummary, name: str, text: str) -> StartValue:
         return {"true": 1.0, "false": 0.0}[text] if text in ("true", "false") else float(text)
     except ValueError:
         known = f" or one of {', '.join(words)}" if words else ""
-        raise ValueError(f"{text!r} is no number{known}") from None
+        raise ValueError(f"{text!r} is not a number{known}") from None
