@@ -19,7 +19,7 @@ def read_start_value(fmu: FmuSummary, name: str, text: str) -> StartValue:
         text: as typed.
 
     Raises:
-        ValueError: it is not a number, and no word of the variable; the message says what it may be.
+        ValueError: it is not a number and no word of the variable; the message says what it may be.
     """
     variable = fmu.variable(name)
     if variable is not None and variable.type in ("String", "Binary"):
