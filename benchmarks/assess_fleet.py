@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 import psutil
 
+from benchmarks.assess_parts import measure_parts
 from benchmarks.assess_runs import AssessCommand, Run, read_rows, run_assess, write_fleet
 from benchmarks.report import heading, keep, machine, table
 
@@ -42,6 +43,8 @@ __all__ = ["machines", "main"]
 DAYS = 365
 TABLES = (10_000, 100_000, 400_000)
 """Rows of the tables that are finished without judging."""
+PARTS = 40
+"""Windows judged in one process, to see where their time goes."""
 FLEETS = (500, 2_000, 10_000)
 CORES = 16
 """Of a machine in the last table."""
@@ -229,12 +232,15 @@ def _measure(root: Path, options: argparse.Namespace) -> tuple[str, dict[str, An
         _disturbed_cluster(small, out, size, what)
         judge(what, out, 1)
     finished = [_finished(rows) for rows in TABLES]
-    return _texts(runs, same, killed, finished), {
+    (root / "parts").mkdir()
+    parts = measure_parts(root / "parts", PARTS, options.samples, options.days)
+    return _texts(runs, same, killed, finished, parts), {
         "options": {k: v for k, v in vars(options).items() if k != "out"},
         "machine": machine(),
         "runs": [asdict(run) for run in runs],
         "kills": killed,
         "finished": finished,
+        "parts": parts,
     }
 
 
@@ -250,6 +256,7 @@ def _texts(
     same: Sequence[bool],
     killed: Sequence[tuple[Any, ...]],
     finished: Sequence[dict[str, float]],
+    parts: Sequence[Sequence[object]],
 ) -> str:
     cores = [1, 2, 2]
     first = table(
@@ -281,6 +288,9 @@ def _texts(
             first,
             f"Dask over local, both with two workers: {cpu:+.1f} % of the processor seconds, "
             f"{wall:+.1f} % of the wall clock.",
+            "## Where the time of a window goes",
+            f"{PARTS} windows in one process:",
+            table(("part", "processor ms a window", "share / %"), parts),
             "## Memory over time, megabytes",
             "Median of each quarter of the run, all processes together:",
             table(("run", "first quarter", "second", "third", "last"), quarters),

@@ -1,14 +1,19 @@
 """How fast the plants are, and what isolation and pacing cost.
 
-    python -m benchmarks.fmu [--seconds 60] [--out docs/benchmarks]
+    python -m benchmarks.fmu [--seconds 60] [--beside CHECKOUT] [--out docs/benchmarks]
 
 1. Lockstep: a plant with its controller inside, windows of 1,000 samples collected as an estimator
    takes them, isolated and in this process; beside it the simulated PLC, whose controller and
    registers stand between every two samples, and the same in batches (`BatchedPlc`: PLC and plants
-   in one process of their own). One core (pinned where the system can).
+   in one process of their own). One core (pinned where the system can). With --beside a second
+   checkout of this project is measured in turn with this one, each the best of three, so that the
+   load of the machine is the same for both.
 2. The link over a bare loop of FMPy in the same process, alternating, FMI 2 and FMI 3.
 3. 64 isolated plants behind one served PLC at a scan of 1 s: processor time and memory of the PLC
    and all its plants (proportional set size) over --seconds.
+4. `physical` against the same model that takes every step of its grid of 0.1 ms: 72 runs with OP
+   given (four S, two J, three lags of the actuator; a walk, steps, a wave), and when closed loops
+   part: their cycle is chaotic, so the reference parts from itself too when it begins 1e-12 % off.
 """
 
 from __future__ import annotations
@@ -30,7 +35,9 @@ import psutil
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
+from benchmarks.physical_grid import compare_grids
 from benchmarks.report import heading, keep, machine, table
+from benchmarks.second_checkout import measure_in_turn
 from fieldlink.lab.plc import BatchedPlc, VirtualPlc
 from fieldlink.site import load_site
 from fmu_models import collect_windows, fmu_path, open_plant
@@ -38,6 +45,7 @@ from fmu_models import collect_windows, fmu_path, open_plant
 __all__ = ["main"]
 
 _PLANTS = 64
+_SCANS = "example1 in the simulated PLC, PI and registers between samples"
 _SITE_HEAD = """
 [site]
 name = "bench"
@@ -115,7 +123,7 @@ def _lockstep() -> list[list[Any]]:
         with BatchedPlc(site, "plc") as batched:
             tags = ["L0.OP", "L0.PV"]
             in_batches = _rate(lambda n: batched.record(n, tags), 10_000, 3)
-    rows.append(["example1 in the simulated PLC, PI and registers between samples", *scans])
+    rows.append([_SCANS, *scans])
     rows.append(["the same in batches, registers read after every sample", in_batches, math.nan])
     return rows
 
@@ -213,18 +221,29 @@ def _served(seconds: float) -> dict[str, float]:
     }
 
 
+def _ratios(rows: list[list[Any]]) -> list[str]:
+    if not rows:
+        return []
+    head = ["plant, isolated", "here", "second checkout", "ratio"]
+    return ["Samples per second of both checkouts, measured in turn:", table(head, rows)]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--seconds", type=float, default=60.0, help="seconds for which the PLC is served"
     )
+    parser.add_argument("--beside", type=Path, help="folder of a second checkout to measure too")
     parser.add_argument("--out", type=Path, help="folder for the result")
     options = parser.parse_args(arguments)
     served = _served(options.seconds)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     lockstep = _lockstep()
+    beside = [] if options.beside is None else measure_in_turn(options.beside, _SCANS)
     overhead = {version: _overhead(version) for version in (2, 3)}
+    with tempfile.TemporaryDirectory() as folder:
+        grids = compare_grids(Path(folder))
     text = "\n\n".join(
         [
             "Plant samples per second on one core, windows of 1,000 collected:",
@@ -235,6 +254,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     for name, *rates in lockstep
                 ],
             ),
+            *_ratios(beside),
             "Time of a sample over that of a bare FMPy loop, in this process (limit 1.3):",
             table(
                 ["FMI", "one step at a time", "columns"],
@@ -243,10 +263,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"{_PLANTS} isolated plants behind one served PLC at 1 s, {options.seconds:g} s long "
             "(limits 0.3 cores, 1,500 MB):",
             table(list(served), [list(served.values())]),
+            "`physical` against every step of its grid (limit 1 % of S with OP given):",
+            table(
+                [
+                    "S / %",
+                    "lag / s",
+                    "runs with OP given",
+                    "largest difference of the stem / % of S",
+                    "closed loop: 1 % of S apart at / s",
+                    "the reference from itself / s",
+                ],
+                grids,
+            ),
         ]
     )
     print(text)
-    figures = {"lockstep": lockstep, "overhead": overhead, "served": served, "machine": machine()}
+    figures = {"lockstep": lockstep, "overhead": overhead, "served": served, "physical": grids}
+    figures |= {"beside": beside, "machine": machine()}
     about = heading("fmu", __doc__, arguments)
     keep(options.out, "fmu", f"{about}\n\n{text}", figures)
 

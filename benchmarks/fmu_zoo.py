@@ -30,6 +30,10 @@ __all__ = ["LIMITS", "Case", "cases", "difference", "main"]
 
 LIMITS = {"co-simulation": 1e-9, "model exchange": 1e-4}
 _FMPY = {"co-simulation": "CoSimulation", "model exchange": "ModelExchange"}
+_MODELICA = (
+    *("MassSpringSystem", "MassSpringSubSystem1", "MassSpringSubSystem2"),
+    *("ramp", "add", "Mass_Damper"),
+)
 _TOLERANCE = 1e-6
 """Relative, of FMPy's CVode; ours is the same where the FMU recommends none."""
 
@@ -80,7 +84,7 @@ def cases(folder: Path) -> Iterator[Case]:
             yield Case(f"{tool}, tank", file, "co-simulation", 0.1, 40, {"inflow": 2.0})
     modelica = _openmodelica()
     if modelica is not None:
-        for name in ("MassSpringSystem", "ramp", "add", "Mass_Damper"):
+        for name in _MODELICA:
             file = modelica / f"{name}.fmu"
             for kind in summarise(file).kinds:
                 yield Case(f"OpenModelica, {name}", file, kind, 0.037, 80)

@@ -19,6 +19,7 @@ from .errors import (
 from .plant import Piece, Plant, PlantInfo
 from .ssp_export import RunExport, export_run
 from .ssp_structure import Master
+from .start_values import StartValue
 from .stepping import open_plant
 from .summarising import summarise
 from .summary import FmuSummary, UnitDefinition, VariableSummary
@@ -44,6 +45,7 @@ __all__ = [
     "PlantStepError",
     "PlantTimeoutError",
     "RunExport",
+    "StartValue",
     "Sweep",
     "SweepRun",
     "UnitDefinition",

@@ -28,6 +28,10 @@ __all__ = ["summarise_fmu"]
 
 _MOST_PROBLEMS = 20
 _MOST_NAMES = 10
+_MOST_CHECKED_NAMES = 1000
+"""FMPy parses each name by a grammar, 4 ms for one: the names of larger FMUs are not checked."""
+_MOST_LETTERS = 300
+"""Of a problem: one of FMPy's lists every variable."""
 
 
 def summarise_fmu(file: Path) -> FmuSummary:
@@ -133,8 +137,11 @@ def _with_warnings(summary: FmuSummary, description: Any, interface: Any) -> Fmu
         warnings.append("it names no stop time: give one")
     if not summary.can_restore:
         warnings.append("it offers no serialised state: no snapshots")
+    texts = [v.name for v in summary.variables if v.type == "String" and v.settable]
+    if texts:
+        warnings.append(f"texts that can be given at the start: {_enumerate_some(texts)}")
     for kind, why in LEFT_OUT.items():
-        names = [v.name for v in summary.variables if v.type == kind]
+        names = [v.name for v in summary.variables if v.type == kind and v.name not in texts]
         if names:
             warnings.append(f"left out, {why}: {_enumerate_some(names)}")
     if not any(v.causality == "output" for v in summary.variables):
@@ -145,6 +152,10 @@ def _with_warnings(summary: FmuSummary, description: Any, interface: Any) -> Fmu
     return replace(summary, warnings=(*warnings, *_problems(summary, description)))
 
 
+def _shorten(text: str) -> str:
+    return text if len(text) <= _MOST_LETTERS else f"{text[:_MOST_LETTERS]} ..."
+
+
 def _enumerate_some(names: list[str]) -> str:
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
@@ -152,13 +163,18 @@ def _enumerate_some(names: list[str]) -> str:
 
 def _problems(summary: FmuSummary, description: Any) -> list[str]:
     """Return what FMPy's validation has to say."""
+    file = str(summary.file)
     try:
-        found = validate_fmu(str(summary.file))
+        if len(summary.variables) <= _MOST_CHECKED_NAMES:
+            found = validate_fmu(file)
+        else:
+            found = []
+            fmpy.read_model_description(file, validate=True, validate_model_structure=True)
     except ValidationError as error:
         found = list(error.problems)
     except Exception as error:  # noqa: BLE001  FMPy raises nothing narrower; it is shown
         found = [f"it could not be validated: {error}"]
-    first = [text.splitlines()[0].strip() for text in found[:_MOST_PROBLEMS]]
+    first = [_shorten(text.splitlines()[0].strip()) for text in found[:_MOST_PROBLEMS]]
     shown = [f"not quite FMI {description.fmiVersion}: {text}" for text in first]
     if len(found) > _MOST_PROBLEMS:
         shown.append(f"and {len(found) - _MOST_PROBLEMS} more of the kind")

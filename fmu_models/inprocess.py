@@ -26,6 +26,7 @@ from .opening import OpenOptions, load_fmu
 from .pieces import PIECE_SECONDS, fill_pieces
 from .plant import Piece, Plant, PlantInfo
 from .snapshots import pack_snapshot, unpack_snapshot
+from .start_values import StartValues, write_texts
 
 __all__ = ["InProcessPlant"]
 
@@ -50,26 +51,23 @@ class InProcessPlant(Plant):
         self._condition = PlantCondition(self._info.name)
         self._folder, self._log = loaded.folder, loaded.intermediate
         self._instance: Instance | None = loaded.instance
-        structural = loaded.structural
         try:
-            rest = {n: value for n, value in options.parameters.items() if n not in structural}
-            self._begin(loaded.instance, structural, rest)
+            self._begin(loaded.instance, loaded.starts)
         except BaseException:
             self.close()
             raise
 
-    def _begin(
-        self, instance: Instance, structural: Mapping[str, float], parameters: Mapping[str, float]
-    ) -> None:
+    def _begin(self, instance: Instance, starts: StartValues) -> None:
+        fmu, variables = instance.fmu, self._variables
+
+        def write() -> None:
+            variables.write(fmu, starts.numbers, before_start=True)
+            write_texts(fmu, instance.version, starts.texts)
+
         try:
-            if structural:
-                instance.configure(
-                    lambda: self._variables.write_structural(instance.fmu, structural)
-                )
-            instance.start(
-                lambda: self._variables.write(instance.fmu, parameters, before_start=True),
-                self._base,
-            )
+            if starts.structural:
+                instance.configure(lambda: variables.write_structural(fmu, starts.structural))
+            instance.start(write, self._base)
         except (FMICallException, StoppedError, EndedError) as error:
             raise self._condition.refuse_start(error) from error
         self._outputs = self._variables.read_outputs(instance.fmu, self._base)

@@ -20,6 +20,7 @@ from .errors import PlantCrashError, PlantError
 from .opening import OpenOptions
 from .plant import Piece, Plant, PlantInfo
 from .shared_rows import SharedRows, create_memory
+from .start_values import StartValue
 from .worker_link import WorkerLink
 
 __all__ = ["IsolatedPlant"]
@@ -56,7 +57,7 @@ class IsolatedPlant(Plant):
             os.close(memory)
             raise
         period = None if options.period is None else float(options.period)
-        given = replace(options, parameters=_plain(options.parameters), period=period)
+        given = replace(options, parameters=_plain_starts(options.parameters), period=period)
         request = {"file": str(file.resolve()), "options": asdict(given)}
         try:
             answer = self._ask("open", request)
@@ -243,6 +244,13 @@ class IsolatedPlant(Plant):
         self._link.check_open()
         if self._step_begun is not None:
             raise PlantError(f"plant {self._name} is at a step; call finish_step() first")
+
+
+def _plain_starts(values: Mapping[str, StartValue]) -> dict[str, StartValue]:
+    return {
+        str(name): str(value) if isinstance(value, str) else float(value)
+        for name, value in values.items()
+    }
 
 
 def _plain(values: Mapping[str, float]) -> dict[str, float]:

@@ -15,6 +15,7 @@ from .intermediate import IntermediateLog
 from .library import load
 from .model_exchange import ModelExchange
 from .plant import PlantInfo
+from .start_values import StartValue, StartValues, list_texts, sort_start_values
 from .variables import VariableAccess
 
 __all__ = ["LoadedFmu", "OpenOptions", "load_fmu"]
@@ -25,14 +26,14 @@ class OpenOptions:
     """How one FMU is opened.
 
     Attributes:
-        parameters: start values by name.
+        parameters: start values by name: numbers, texts of string variables, words for numbers.
         period: seconds a step; None takes the FMU's default experiment.
         kind: "co-simulation" or "model exchange"; None takes the first that it offers.
         watch: names of further variables that come back with the outputs.
         intermediate: keep the outputs between the ends of a step, for `Plant.take_intermediate`.
     """
 
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, StartValue] = field(default_factory=dict)
     period: float | None = None
     kind: str | None = None
     watch: Sequence[str] = ()
@@ -48,7 +49,7 @@ class LoadedFmu:
         instance: for stepping.
         variables: for reading and writing.
         start_time: of its default experiment, seconds.
-        structural: values of structural parameters that were asked for.
+        starts: the start values that were asked for.
         folder: a temporary folder with its contents; None where the caller gave one.
         intermediate: outputs between the ends of a step; None where they are not asked for.
     """
@@ -57,7 +58,7 @@ class LoadedFmu:
     instance: Instance
     variables: VariableAccess
     start_time: float
-    structural: Mapping[str, float]
+    starts: StartValues
     folder: tempfile.TemporaryDirectory[str] | None
     intermediate: IntermediateLog | None
 
@@ -73,7 +74,7 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
     Raises:
         PlantError: what `open_plant` says.
     """
-    parameters, intermediate = options.parameters, options.intermediate
+    intermediate = options.intermediate
     description, kind = read_description(file, options.kind)
     exchange = kind == MODEL_EXCHANGE
     interface = description.modelExchange if exchange else description.coSimulation
@@ -84,9 +85,8 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
             f"{file}: it offers no outputs between the ends of a step (that takes co-simulation of "
             "FMI 3 with providesIntermediateUpdate); take shorter steps instead"
         )
-    sizes = {v.name for v in description.modelVariables if v.causality == "structuralParameter"}
-    structural = {name: value for name, value in parameters.items() if name in sizes}
-    variables = VariableAccess(description, options.watch, structural)
+    starts = sort_start_values(description, options.parameters)
+    variables = VariableAccess(description, options.watch, starts.structural)
     roles = variables.roles
     info = PlantInfo(
         name=description.modelName,
@@ -96,7 +96,7 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
         inputs=roles.inputs,
         tunable=roles.tunable,
         outputs=(*roles.outputs, *variables.watched),
-        parameters=(*roles.parameters, *variables.structural),
+        parameters=(*roles.parameters, *variables.structural, *list_texts(description)),
         can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
         can_vary_step=exchange or bool(interface.canHandleVariableCommunicationStepSize),
     )
@@ -122,7 +122,7 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
         event_mode = version == 3 and bool(interface.hasEventMode)
         instance = CoSimulation(fmu, version, event_mode=event_mode)
     start = _start_time(description)
-    return LoadedFmu(info, instance, variables, start, structural, own, log)
+    return LoadedFmu(info, instance, variables, start, starts, own, log)
 
 
 def _start_time(description: Any) -> float:

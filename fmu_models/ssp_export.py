@@ -21,6 +21,7 @@ from lxml import etree
 from .errors import PlantError
 from .ssp_file import RUN_TYPE, read_structure
 from .ssp_structure import Master
+from .start_values import StartValue
 from .summary import FmuSummary, VariableSummary
 
 __all__ = ["RunExport", "export_run"]
@@ -42,7 +43,7 @@ class RunExport:
         recordings: contents of further files by name, such as the table of the run.
     """
 
-    start_values: Mapping[str, float]
+    start_values: Mapping[str, StartValue]
     start: float
     stop: float
     step: float
@@ -156,7 +157,7 @@ def _declare(connector: Any, variable: VariableSummary) -> None:
     _add(connector, "ssc", kind, **attributes)
 
 
-def _bind(system: Any, fmu: FmuSummary, values: Mapping[str, float], prefix: str) -> None:
+def _bind(system: Any, fmu: FmuSummary, values: Mapping[str, StartValue], prefix: str) -> None:
     """Bind start values to the whole system, behind its own bindings."""
     if not values:
         return
@@ -175,9 +176,11 @@ def _bind(system: Any, fmu: FmuSummary, values: Mapping[str, float], prefix: str
         _put_value(parameter, fmu.variable(name), value)
 
 
-def _put_value(parameter: Any, variable: VariableSummary | None, value: float) -> None:
+def _put_value(parameter: Any, variable: VariableSummary | None, value: StartValue) -> None:
     items = dict(variable.items) if variable is not None else {}
-    if int(value) in items:
+    if isinstance(value, str):
+        _add(parameter, "ssv", "Enumeration" if value in items.values() else "String", value=value)
+    elif int(value) in items:
         _add(parameter, "ssv", "Enumeration", value=items[int(value)])
     elif variable is not None and variable.type == "Boolean":
         _add(parameter, "ssv", "Boolean", value="true" if value else "false")

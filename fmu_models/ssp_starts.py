@@ -5,6 +5,7 @@ from __future__ import annotations
 from .errors import PlantFileError, PlantInputError
 from .ssp_structure import SystemStructure
 from .ssp_values import SiUnit
+from .start_values import StartValue
 from .summary import FmuSummary
 
 __all__ = ["resolve_starts"]
@@ -12,7 +13,7 @@ __all__ = ["resolve_starts"]
 
 def resolve_starts(
     structure: SystemStructure, component: str, fmu: FmuSummary
-) -> tuple[dict[str, float], list[str]]:
+) -> tuple[dict[str, StartValue], list[str]]:
     """Return a component's start values by variable, and the names that its FMU does not have.
 
     SSP 1.0 has names without a variable ignored; the reader of the second list tells the user.
@@ -20,7 +21,7 @@ def resolve_starts(
     Raises:
         PlantFileError: a value that does not fit its variable.
     """
-    found: dict[str, float] = {}
+    found: dict[str, StartValue] = {}
     ignored = []
     for name, start in structure.starts.get(component, {}).items():
         variable = fmu.variable(name)
@@ -30,7 +31,8 @@ def resolve_starts(
         unit = structure.unit_of.get((component, name)) or _own_unit(fmu, variable.unit)
         items = {item: float(value) for value, item in variable.items}
         try:
-            found[name] = start.number(unit, items)
+            text = variable.type == "String"
+            found[name] = start.text() if text else start.number(unit, items)
         except PlantInputError as error:
             raise PlantFileError(f"{structure.file}: {component}.{name}: {error}") from error
     return found, ignored

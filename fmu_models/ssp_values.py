@@ -43,16 +43,28 @@ class Start:
     """A start value.
 
     Attributes:
-        value: a number, or the name of an enumeration's item.
+        value: a number, the name of an enumeration's item, or a text.
         unit: in which it is given; empty where the file names none.
         definition: of that unit; None where nothing defines it.
         changes: what the mapping does to it, after its unit was converted.
+        is_text: whether it is the value of a string variable.
     """
 
     value: float | str
     unit: str = ""
     definition: SiUnit | None = None
     changes: tuple[Change, ...] = ()
+    is_text: bool = False
+
+    def text(self) -> str:
+        """Return the text that the target takes.
+
+        Raises:
+            PlantInputError: it is a number, or an item of an enumeration.
+        """
+        if not self.is_text:
+            raise PlantInputError(f"it takes text; the file gives {self.value}, no String")
+        return str(self.value)
 
     def number(self, unit: SiUnit | None, items: Mapping[str, float]) -> float:
         """Return the number that the target takes.
@@ -62,10 +74,12 @@ class Start:
             items: of the target's enumeration, their numbers by name.
 
         Raises:
-            PlantInputError: an item that the enumeration lacks, a unit of another quantity, or a
-                mapping without an entry for the value.
+            PlantInputError: a text, an item that the enumeration lacks, a unit of another quantity,
+                or a mapping without an entry for the value.
         """
         value = self.value
+        if self.is_text:
+            raise PlantInputError(f"it takes a number; the file gives the text {value!r}")
         if isinstance(value, str):
             if value not in items:
                 known = f"it has {', '.join(items)}" if items else "it is no enumeration"
@@ -82,7 +96,7 @@ class Start:
         """Return the value behind a connector in ``unit`` and the changes of its connection.
 
         Raises:
-            PlantInputError: as `number` does; items of enumerations pass as they are.
+            PlantInputError: as `number` does; items of enumerations and texts pass as they are.
         """
         if isinstance(self.value, str):
             return self
@@ -190,9 +204,10 @@ def _start(parameter: Any, units: Units) -> Start:
             return Start(_TRUTH[text])
         if kind == "Enumeration":
             return Start(str(text))
+        if kind == "String":
+            return Start(text or "", is_text=True)
     raise ValueError(
-        f"parameter {parameter.get('name')} is text or binary data; only numbers, booleans and "
-        "items of enumerations can be set"
+        f"parameter {parameter.get('name')} is binary data, which cannot be set; leave it out"
     )
 
 
@@ -214,6 +229,10 @@ def _transformed(given: Start, entry: Any) -> Start:
     def refuse(item: str) -> float:
         raise ValueError(f"the mapping of {name} is one of items such as {item}, its value is not")
 
+    if given.is_text:
+        if len(entry):
+            raise ValueError(f"the mapping of {name} transforms a text; remove the transformation")
+        return given
     if isinstance(given.value, str):
         words = entry.find("ssc:EnumerationMappingTransformation", _NS)
         if words is None:

@@ -13,17 +13,18 @@ from .isolated import IsolatedPlant
 from .opening import OpenOptions
 from .plant import Plant
 from .ssp_structure import Master
+from .start_values import StartValue
 from .system_plant import SystemPlant
 
 __all__ = ["open_plant"]
 
-_NONE: Mapping[str, float] = MappingProxyType({})
+_NONE: Mapping[str, StartValue] = MappingProxyType({})
 
 
 def open_plant(
     model: str | Path,
     *,
-    parameters: Mapping[str, float] = _NONE,
+    parameters: Mapping[str, StartValue] = _NONE,
     period: float | None = None,
     kind: str | None = None,
     watch: Sequence[str] = (),
@@ -37,7 +38,8 @@ def open_plant(
     Args:
         model: a name of the catalogue, or the path of an FMU (FMI 1, 2 or 3) or of a system of
             FMUs (SSP 1.0). A string that ends in ``.fmu`` or ``.ssp`` is a path.
-        parameters: start values of parameters and inputs, by variable name.
+        parameters: start values of parameters and inputs, by variable name: a number, the text of
+            a string variable, an item of an enumeration, "true" or "false".
         period: seconds that one step advances; None takes what the FMU recommends.
         kind: "co-simulation" or "model exchange"; None takes co-simulation where it is offered.
         watch: names of further variables to put out, such as ``der(tank.h)``.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
@@ -56,7 +57,7 @@ class VariableSummary:
     sized_by: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FmuSummary:
     """An FMU as its archive describes it.
 
@@ -103,11 +104,15 @@ class FmuSummary:
 
     def variable(self, name: str) -> VariableSummary | None:
         """Return a variable by name; an element such as ``y[2]`` is its array."""
-        found = next((v for v in self.variables if v.name == name), None)
+        found = self._by_name.get(name)
         if found is None and name.endswith("]"):
-            array = name[: name.rindex("[")] if "[" in name else name
-            found = next((v for v in self.variables if v.name == array and not v.scalar), None)
+            array = self._by_name.get(name.rpartition("[")[0])
+            found = None if array is None or array.scalar else array
         return found
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, VariableSummary]:
+        return {v.name: v for v in reversed(self.variables)}
 
     def elements(
         self, variable: VariableSummary, sizes: Mapping[str, float] = MappingProxyType({})

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from .archive import parse_description, read_description
 from .catalogue import fmu_path
 from .errors import PlantEndedError, PlantError, PlantNameError, nearest
+from .start_values import StartValue, list_texts, sort_start_values
 from .stepping import open_plant
 from .sweep_journal import SweepJournal
 from .sweep_plan import Sweep
@@ -65,7 +66,7 @@ class SweepRun:
     """
 
     number: int
-    parameters: dict[str, float]
+    parameters: dict[str, StartValue]
     period: float
     signals: dict[str, NDArray[np.float64]]
     figures: dict[str, float]
@@ -110,17 +111,15 @@ def run_sweep(
 
 def _check(sweep: Sweep, description: Any) -> tuple[str, ...]:
     """Refuse names that cannot be set; return those of whole numbers."""
-    structural = {n: v for n, v in sweep.fixed.items() if n in _structural(description)}
-    variables = VariableAccess(description, structural=structural)
-    known = (*variables.roles.parameters, *variables.structural)
+    starts = sort_start_values(description, sweep.fixed)
+    variables = VariableAccess(description, structural=starts.structural)
+    known = (*variables.roles.parameters, *variables.structural, *list_texts(description))
     for name in (*sweep.grid, *sweep.random, *sweep.fixed):
         if name not in known:
             raise PlantNameError(f"{sweep.model} has no parameter {name!r}; {nearest(name, known)}")
+        if name in sweep.random and name in list_texts(description):
+            raise PlantNameError(f"{sweep.model}: {name!r} takes text, which cannot be drawn")
     return tuple(name for name in sweep.random if variables.is_whole(name))
-
-
-def _structural(description: Any) -> set[str]:
-    return {v.name for v in description.modelVariables if v.causality == "structuralParameter"}
 
 
 def _in_order(
@@ -184,7 +183,7 @@ _Signals = dict[str, NDArray[np.float64]]
 _Done = tuple[float, _Signals, dict[str, float], str | None]
 
 
-def _ours(sweep: Sweep, parameters: Mapping[str, float]) -> _Done:
+def _ours(sweep: Sweep, parameters: Mapping[str, StartValue]) -> _Done:
     names = sweep.names
     with open_plant(
         sweep.model, parameters=parameters, watch=[names.sp], period=sweep.period, isolated=False
@@ -193,7 +192,7 @@ def _ours(sweep: Sweep, parameters: Mapping[str, float]) -> _Done:
         return plant.info.period, signals, _figures(signals), None
 
 
-def _any(sweep: Sweep, parameters: Mapping[str, float]) -> _Done:
+def _any(sweep: Sweep, parameters: Mapping[str, StartValue]) -> _Done:
     ended = None
     with open_plant(
         sweep.file,

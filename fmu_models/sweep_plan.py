@@ -18,6 +18,7 @@ from scipy.stats import qmc
 
 from .catalogue import CatalogueModel, LoopVariables, catalogue
 from .errors import PlantInputError, PlantNameError, nearest
+from .start_values import StartValue
 
 __all__ = ["Design", "Sweep"]
 
@@ -35,7 +36,7 @@ class Sweep:
         model: a plant of the catalogue, with its controller inside, or the path of any FMU, which
             ends in ``.fmu``.
         steps: of each run.
-        grid: values to combine, by parameter.
+        grid: values to combine, by parameter; of string variables texts.
         random: low and high of values drawn anew for each run, by parameter.
         fixed: parameters of every run. For a plant of the catalogue ``controller`` is 1 and the
             plant rests at OP 40 % at the start unless they say otherwise.
@@ -53,9 +54,9 @@ class Sweep:
 
     model: str
     steps: int
-    grid: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    grid: Mapping[str, tuple[StartValue, ...]] = field(default_factory=dict)
     random: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    fixed: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, StartValue] = field(default_factory=dict)
     runs: int = 1
     seed: int = 1
     loop: int = 0
@@ -81,8 +82,8 @@ class Sweep:
                 f"{self.model} has {loops} loops; loop {self.loop} is none of them (the first is 0)"
             )
         for name, values in self.grid.items():
-            if not values or not all(map(math.isfinite, values)):
-                shown = ", ".join(f"{value:g}" for value in values) or "none"
+            if not values or not all(isinstance(v, str) or math.isfinite(v) for v in values):
+                shown = ", ".join(map(str, values)) or "none"
                 raise PlantInputError(f"{name}: give at least one finite value; got {shown}")
         for name, (low, high) in self.random.items():
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
@@ -112,17 +113,18 @@ class Sweep:
         """The variables of the loop that is recorded, of a plant of the catalogue."""
         return catalogue[self.model].loops[self.loop]
 
-    def parameters(self, number: int) -> dict[str, float]:
+    def parameters(self, number: int) -> dict[str, StartValue]:
         """Return the parameters of run ``number``, from 0."""
         point, place = divmod(number, self.runs)
         values = next(itertools.islice(itertools.product(*self.grid.values()), point, None))
-        chosen: dict[str, float] = {}
+        chosen: dict[str, StartValue] = {}
         if self.plant is not None:
             chosen["seed"] = float(1 + (self.seed * 1_000_003 + number) % 2**31)
             for loop in self.plant.loops:
                 chosen |= {loop.controller: 1.0, f"{loop.op}_start": _OP_START}
         chosen |= self.fixed
-        chosen |= zip(self.grid, map(float, values), strict=True)
+        for name, value in zip(self.grid, values, strict=True):
+            chosen[name] = value if isinstance(value, str) else float(value)
         return chosen | self._drawn(number, point, place)
 
     def _drawn(self, number: int, point: int, place: int) -> dict[str, float]:

@@ -40,6 +40,8 @@ from .ssp_components import extract_components, name_component, summarise_compon
 from .ssp_file import read_system
 from .ssp_starts import resolve_starts
 from .ssp_structure import Master
+from .ssp_texts import leave_out_texts
+from .start_values import StartValue
 from .summary import FmuSummary
 from .system_values import SystemValues
 
@@ -73,7 +75,7 @@ class SystemPlant(Plant):
         self,
         file: Path,
         *,
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, StartValue],
         period: float | None = None,
         kind: str | None = None,
         watch: Sequence[str] = (),
@@ -96,6 +98,7 @@ class SystemPlant(Plant):
         try:
             files = extract_components(file, self._structure.sources, Path(self._folder.name))
             parts = summarise_components(file, files)
+            leave_out_texts(self._structure, parts)
             step = period or self._structure.step or _shortest_step(file, parts)
             names = (*self._structure.inputs, *self._structure.parameters)
             own = {name: parameters[name] for name in names if name in parameters}
@@ -105,8 +108,9 @@ class SystemPlant(Plant):
             wanted = values.split(dict.fromkeys(inner, 0.0))
             for component in self._structure.order():
                 starts, _ = resolve_starts(self._structure, component, parts[component])
-                starts |= values.given_by(self._structure.parameter_links[component])
-                starts |= values.given_by(self._structure.links[component])
+                for links in (self._structure.parameter_links, self._structure.links):
+                    starts |= values.given_by(links[component])
+                    starts |= values.texts_by(links[component])
                 starts |= given.get(component, {})
                 options = OpenOptions(starts, step, kind, tuple(wanted.get(component, ())))
                 try:

@@ -10,6 +10,8 @@ from .ssp_components import extract_components, summarise_components
 from .ssp_file import read_system
 from .ssp_starts import resolve_starts
 from .ssp_structure import SystemStructure
+from .ssp_texts import leave_out_texts
+from .start_values import StartValue
 from .summary import FmuSummary, UnitDefinition, VariableSummary
 
 __all__ = ["summarise_system"]
@@ -31,6 +33,7 @@ def summarise_system(file: Path) -> FmuSummary:
     with tempfile.TemporaryDirectory(prefix="fieldlink-ssp-") as folder:
         files = extract_components(file, structure.sources, Path(folder))
         parts = summarise_components(file, files)
+    left_out = leave_out_texts(structure, parts)
     variables = [
         _variable(name, "input", unit, _input_start(structure, parts, name))
         for name, unit in structure.inputs.items()
@@ -47,6 +50,8 @@ def summarise_system(file: Path) -> FmuSummary:
         if structure.master == "jacobi"
         else f"one step goes through {order} (Gauss-Seidel)"
     ]
+    if left_out:
+        warnings.append(f"outputs left out, they are no numbers: {', '.join(left_out)}")
     unknown = list(structure.ignored)
     for component, part in parts.items():
         links = structure.links[component]
@@ -54,7 +59,7 @@ def summarise_system(file: Path) -> FmuSummary:
         unknown += ignored
         for v in part.variables:
             role = v.causality if v.causality in _SHOWN else "local"
-            start = f"{given[v.name]:g}" if v.name in given else v.start
+            start = _shown(given[v.name]) if v.name in given else v.start
             variables.append(replace(v, name=f"{component}.{v.name}", causality=role, start=start))
             if v.causality == "input" and v.name not in links and v.name not in given:
                 warnings.append(f"input {component}.{v.name} is fed by nothing")
@@ -88,6 +93,10 @@ def summarise_system(file: Path) -> FmuSummary:
     )
 
 
+def _shown(value: StartValue) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 def _unit_of(parts: dict[str, FmuSummary], component: str, name: str) -> str:
     found = parts[component].variable(name) if component in parts else None
     return found.unit if found is not None else ""
@@ -99,6 +108,8 @@ def _input_start(structure: SystemStructure, parts: dict[str, FmuSummary], name:
     It is that of the system, else that of the first component that it feeds.
     """
     given = structure.starts.get("", {}).get(name)
+    if given is not None and given.is_text:
+        return given.text()
     if given is not None:
         return f"{given.number(structure.unit_of.get(('', name)), {}):g}"
     for component, links in structure.links.items():
@@ -108,8 +119,10 @@ def _input_start(structure: SystemStructure, parts: dict[str, FmuSummary], name:
             starts, _ = resolve_starts(structure, component, parts[component])
             described = parts[component].variable(variable)
             own = described.start if described is not None else ""
+            if described is not None and described.type == "String":
+                return str(starts.get(variable, own))
             inside = starts.get(variable, float(_WORDS.get(own, own)) if own else None)
-            value = None if inside is None else link.invert(inside)
+            value = None if inside is None else link.invert(float(inside))
             if value is not None:
                 return f"{value:g}"
     straight = any(not o.component and o.name == name for o in structure.outputs.values())

@@ -14,6 +14,7 @@ __all__ = [
     "LEFT_OUT",
     "REAL_TYPES",
     "REFERENCE_TYPES",
+    "STRING_TYPES",
     "describe_range",
     "is_settable",
     "list_starts",
@@ -57,6 +58,7 @@ REFERENCE_TYPES = {
     2: fmi2.fmi2ValueReference,
     3: fmi3.fmi3ValueReference,
 }
+STRING_TYPES = {1: fmi1.fmi1String, 2: fmi2.fmi2String, 3: fmi3.fmi3String}
 REAL_TYPES = ("Real", "Float64", "Float32")
 
 

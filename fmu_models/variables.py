@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .arrays import element_names, resolve_shape
 from .errors import PlantNameError, PlantStepError, nearest
+from .start_values import list_texts
 from .variable_groups import VariableGroup, group_variables
 from .variable_types import (
     FUNCTIONS,
@@ -69,6 +70,7 @@ class VariableAccess:
                 self._elements[v.name] = names
                 self._variables |= dict.fromkeys(names, v)
         self._model = description.modelName
+        self._texts = list_texts(description)
         self.roles = Roles(
             inputs=self._where(lambda v: v.causality == "input"),
             tunable=self._where(
@@ -243,8 +245,14 @@ class VariableAccess:
         allowed = self._may_set[before_start]
         variable = self._variables.get(name)
         role = "parameter or input" if before_start else "input or tunable parameter"
+        if variable is None and name in self._texts:
+            return (
+                f"plant {self._model}: {name!r} is text, which cannot change during a run; give it "
+                "when the plant is opened"
+            )
         if variable is None:
-            return f"plant {self._model} has no {role} {name!r}; {nearest(name, allowed)}"
+            known = (*allowed, *self._texts) if before_start else allowed
+            return f"plant {self._model} has no {role} {name!r}; {nearest(name, known)}"
         if variable.causality == "parameter":
             return (
                 f"plant {self._model}: parameter {name!r} is fixed; give it when the plant is "

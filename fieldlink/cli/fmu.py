@@ -15,7 +15,7 @@ from fieldlink.cli.fmu_tables import print_result, print_summary
 
 if TYPE_CHECKING:
     from fieldlink.lab.fmu import FmuMap
-    from fmu_models import FmuSummary
+    from fmu_models import FmuSummary, StartValue
 
 __all__ = ["app"]
 
@@ -51,28 +51,31 @@ def info(
     print_summary(summary, every)
 
 
-def _start_values(pairs: list[str], summary: FmuSummary) -> dict[str, float]:
-    """Read NAME=NUMBER; true, false and the names of an enumeration's values are numbers too."""
-    values: dict[str, float] = {}
+def _start_values(pairs: list[str], summary: FmuSummary) -> dict[str, StartValue]:
+    """Read the NAME=VALUE pairs of --set."""
+    from fieldlink.lab.fmu.start_text import read_start_value
+
+    values: dict[str, StartValue] = {}
     for pair in pairs:
-        name, _, text = pair.rpartition("=")
-        variable = summary.variable(name)
-        words = {"true": 1, "false": 0}
-        if variable is not None:
-            words |= {item: value for value, item in variable.items}
+        name, text = _split(pair, summary)
         try:
             if not name:
-                raise ValueError
-            values[name] = float(words.get(text, text))
-        except ValueError:
-            hint = (
-                f" or one of {', '.join(words)}" if variable is not None and variable.items else ""
-            )
+                raise ValueError(f"{pair!r} is not NAME=VALUE")
+            values[name] = read_start_value(summary, name, text)
+        except ValueError as error:
             raise typer.BadParameter(
-                f"{pair!r} is not NAME=NUMBER, for instance noise_std=0.1{hint}",
+                f"{pair}: {error}; give NAME=VALUE, for instance noise_std=0.1",
                 param_hint="--set",
             ) from None
     return values
+
+
+def _split(pair: str, summary: FmuSummary) -> tuple[str, str]:
+    """Divide NAME=VALUE where both may hold signs of equality; the longest known name wins."""
+    places = [i for i, sign in enumerate(pair) if sign == "="]
+    known = [i for i in places if summary.variable(pair[:i]) is not None]
+    place = max(known or places[:1], default=0)
+    return pair[:place], pair[place + 1 :]
 
 
 @app.command("run")
@@ -87,7 +90,8 @@ def run(
         Path | None, typer.Option(help="CSV: time and a column for each driven tag or variable.")
     ] = None,
     start_values: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=NUMBER", help="A start value.")
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A start value: a number, word or text."),
     ] = None,
     watch: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Record this variable too.")
@@ -192,7 +196,7 @@ def run(
 
 
 def _drivable(
-    summary: FmuSummary, mapping: FmuMap, sizes: dict[str, float]
+    summary: FmuSummary, mapping: FmuMap, start_values: dict[str, StartValue]
 ) -> dict[str, dict[str, float]]:
     """Names that a column of the inputs may have, with the words that stand for their values.
 
@@ -200,7 +204,9 @@ def _drivable(
     """
     from fieldlink.lab.fmu.signals import Signals, words_of
 
-    signals = Signals(summary, mapping, {**mapping.parameters, **sizes}, ())
+    given = {**mapping.parameters, **start_values}
+    sizes = {name: value for name, value in given.items() if not isinstance(value, str)}
+    signals = Signals(summary, mapping, sizes, ())
     return {
         tag: words_of(summary.variable(entry.variable)) for tag, entry in signals.inputs.items()
     }

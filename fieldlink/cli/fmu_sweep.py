@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fieldlink.cli.fmu_progress import FmuProgress
 from fieldlink.cli.fmu_tables import MOST_ROWS
+
+if TYPE_CHECKING:
+    from fmu_models import FmuSummary, StartValue
 
 __all__ = ["sweep"]
 
@@ -47,14 +50,15 @@ def sweep(
 ) -> None:
     """Run a plant, or any FMU, many times; goes on where it was interrupted."""
     from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
-    from fmu_models import Sweep, catalogue, summarise
+    from fmu_models import Sweep, catalogue, fmu_path, summarise
 
     ours = str(fmu) in catalogue and not fmu.exists()
-    values = {name: _list_of(text, "--set") for name, text in _pairs(grid or [], "--set")}
+    summary = summarise(fmu_path(str(fmu)) if ours else fmu)
+    values = {name: _values_of(name, text, summary) for name, text in _pairs(grid or [], "--set")}
     if ours:
         count, period = steps or _CATALOGUE_STEPS, step
     else:
-        count, period = plan_steps(summarise(fmu), steps, step)
+        count, period = plan_steps(summary, steps, step)
     plan = Sweep(
         str(fmu),
         steps=count,
@@ -88,15 +92,18 @@ def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
     return [(name, value) for name, _, value in pairs]
 
 
-def _list_of(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
+def _values_of(name: str, text: str, summary: FmuSummary) -> tuple[StartValue, ...]:
+    from fieldlink.lab.fmu.start_text import read_start_value
+
     try:
-        return tuple(float(part) for part in text.split(separator))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} are no numbers", param_hint=option) from None
+        return tuple(read_start_value(summary, name, part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"{name}: {error}", param_hint="--set") from None
 
 
 def _range_of(text: str) -> tuple[float, float]:
-    bounds = _list_of(text, "--random", ":")
-    if len(bounds) != 2:
-        raise typer.BadParameter(f"{text!r} is not LOW:HIGH", param_hint="--random")
-    return bounds[0], bounds[1]
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not LOW:HIGH", param_hint="--random") from None

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fieldlink.lab.fmu import RunResult
-    from fmu_models import FmuSummary
+    from fmu_models import FmuSummary, VariableSummary
 
 __all__ = ["MOST_ROWS", "print_result", "print_summary"]
 
 MOST_ROWS = 40
 """Of a table on a terminal; the files have all."""
+_MOST_VARIABLES = 200
+"""That ``info`` shows unless asked for all: some screens full."""
+_HIDDEN = ("local", "independent")
 
 
 def print_summary(summary: FmuSummary, every: bool) -> None:
@@ -40,24 +44,26 @@ def print_summary(summary: FmuSummary, every: bool) -> None:
     ):
         facts.add_row(name, value)
     console.print(facts)
-    console.print(_variables_table(summary, every))
+    shown = [v for v in summary.variables if every or v.causality not in _HIDDEN]
+    most = len(shown) if every else _MOST_VARIABLES
+    console.print(_variables_table(shown[:most]))
     hidden = sum(v.causality == "local" for v in summary.variables)
     if hidden and not every:
         console.print(f"and {hidden} local variables: --all shows them", style="dim")
+    if len(shown) > most:
+        console.print(f"and {len(shown) - most} more: --all shows them", style="dim")
     for warning in summary.warnings:
         console.print(f"[yellow]note[/yellow] {warning}", highlight=False)
 
 
-def _variables_table(summary: FmuSummary, every: bool) -> Any:
+def _variables_table(shown: Sequence[VariableSummary]) -> Any:
     from rich.markup import escape
     from rich.table import Table
 
     table = Table(header_style="bold", box=None, pad_edge=False)
     for column in ("variable", "role", "type", "unit", "start", "range", "what"):
         table.add_column(column, overflow="fold")
-    for v in summary.variables:
-        if v.causality in ("local", "independent") and not every:
-            continue
+    for v in shown:
         what = v.description
         if v.items:
             what += " (" + ", ".join(f"{value} {name}" for value, name in v.items) + ")"

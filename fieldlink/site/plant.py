@@ -10,6 +10,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from fieldlink.site.device import Model, Seconds
+from fieldlink.site.start_value import StartValue
 
 __all__ = ["ControllerKind", "ExternalSettings", "PiSettings", "PlantSettings", "PlantVariables"]
 
@@ -82,8 +83,8 @@ class PlantSettings(Model):
     """Seed of the plant's noise."""
     setpoint: tuple[tuple[float, float], ...] = ()
     """Set-point steps: (plant seconds, value), in order of time."""
-    parameters: Mapping[str, float] = {}
-    """Parameters of the FMU."""
+    parameters: Mapping[str, StartValue] = {}
+    """Parameters of the FMU: numbers, words of booleans and enumerations, texts in quotes."""
 
     @property
     def controller_kind(self) -> ControllerKind:

@@ -10,10 +10,10 @@
  * force. With a step of pressure the stem of this overdamped actuator comes to rest where He's
  * model puts it; with a lag of pressure it may slip early, stick again, and rest up to J short.
  *
- * Integrated on a grid of 0.1 ms, implicit in velocity. Where nothing happens the grid is left: a
- * stem that sticks waits for the pressure, whose exponential is known, and a stem that moves
- * steadily, away from Stribeck's velocity, takes longer steps. Against every step of the grid the
- * stem differs by less than 1 % of the stick band; a test keeps that. */
+ * Integrated on a grid of 0.1 ms, implicit in velocity. Where the grid's steps are known in advance
+ * they are taken together: a stem that sticks waits for the pressure, whose exponential is known,
+ * and with Coulomb friction alone, away from Stribeck's velocity, the steps are one linear map. So
+ * the stem is that of every step of the grid, but for rounding; a test keeps that. */
 #define MODEL_IDENTIFIER physical
 #define BASE_STEP 0.0001
 #define DEFAULT_STEP 1.0
@@ -87,12 +87,6 @@ static double sliding(const plant *p, const forces *f, double v) {
     return f->coulomb + (f->static_force - f->coulomb) * exp(-r * r);
 }
 
-/* Steps of the grid that a steady motion takes at once: 1 ms, a twelfth of the actuator's own lag
- * viscous/spring, so that backward Euler's delay of half a step stays below 0.1 % of travel. */
-#define LONG_STEP 10
-/* A motion is steady where the velocity changes by less than this part of it in a long step. */
-#define STEADY 0.05
-
 /* Karnopp: Computer simulation of stick-slip friction in mechanical dynamic systems. J. Dynamic
  * Systems, Measurement, and Control 107 (1985) 100-103. Within a small velocity the stem sticks,
  * and friction balances the driving force up to the static one. Returns the velocity after h. */
@@ -160,7 +154,7 @@ static const char *plant_initialise(plant *p) {
     return check(p);
 }
 
-/* What the lags of pressure and process let through in one and in LONG_STEP steps of the grid. */
+/* What the lags of pressure and process let through in a time. */
 typedef struct {
     double fill, follow;
 } lags;
@@ -176,17 +170,6 @@ static double driving_force(const plant *p, const forces *f) {
     return 0.01 * f->span * p->memory.pressure - p->v.spring * p->memory.x;
 }
 
-static void stop_at_ends(plant *p) {
-    if (p->memory.x >= 0.0 && p->memory.x <= p->v.travel)
-        return;
-    p->memory.x = plant_clamp(p->memory.x, 0.0, p->v.travel);
-    p->memory.v = 0.0;
-}
-
-static void follow_stem(plant *p, double share, double x) {
-    p->memory.y += share * (100.0 * x / p->v.travel + p->v.load - p->memory.y);
-}
-
 static void move_one_step(plant *p, const forces *f, const lags *l, double op) {
     p->memory.pressure += l->fill * (op - p->memory.pressure);
     if ((int)p->v.valve == VALVE_LUGRE)
@@ -194,28 +177,75 @@ static void move_one_step(plant *p, const forces *f, const lags *l, double op) {
     else
         p->memory.v = karnopp(p, f, driving_force(p, f), BASE_STEP);
     p->memory.x += BASE_STEP * p->memory.v;
-    stop_at_ends(p);
-    follow_stem(p, l->follow, p->memory.x);
+    if (p->memory.x < 0.0 || p->memory.x > p->v.travel) {
+        p->memory.x = plant_clamp(p->memory.x, 0.0, p->v.travel);
+        p->memory.v = 0.0;
+    }
+    p->memory.y += l->follow * (100.0 * p->memory.x / p->v.travel + p->v.load - p->memory.y);
 }
 
-/* Move LONG_STEP steps of the grid at once and return 1 where the motion is steady. */
-static int move_steadily(plant *p, const forces *f, const lags *l, double op) {
-    const double h = BASE_STEP * LONG_STEP, x = p->memory.x, pressure = p->memory.pressure;
-    const double before = fabs(p->memory.v);
-    const double fast = (int)p->v.valve == VALVE_FRICTIONLESS ? 0.0 : 4.0 * p->v.stribeck;
-    double v;
-    if (before <= fast)
-        return 0;
-    p->memory.pressure += l->fill * (op - pressure);
-    v = karnopp(p, f, driving_force(p, f), h);
-    if (fabs(v - p->memory.v) > STEADY * before || fabs(v) <= fast) {
-        p->memory.pressure = pressure;
-        return 0;
+/* A sliding stem: pressure less OP, velocity, position, process. */
+typedef struct {
+    double q, v, x, y;
+} motion;
+
+/* Where JUMP steps of the grid bring a unit of each: of the four, of a constant force, of the load.
+ * Ten steps are 1 ms, a twelfth of the actuator's own lag viscous/spring: few are taken in vain. */
+#define JUMP 10
+typedef struct {
+    int known;
+    motion of_q, of_v, of_x, of_y, of_force, of_load;
+} jumps;
+
+static motion slide(const plant *p, const lags *l, motion m, double force, double load) {
+    const double h = BASE_STEP;
+    for (int k = 0; k < JUMP; ++k) {
+        m.q -= l->fill * m.q;
+        m.v = (p->v.mass * m.v +
+               h * (0.01 * p->v.spring * p->v.travel * m.q - p->v.spring * m.x + force)) /
+              (p->v.mass + h * (p->v.viscous + h * p->v.spring));
+        m.x += h * m.v;
+        m.y += l->follow * (100.0 * m.x / p->v.travel + load - m.y);
     }
-    p->memory.v = v;
-    p->memory.x += h * v;
-    stop_at_ends(p);
-    follow_stem(p, l->follow, 0.5 * (x + p->memory.x));
+    return m;
+}
+
+static void find_jumps(const plant *p, const lags *l, jumps *j) {
+    j->of_q = slide(p, l, (motion){1.0, 0.0, 0.0, 0.0}, 0.0, 0.0);
+    j->of_v = slide(p, l, (motion){0.0, 1.0, 0.0, 0.0}, 0.0, 0.0);
+    j->of_x = slide(p, l, (motion){0.0, 0.0, 1.0, 0.0}, 0.0, 0.0);
+    j->of_y = slide(p, l, (motion){0.0, 0.0, 0.0, 1.0}, 0.0, 0.0);
+    j->of_force = slide(p, l, (motion){0.0, 0.0, 0.0, 0.0}, 1.0, 0.0);
+    j->of_load = slide(p, l, (motion){0.0, 0.0, 0.0, 0.0}, 0.0, 1.0);
+    j->known = 1;
+}
+
+/* Friction is Coulomb's to the last bit from 6.1 times Stribeck's velocity on, where
+ * exp(-r * r) < 1e-16; the rest is room for what happens between the two ends of a jump. */
+#define FAST 8.0
+/* The velocity may change by this part of it in a jump: so it stays fast between the two ends. */
+#define STEADY 0.2
+
+/* Take JUMP steps of the grid at once and return 1 where friction is Coulomb's in all of them. */
+static int jump(plant *p, const forces *f, const lags *l, jumps *j, double op) {
+    const double v = p->memory.v, x = p->memory.x, y = p->memory.y, q = p->memory.pressure - op;
+    const double fast = f->static_force > 0.0 ? FAST * p->v.stribeck : -1.0;
+    double force, after_v, after_x;
+    if (fabs(v) <= fast)
+        return 0;
+    if (!j->known)
+        find_jumps(p, l, j);
+    force = 0.01 * f->span * op - (v > 0.0 ? f->coulomb : -f->coulomb);
+    after_v = j->of_q.v * q + j->of_v.v * v + j->of_x.v * x + j->of_force.v * force;
+    after_x = j->of_q.x * q + j->of_v.x * v + j->of_x.x * x + j->of_force.x * force;
+    if (fabs(after_v) <= fast || fabs(after_v - v) > STEADY * fabs(v) + 0.01 * p->v.stribeck ||
+        after_x < 0.0 || after_x > p->v.travel)
+        return 0;
+    p->memory.pressure = op + j->of_q.q * q;
+    p->memory.v = after_v;
+    p->memory.x = after_x;
+    p->memory.y = j->of_q.y * q + j->of_v.y * v + j->of_x.y * x + j->of_y.y * y +
+                  j->of_force.y * force + j->of_load.y * p->v.load;
     return 1;
 }
 
@@ -223,24 +253,26 @@ static void rest(plant *p, double op, int64_t n) {
     const lags l = present_lags(p, BASE_STEP * (double)n);
     p->memory.v = 0.0;
     p->memory.pressure += l.fill * (op - p->memory.pressure);
-    follow_stem(p, l.follow, p->memory.x);
+    p->memory.y += l.follow * (100.0 * p->memory.x / p->v.travel + p->v.load - p->memory.y);
 }
 
 static const char *plant_advance(plant *p, int64_t count) {
     const char *complaint = check(p);
     const forces f = present_forces(p);
-    const lags one = present_lags(p, BASE_STEP), many = present_lags(p, BASE_STEP * LONG_STEP);
+    const lags one = present_lags(p, BASE_STEP);
     const int skips = (int)p->v.valve != VALVE_LUGRE; /* LuGre's bristles never rest */
+    jumps found;
     double op;
     if (complaint)
         return complaint;
+    found.known = 0;
     op = p->v.op_out = plant_clamp(controlled_op(p, count), 0.0, 100.0);
     for (int64_t left = count; left > 0;) {
         int64_t n = skips ? resting_steps(p, &f, op, left) : 0;
         if (n > 0)
             rest(p, op, n);
-        else if (skips && left >= LONG_STEP && move_steadily(p, &f, &many, op))
-            n = LONG_STEP;
+        else if (skips && left >= JUMP && jump(p, &f, &one, &found, op))
+            n = JUMP;
         else
             move_one_step(p, &f, &one, op), n = 1;
         left -= n;

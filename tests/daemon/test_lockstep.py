@@ -130,6 +130,10 @@ async def test_a_real_device_cannot_run_in_lockstep(tmp_path: Path) -> None:
 ROOT = Path(__file__).resolve().parents[2]
 
 
+RUN = 850
+"""Plant seconds: the first window of the demo is full after 800, and its block goes out at once."""
+
+
 @pytest.mark.slow
 async def test_a_simulated_plc_gets_its_block_the_same_way_every_time() -> None:
     # Importing the simulated PLC makes link = "fmu" known.
@@ -140,7 +144,7 @@ async def test_a_simulated_plc_gets_its_block_the_same_way_every_time() -> None:
     for _ in range(2):
         records: list[Record] = []
         run = LockstepRun(site, on_record=records.append)
-        status = await run.run(1000.0)
+        status = await run.run(RUN)
         assert isinstance(run.link("plc"), LockstepLink)
         accepted = status.loops["FC101"].last_accepted
         assert accepted is not None
@@ -150,7 +154,7 @@ async def test_a_simulated_plc_gets_its_block_the_same_way_every_time() -> None:
             isinstance(r, WritebackRecord) and r.outcome == "accepted" for r in records
         )
         samples = [record for record in records if isinstance(record, SampleRecord)]
-        assert len(samples) == 1000
+        assert len(samples) == RUN
         runs.append((samples, block))
     assert runs[0] == runs[1]
 

@@ -23,6 +23,7 @@ ROWS = (
     ("alarm", 5, "Boolean", "output", "discrete", ""),
     ("batch", 6, "Integer", "output", "discrete", ""),
     ("fault", 7, "Integer", "parameter", "tunable", 'start="0"'),
+    ("label", 8, "String", "parameter", "fixed", 'start=""'),
 )
 
 UNITS2 = """<UnitDefinitions>
@@ -67,7 +68,7 @@ def _variable2(row: tuple[str, int, str, str, str, str]) -> str:
 
 
 def _description1(exchange: bool) -> str:
-    rows = "".join(_variable1(row) for row in ROWS[:-1])
+    rows = "".join(_variable1(row) for row in ROWS if row[0] != "fault")
     implementation = (
         ""
         if exchange

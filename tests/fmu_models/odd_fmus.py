@@ -37,6 +37,10 @@ _VARIABLES = """
  derivative="8"/>
 <Boolean name="low" valueReference="15" causality="output" variability="discrete"/>
 <Float64 name="indicator" valueReference="16" causality="local" variability="continuous"/>
+<String name="names" valueReference="17" causality="parameter" variability="fixed">
+<Dimension start="2"/><Start value="a"/><Start value="b"/></String>
+<Binary name="key" valueReference="18" causality="parameter" variability="fixed"><Start value="00"/>
+</Binary>
 """
 
 

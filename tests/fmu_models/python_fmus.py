@@ -12,17 +12,23 @@ __all__ = ["TOOLS", "build", "is_installed"]
 TOOLS = ("pythonfmu", "pythonfmu3")
 
 _SLAVE2 = """
-from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real, String
 
 class Tank(Fmi2Slave):
     author = "a test"
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         self.inflow, self.level, self.count, self.high = 0.0, 1.0, 0, False
+        self.label = "tank"
         self.register_variable(Real("inflow", causality=Fmi2Causality.input))
         self.register_variable(Real("level", causality=Fmi2Causality.output))
         self.register_variable(Integer("count", causality=Fmi2Causality.output))
         self.register_variable(Boolean("high", causality=Fmi2Causality.output))
+        self.register_variable(
+            String("label", causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable)
+        )
+    def exit_initialization_mode(self):
+        self.level = 1.0 if self.label == "tank" else float(len(self.label))
     def do_step(self, time, size):
         if self.inflow < 0.0:
             return False
@@ -35,18 +41,24 @@ class Tank(Fmi2Slave):
 """
 _SLAVE3 = """
 from pythonfmu3 import Boolean, Fmi3Causality, Fmi3Slave, Fmi3Status, Fmi3StepResult
-from pythonfmu3 import Float64, Int64
+from pythonfmu3 import Fmi3Variability, Float64, Int64, String
 
 class Tank(Fmi3Slave):
     author = "a test"
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         self.time, self.inflow, self.level, self.count, self.high = 0.0, 0.0, 1.0, 0, False
+        self.label = "tank"
         self.register_variable(Float64("time", causality=Fmi3Causality.independent))
         self.register_variable(Float64("inflow", causality=Fmi3Causality.input))
         self.register_variable(Float64("level", causality=Fmi3Causality.output))
         self.register_variable(Int64("count", causality=Fmi3Causality.output))
         self.register_variable(Boolean("high", causality=Fmi3Causality.output))
+        self.register_variable(
+            String("label", causality=Fmi3Causality.parameter, variability=Fmi3Variability.tunable)
+        )
+    def exit_initialization_mode(self):
+        self.level = 1.0 if self.label == "tank" else float(len(self.label))
     def do_step(self, time, size):
         if self.inflow > 90.0:
             raise ValueError("the pipe has burst")

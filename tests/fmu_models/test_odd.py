@@ -92,7 +92,10 @@ def test_the_moment_at_which_it_ends_is_a_row(odd: Odd, key: str, kind: str) -> 
 
 def test_what_is_left_out_is_named_with_the_reason(odd: Odd) -> None:
     warnings = summarise(odd["plain"]).warnings
-    assert "left out, because a table of numbers has no place for binary data: blob" in warnings
+    assert (
+        "left out, because a table of numbers has no place for binary data: blob, key" in warnings
+    )
+    assert "texts that can be given at the start: names" in warnings
     assert any(w.startswith("left out, because a clock has ticks") for w in warnings)
     assert not any(w.startswith("not quite") for w in warnings)
     for name, why in (("blob", "a table of numbers"), ("ticks", "a clock has ticks")):

@@ -33,6 +33,17 @@ or an operator's doing, and ten in a row are a cluster that does not work."""
 IDLE = 120.0
 """Seconds after its last batch until a worker process on a cluster ends; its client may be gone."""
 
+QUIET = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.admin.system-monitor.disk": False,
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.scheduler.active-memory-manager.start": False,
+}
+"""What a cluster of this machine does without: Dask's profiler looks at every thread a hundred
+times a second, its event loops tick fifty times, for a dashboard that is not there."""
+
 RETRY = 0.2
 """Seconds between two looks at a client that connects again."""
 
@@ -54,6 +65,7 @@ class DaskEngine:
 
     def __init__(self, job: Job, scheduler: str | None, workers: int) -> None:
         try:
+            import dask
             import distributed
         except ImportError as error:
             raise AssessError(
@@ -68,18 +80,19 @@ class DaskEngine:
         self._cluster: Any = None
         try:
             if scheduler is None:
-                self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
-                    # The work is done in worker processes of ours: threads that wait for them will
-                    # do, and spare a process for each and one that watches it.
-                    n_workers=1,
-                    threads_per_worker=workers,
-                    processes=False,
-                    protocol="tcp",
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    memory_limit=None,
-                    silence_logs=logging.CRITICAL,
-                )
+                with dask.config.set(QUIET):
+                    self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+                        # The work is done in worker processes of ours: threads that wait for them
+                        # will do, and spare a process for each and one that watches it.
+                        n_workers=1,
+                        threads_per_worker=workers,
+                        processes=False,
+                        protocol="tcp",
+                        host="127.0.0.1",
+                        dashboard_address=None,
+                        memory_limit=None,
+                        silence_logs=logging.CRITICAL,
+                    )
             self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]
                 self._cluster if scheduler is None else scheduler,
                 timeout=CONNECT,

@@ -31,6 +31,7 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fieldlink.lab.fmu.errors import FmuError, nearest
+from fieldlink.site.start_value import StartValue
 from fmu_models import FmuSummary
 
 __all__ = ["ControllerMap", "FmuMap", "InputMap", "OutputMap", "load_map"]
@@ -93,7 +94,7 @@ class FmuMap(_Strict):
     """A whole map; an empty one runs an FMU as it is."""
 
     period: _Positive | None = None
-    parameters: dict[str, _Finite] = {}
+    parameters: dict[str, StartValue] = {}
     inputs: dict[str, InputMap] = {}
     outputs: dict[str, OutputMap] = {}
     controller: ControllerMap | None = None
@@ -162,7 +163,7 @@ def _check_variables(file: Path, mapping: FmuMap, fmu: FmuSummary) -> None:
                 f"{file}: outputs.{tag}: variable {out.variable!r} does not exist; "
                 f"{nearest(out.variable, numbers)}"
             )
-    settable = [name for name, v in numbers.items() if v.settable]
+    settable = [v.name for v in fmu.variables if v.settable and v.type != "Binary"]
     for name in mapping.parameters:
         if name not in settable:
             raise FmuError(

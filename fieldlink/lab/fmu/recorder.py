@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.errors import FmuError
-from fmu_models import Piece
+from fmu_models import Piece, StartValue
 
 __all__ = ["TIME_VARIABLE", "RunResult", "RunTable", "TableFile", "check_ending", "write_frame"]
 
@@ -57,7 +57,7 @@ class RunResult:
     failure: str | None
     late: int
     seconds: float
-    start_values: Mapping[str, float]
+    start_values: Mapping[str, StartValue]
     step: float
 
     def frame(self) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fieldlink.lab.fmu.inputs import InputSeries
 from fieldlink.lab.fmu.recorder import TableFile
-from fmu_models import Master
+from fmu_models import Master, StartValue
 
 __all__ = ["RunSettings"]
 
@@ -20,7 +20,8 @@ class RunSettings:
     Attributes:
         stop: second at which the run ends; None takes the default experiment's.
         step: seconds a step; None takes the map's, the default experiment's, or a round one.
-        start_values: by variable, in the FMU's units; they win over the map's parameters.
+        start_values: numbers by variable, in the FMU's units, and texts of string variables; they
+            win over the map's parameters.
         inputs: recorded inputs, by tag or variable.
         watch: further variables to record.
         kind: "co-simulation" or "model exchange"; None takes the first that is offered.
@@ -37,7 +38,7 @@ class RunSettings:
 
     stop: float | None = None
     step: float | None = None
-    start_values: Mapping[str, float] = field(default_factory=dict)
+    start_values: Mapping[str, StartValue] = field(default_factory=dict)
     inputs: InputSeries | None = None
     watch: tuple[str, ...] = ()
     kind: str | None = None

@@ -22,7 +22,14 @@ from fieldlink.lab.fmu.row_writer import RowWriter
 from fieldlink.lab.fmu.run_settings import RunSettings
 from fieldlink.lab.fmu.signals import SETPOINT, Signals
 from fieldlink.lab.fmu.state_file import load_state, save_state
-from fmu_models import FmuSummary, Plant, PlantEndedError, PlantError, open_plant
+from fmu_models import (
+    FmuSummary,
+    Plant,
+    PlantEndedError,
+    PlantError,
+    StartValue,
+    open_plant,
+)
 
 __all__ = ["run_fmu"]
 
@@ -59,15 +66,16 @@ class _Run:
         self, fmu: FmuSummary, mapping: FmuMap, settings: RunSettings, progress: Progress
     ) -> None:
         self.fmu, self.mapping, self.settings, self.progress = fmu, mapping, settings, progress
-        parameters = {**mapping.parameters, **settings.start_values}
-        self.signals = Signals(fmu, mapping, parameters, settings.watch)
+        given = {**mapping.parameters, **settings.start_values}
+        sizes = {name: value for name, value in given.items() if not isinstance(value, str)}
+        self.signals = Signals(fmu, mapping, sizes, settings.watch)
         self.stop = choose_stop(fmu, settings.stop)
         wanted = mapping.period if settings.step is None else settings.step
         self.step, note = choose_step(fmu, self.stop, wanted)
         self.notes = [] if note is None else [note]
         if "time" in self.signals.outputs or "time" in self.signals.inputs:
             self.notes.append(f"the variable called time is the column {TIME_VARIABLE}")
-        self.given: dict[str, float] = {}
+        self.given: dict[str, StartValue] = {}
         self.late = 0
         self.ended: str | None = None
         self.failure: str | None = None
@@ -94,10 +102,10 @@ class _Run:
             result = self._recorded(plant)
         return replace(result, seconds=time.perf_counter() - begun)
 
-    def _start_values(self) -> dict[str, float]:
+    def _start_values(self) -> dict[str, StartValue]:
         """Values before the start; an input that is recorded begins with its first row."""
         signals, series = self.signals, self.settings.inputs
-        values = dict(self.mapping.parameters)
+        values: dict[str, StartValue] = dict(self.mapping.parameters)
         for tag, entry in signals.inputs.items():
             if entry.value is not None:
                 values[entry.variable] = signals.conversions[tag].to_variable(entry.value)
@@ -265,7 +273,7 @@ class _Run:
         if start is None and op is None:
             described = self.fmu.variable(variable)
             start = float(described.start) if described and described.start else None
-        if start is not None:
+        if isinstance(start, float):
             op = change.to_tag(start)
         controller = LoopController(settings, self.step, settings.low if op is None else op)
         driven[settings.op] = np.full(driven[SETPOINT].size, controller.op)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fieldlink.lab.fmu.errors import FmuError, nearest
 from fieldlink.lab.fmu.mapping import FmuMap, InputMap, OutputMap
 from fieldlink.lab.fmu.units import Conversion, conversion
-from fmu_models import FmuSummary, VariableSummary
+from fmu_models import FmuSummary, StartValue, VariableSummary
 
 __all__ = ["SETPOINT", "Signals", "is_number", "words_of"]
 
@@ -117,7 +117,7 @@ class Signals:
                 large.append(tag)
         return large
 
-    def undriven(self, driven: set[str], start_values: Mapping[str, float]) -> list[str]:
+    def undriven(self, driven: set[str], start_values: Mapping[str, StartValue]) -> list[str]:
         """Return the inputs that keep their start values.
 
         Raises:

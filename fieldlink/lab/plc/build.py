@@ -23,7 +23,15 @@ from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.program import LoopProgram, ReplayedLoop
 from fieldlink.lab.plc.sources import ByClient, ByHand, OpSource, Supervised, TimeOut
 from fieldlink.site import Loop, PlantSettings, Site, read_recording
-from fmu_models import CatalogueModel, LoopVariables, Plant, PlantError, catalogue, open_plant
+from fmu_models import (
+    CatalogueModel,
+    LoopVariables,
+    Plant,
+    PlantError,
+    StartValue,
+    catalogue,
+    open_plant,
+)
 from loop_model import ProcessModel
 
 __all__ = ["LoopSetup", "PlcError", "Programs"]
@@ -263,13 +271,13 @@ def _signals(settings: PlantSettings, known: CatalogueModel | None, number: int)
 
 def _parameters(
     settings: PlantSettings, known: CatalogueModel | None, setups: list[LoopSetup]
-) -> dict[str, float]:
+) -> dict[str, StartValue]:
     """The site's parameters, and what follows from the rest of it.
 
     A plant of the catalogue takes its seed from the site, and has a controller inside that can be
     switched on and tuned.
     """
-    found: dict[str, float] = {}
+    found: dict[str, StartValue] = {}
     if known is not None:
         found["seed"] = float(settings.seed)
     for number, setup in enumerate(setups):
@@ -294,4 +302,6 @@ def _first_op(settings: PlantSettings, name: str, limits: OpLimits) -> float:
     shows no stiction for as long as nothing disturbs it.
     """
     given = settings.parameters.get(name, settings.parameters.get(f"{name}_start"))
-    return limits.low + 0.4 * (limits.high - limits.low) if given is None else float(given)
+    if given is None or isinstance(given, str):  # a text is refused where the FMU is opened
+        return limits.low + 0.4 * (limits.high - limits.low)
+    return given

@@ -24,6 +24,7 @@ from fieldlink.lab.rehearse.happenings import (
     SensorFault,
 )
 from fieldlink.site.models import Span
+from fieldlink.site.start_value import StartValue
 
 __all__ = [
     "ControllerSettings",
@@ -75,8 +76,8 @@ class RehearsedPlant(ScenarioModel):
     """Name in the catalogue, or path of an .fmu file relative to the scenario file."""
     period: Seconds = 1.0
     """Plant seconds between two scans of the controller."""
-    parameters: Mapping[str, float] = {}
-    """Start values of the FMU's parameters."""
+    parameters: Mapping[str, StartValue] = {}
+    """Start values of the FMU's parameters: numbers, words, texts in quotes."""
     variables: PlantVariables = PlantVariables()
     """What the FMU calls things."""
 

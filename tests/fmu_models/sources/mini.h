@@ -1,5 +1,6 @@
 /* A tank as other tools would export it, without our wrapper: dh/dt = mode * inflow - h while the
- * pump is on, a state event when h passes 2 (alarm), a time event every 5 s (batch). */
+ * pump is on, a state event when h passes 2 (alarm), a time event every 5 s (batch), which is counted on from the
+ * bytes of a label. */
 #ifndef MINI_H
 #define MINI_H
 

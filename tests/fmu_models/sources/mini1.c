@@ -35,7 +35,7 @@ fmi1Status mini1_fmiGetString(fmi1Component c, const fmi1ValueReference vr[], si
 }
 fmi1Status mini1_fmiSetString(fmi1Component c, const fmi1ValueReference vr[], size_t n,
                                 const fmi1String v[]) {
-    return (void)c, (void)vr, (void)n, (void)v, fmi1Error;
+    return (void)vr, ((mini *)c)->v[BATCH] = (double)strlen(v[0]), n == 1 ? fmi1OK : fmi1Error;
 }
 
 /* Co-simulation */

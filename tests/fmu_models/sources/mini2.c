@@ -71,10 +71,14 @@ SET(Real, fmi2Real)
 SET(Integer, fmi2Integer)
 SET(Boolean, fmi2Boolean)
 
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                         const fmi2String v[]) {
+    return (void)vr, of(c)->m.v[BATCH] = (double)strlen(v[0]), n == 1 ? fmi2OK : fmi2Error;
+}
+
 #define REFUSE(FUNCTION, PARAMETERS)                                                               \
     fmi2Status FUNCTION PARAMETERS { return fmi2Error; }
 REFUSE(fmi2GetString, (fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String v[]))
-REFUSE(fmi2SetString, (fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String v[]))
 REFUSE(fmi2GetDirectionalDerivative,
        (fmi2Component c, const fmi2ValueReference u[], size_t nu, const fmi2ValueReference k[],
         size_t nk, const fmi2Real s[], fmi2Real v[]))

@@ -12,7 +12,7 @@
 
 #pragma GCC visibility push(default)
 
-enum { T, TIME, N, U, Y, M, FLAG, MODE, X, COUNT, BLOB, TICKS, GAIN, STOP_AT, DER_X, LOW, PAUSE };
+enum { T, TIME, N, U, Y, M, FLAG, MODE, X, COUNT, BLOB, TICKS, GAIN, STOP_AT, DER_X, LOW, PAUSE, NAMES };
 enum { MOST = 16 };
 
 typedef struct {
@@ -170,6 +170,14 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
                 ((instance *)c)->m.FIELD = v[i];                                                   \
         return n == m ? fmi3OK : fmi3Error;                                                        \
     }
+/* Events are counted on from the bytes of both names, the second ten times. */
+fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
+                         const fmi3String v[], size_t m) {
+    if (n != 1 || vr[0] != NAMES || m != 2)
+        return fmi3Error;
+    ((instance *)c)->m.count = (int32_t)(strlen(v[0]) + 10 * strlen(v[1]));
+    return fmi3OK;
+}
 ONE(UInt64, fmi3UInt64, N, n)
 ONE(Int64, fmi3Int64, MODE, mode)
 ONE(Int32, fmi3Int32, COUNT, count)
@@ -312,7 +320,6 @@ REFUSE(fmi3SetUInt8)
 REFUSE(fmi3SetInt16)
 REFUSE(fmi3SetUInt16)
 REFUSE(fmi3SetUInt32)
-REFUSE(fmi3SetString)
 REFUSE(fmi3SetBinary)
 REFUSE(fmi3SetClock)
 REFUSE(fmi3GetNumberOfVariableDependencies)

@@ -1,0 +1,23 @@
+"""A start value in a TOML file: a number, or the text of a string variable, or a word."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import BeforeValidator
+
+__all__ = ["StartValue"]
+
+
+def _check(value: object) -> float | str:
+    """Take numbers, true and false (1 and 0) and texts; a text stays one, also where it is "4"."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (bool, int, float)) and math.isfinite(value):
+        return float(value)
+    raise ValueError("a start value is a finite number, true or false, or a text in quotes")
+
+
+StartValue = Annotated[float | str, BeforeValidator(_check)]
+"""What a parameter of an FMU is set to; whether it fits its variable is checked with the FMU."""
