@@ -157,7 +157,7 @@ class ModbusConnection:
         if wait > 0.0:
             raise LinkUnreachableError(
                 self._device,
-                f"{self._where}: {self._last_error}",
+                self._last_error,
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
             )
 
