@@ -24,7 +24,7 @@ def sweep(
     ] = None,
     random: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
+        typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, again for each run."),
     ] = None,
     latin: Annotated[
         bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")

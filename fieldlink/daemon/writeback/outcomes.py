@@ -1,4 +1,4 @@
-"""What a write-back can come to."""
+"""The outcomes of a write-back."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Attempt:
     """An outcome with all that belongs to it.
 
     Attributes:
-        outcome: what it came to.
+        outcome: how it ended.
         reason: the figures behind it, in words.
         candidate: what was to be written.
         block, words, bank: what was written and where; None when it did not come to that.
