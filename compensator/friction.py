@@ -12,6 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from compensator.action import CompensatorError, require_not_negative
 from loop_model import ValveModel
 
@@ -54,6 +57,8 @@ class FrictionPrior:
         nearest: deviations from fS (negative: below it) up to which a command never moves the stem.
         farthest: deviations above fS from which a command always does; the bound of every claim.
         kept: share of a claim that is left after each slip, because friction varies.
+        jump_spread_most: largest relative deviation of J, and with it of the gain, that is counted
+            with: what is believed of the gain stays within half of it.
         uncertainty: deviations that the identification states; the larger ones count.
     """
 
@@ -64,6 +69,7 @@ class FrictionPrior:
     nearest: float = -4.0
     farthest: float = 6.0
     kept: float = 0.95
+    jump_spread_most: float = 0.5
     uncertainty: Uncertainty = Uncertainty()
 
     def __post_init__(self) -> None:
@@ -89,6 +95,32 @@ class FrictionPrior:
     def dynamic_deviation(self, valve: ValveModel) -> float:
         """Return the deviation of fD, in OP."""
         return max(self.dynamic_spread * valve.dynamic_friction, self.uncertainty.dynamic_friction)
+
+    def jump_deviation(self, valve: ValveModel) -> float:
+        """Return the relative deviation of J that the identification states, at most
+        `jump_spread_most`.
+
+        The stick band is known well, so that it is twice that of fD.
+        """
+        if valve.slip_jump <= 0.0:
+            return 0.0
+        stated = 2.0 * self.uncertainty.dynamic_friction / valve.slip_jump
+        return min(stated, self.jump_spread_most)
+
+    def error_covariance(self, valve: ValveModel, gain_spread: float) -> NDArray[np.float64]:
+        """Return the covariance of the error of fD (OP) and of the relative error of the gain.
+
+        A limit cycle at one set-point shows what a slip makes of PV, so that a slip jump which is
+        too small by a share comes with a gain too large by as much, and with half of it in fD.
+
+        Args:
+            valve: the valve model.
+            gain_spread: relative deviation that the gain has beside that.
+        """
+        jump = self.jump_deviation(valve)
+        shared = np.array([0.5 * valve.slip_jump * jump, -jump])
+        alone = max(self.dynamic_deviation(valve) ** 2 - float(shared[0]) ** 2, 0.0)
+        return np.diag([alone, gain_spread**2]) + np.outer(shared, shared)
 
     def chance_of_rest(self, z: float, tested: float) -> float:
         """Return the probability that the stem withstands a command.

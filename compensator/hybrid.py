@@ -64,11 +64,12 @@ class HybridMpc:
                 f"a horizon of {self.settings.horizon} samples ends before the dead time of "
                 f"{self._prediction.dead_time}; use 0, which chooses one"
             )
-        self.planner = MovePlanner(self.prediction, self.settings.horizon)
-        self._ramp_planner = MovePlanner(self.prediction, self.settings.horizon, lasting=0.0)
-        noise = self.settings.noise
-        noises = noise_kinds(self.prediction) if noise is None else (noise,)
         s = self.settings
+        self.planner, self._ramp_planner = (
+            MovePlanner(self.prediction, s.horizon, lasting, s.level_horizon)
+            for lasting in (s.lasting, 0.0)
+        )
+        noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
         tracking = TrackerSettings(
             noises[0],
             friction=s.friction_prior(uncertainty or Uncertainty()),
@@ -191,7 +192,7 @@ class HybridMpc:
         tracker = self.tracker
         belief = tracker.best
         if self._thrift is not None:
-            self._thrift.push(float(belief.state[0]) - sp, self._way)
+            self._thrift.push(float(belief.state[0]), sp, self._way)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         moves = self._moves()

@@ -26,6 +26,11 @@ class HybridSettings:
     Attributes:
         limits: range and rate of OP.
         horizon: samples; 0 chooses it from the settling time.
+        level_horizon: samples that a plan for a level looks ahead beyond the dead time. It settles
+            nowhere by itself: seen over fewer, a position a part of J beside the balance looks as
+            good as the balance.
+        lasting: horizons that the error at a horizon's end counts for beyond it: an offset stays,
+            noise passes.
         move_penalty: price of one move: the share of the noise's own variance by which it must
             lower PV's mean square error over the horizon.
         travel_penalty: price of moving by one slip jump, as a share of ``move_penalty``.
@@ -58,6 +63,8 @@ class HybridSettings:
 
     limits: OpLimits = field(default_factory=OpLimits)
     horizon: int = 0
+    level_horizon: int = 120
+    lasting: float = 1.0
     move_penalty: float = 1.0
     travel_penalty: float = 0.2
     noise_band: float = 0.0
@@ -93,8 +100,10 @@ class HybridSettings:
             spread=self.spread,
             dynamic_spread=self.dynamic_spread,
             gain_spread=self.gain_spread,
+            lasting=self.lasting,
         )
         require_whole("HybridSettings", 0, horizon=self.horizon, dwell=self.dwell)
+        require_whole("HybridSettings", 1, level_horizon=self.level_horizon)
         require_positive(
             "HybridSettings",
             offset_memory=self.offset_memory,

@@ -17,9 +17,6 @@ from compensator.watch import LoopWatch, Watched, WatchVerdict
 
 __all__ = ["LoopJudge"]
 
-_STEP = 0.5
-"""Share of the largest error known from which a change of set-point is a step to be settled."""
-
 
 class LoopJudge:
     """Judges a compensated loop; `begin` at each take-over, then `push` once a scan.
@@ -77,7 +74,7 @@ class LoopJudge:
         assert self._watch is not None
         change, self._sp = sp - self._sp, sp
         # A set-point that moves by little each scan is to be followed inside the known range.
-        if abs(change) > _STEP * self._watch.before.largest:
+        if abs(change) > self._settings.watch.stepped * self._watch.before.largest:
             self._watch.restart(compensator.horizon // 2)
         elif compensator.load_stepped:
             self._watch.excuse(compensator.horizon // 2)

@@ -34,14 +34,6 @@ __all__ = ["LeastMoves", "MovePlan", "MovePlanner", "Ramp", "warm_up"]
 
 Array = NDArray[np.float64]
 
-_LEVEL_HORIZON = 120
-"""Samples that a plan for a level looks ahead beyond the dead time. It settles nowhere by itself:
-seen over fewer, a position a part of J beside the balance looks as good as the balance.
-"""
-
-_LASTING = 1.0
-"""Horizons that the error at a horizon's end counts for beyond it."""
-
 
 @dataclass(frozen=True, slots=True)
 class MovePlan:
@@ -113,16 +105,23 @@ class MovePlanner:
 
     Args:
         prediction: the process.
-        horizon: samples; 0 chooses twice the settling time beyond the dead time, for a level a
-            fixed number.
+        horizon: samples; 0 chooses twice the settling time beyond the dead time, for a level
+            ``level_horizon``.
         lasting: horizons that the error at the horizon's end counts for beyond it; 0 where the
             set-point goes on, so that nothing lasts.
+        level_horizon: samples for a level, beyond the dead time.
     """
 
-    def __init__(self, prediction: Prediction, horizon: int = 0, lasting: float = _LASTING) -> None:
+    def __init__(
+        self,
+        prediction: Prediction,
+        horizon: int = 0,
+        lasting: float = 1.0,
+        level_horizon: int = 120,
+    ) -> None:
         self.prediction = prediction
         self.settling = settle = settling_samples(prediction)
-        beyond = _LEVEL_HORIZON if prediction.process.is_integrating else max(30, 2 * settle)
+        beyond = level_horizon if prediction.process.is_integrating else max(30, 2 * settle)
         self.horizon = horizon or min(1500, prediction.dead_time + beyond)
         points = _spread(1, 24, self.horizon, 0.06)
         latest = max(1, self.horizon - prediction.dead_time) * 2 // 3

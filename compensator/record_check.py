@@ -29,12 +29,6 @@ __all__ = ["RecordCheckSettings", "answer_correlation", "seen_agreement", "seen_
 Array = NDArray[np.float64]
 
 
-_FIRST = (-0.8, 0.0, 0.8)
-"""First positions of the stem that are tried, from OP, as shares of the static friction: a limit
-cycle that hardly fills the band never moves a stem that begins in its middle.
-"""
-
-
 @dataclass(frozen=True, slots=True)
 class RecordCheckSettings:
     """Settings of `seen_agreement`.
@@ -52,6 +46,9 @@ class RecordCheckSettings:
         larger: factors of the friction that the record is asked about. What is nearer to 1 the
             belief about the friction covers (`FrictionPrior.farthest`); fewer frictions are not
             asked about, because a valve that is not of He's kind looks like one of less friction.
+        first: positions of the stem that are tried at first, from OP, as shares of the static
+            friction: a limit cycle that fills just the band never moves a stem that begins in its
+            middle.
         plainer: share of PV's variance left unexplained, over that with the model's own friction,
             from which a larger one counts. On 70 records of the tuning family none of 210 models
             with the right friction, or more, was told one.
@@ -65,6 +62,7 @@ class RecordCheckSettings:
     farther: float = 1.2
     every: int = 4
     larger: tuple[float, ...] = (1.7, 2.0, 2.4, 2.8)
+    first: tuple[float, ...] = (-0.8, 0.0, 0.8)
     plainer: float = 0.75
 
     def __post_init__(self) -> None:
@@ -134,7 +132,7 @@ def seen_friction(
     if len(op) < s.shortest or not np.isfinite(pv).any():
         return 1.0
     found = {
-        f: max(answer_correlation(model, op, pv, f, s.slips, first) for first in _FIRST)
+        f: max(answer_correlation(model, op, pv, f, s.slips, first) for first in s.first)
         for f in (1.0, *s.larger)
     }
     best = max(found, key=lambda f: found[f])

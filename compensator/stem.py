@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation, held_correlations
-from compensator.hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
 from compensator.innovations import InnovationStatistics
 from compensator.kernels import carried_covariance, coloured_power, multiplied
 from compensator.load_steps import LoadStepDetector, load_signature
 from compensator.prediction import Prediction, settling_samples
 from compensator.resolution import PvResolution
+from compensator.stem_hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
 from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
@@ -155,7 +155,7 @@ class StemTracker:
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
-        self.beliefs = first_beliefs(self.prediction, pv, op, self.valve)
+        self.beliefs = first_beliefs(self.prediction, pv, op, self.valve, self.settings)
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
@@ -197,12 +197,12 @@ class StemTracker:
         moved: list[Belief] = []
         for h in self.beliefs:
             free = self.free(h)
-            outcomes = outcomes_of(h, op, self.valve, self.settings.friction)
+            outcomes = outcomes_of(h, op, self.valve, self.settings)
             for after in outcomes:
                 after.state = free + self.prediction.B * self.drive(after)
             moved += outcomes
         merged, spreads = merge_alike(moved)
-        self.beliefs = likely_ones(merged, self.settings.hypotheses)
+        self.beliefs = likely_ones(merged, self.settings)
         self._spread_out()
         if self.best.stem in spreads:
             self._covariance += spreads[self.best.stem]
@@ -229,15 +229,14 @@ class StemTracker:
         colour = self.innovations.colour
         drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
         self._covariance[n + LOAD, n + LOAD] += drift
-        for error in (FRICTION, GAIN):
-            self._covariance[n + error, n + error] += (1.0 - keep**2) * errors[error]
+        self._covariance[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * errors[1:, 1:]
 
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
         s = self.settings
         reach = self.valve.static_friction + 2.0 * s.friction.static_deviation(self.valve)
         earlier = recalled_ones(self.best, self._rests, self._op, reach, s.recalled)
-        self.beliefs = likely_ones(self.beliefs + earlier, s.hypotheses)
+        self.beliefs = likely_ones(self.beliefs + earlier, s)
 
     def _correct(self, pv: float) -> None:
         if not math.isfinite(pv):
@@ -268,7 +267,7 @@ class StemTracker:
             self._keep_believable(h)
             # Heavy tails: one wild sample must not decide between two positions.
             h.see(-0.5 * min(surprise**2 / self._innovation, 9.0), keep)
-        self.beliefs = likely_ones(self.beliefs, self.settings.hypotheses)
+        self.beliefs = likely_ones(self.beliefs, self.settings)
         self._watch(surprises[id(self.best)])
 
     @property
@@ -311,20 +310,19 @@ class StemTracker:
         self._covariance += size**2 * np.outer(signature, signature)
 
     def _prior_errors(self) -> Array:
-        """Return the variances that the settings give the errors ``(m, w, g)``."""
-        s, valve = self.settings, self.valve
-        deviations = [
-            0.5 * valve.static_friction + 1e-3,
-            s.friction.dynamic_deviation(valve),
-            s.gain_spread,
-        ]
-        return np.asarray(np.square(deviations), dtype=np.float64)
+        """Return the covariance that the settings give the errors ``(m, w, g)``."""
+        prior = np.zeros((ERRORS, ERRORS))
+        prior[LOAD, LOAD] = (0.5 * self.valve.static_friction + 1e-3) ** 2
+        prior[FRICTION:, FRICTION:] = self.settings.friction.error_covariance(
+            self.valve, self.settings.gain_spread
+        )
+        return prior
 
     def _forget_errors(self) -> None:
         """Go back to what the settings say of the errors' size."""
         n = self.prediction.order
         self._covariance[n:, :] = self._covariance[:, n:] = 0.0
-        self._covariance[n:, n:] = np.diag(self._prior_errors())
+        self._covariance[n:, n:] = self._prior_errors()
 
     def _keep_believable(self, h: Belief) -> None:
         """Limit the errors of fD and of the gain to plausible values."""

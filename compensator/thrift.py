@@ -29,6 +29,8 @@ class ThriftSettings:
         rise: growth of the price in one memory, as a natural logarithm: fourfold.
         most: factor of the price at most. The square root of it is the factor of the error that is
             worth a move.
+        stepped: change of the set-point, in PV's deviations before, that counts as a step: the way
+            to the new set-point is no error, and what it takes of travel none to save.
     """
 
     travel: float = 0.6
@@ -36,6 +38,7 @@ class ThriftSettings:
     memory: int = 100
     rise: float = 1.4
     most: float = 10.0
+    stepped: float = 0.5
 
     def __post_init__(self) -> None:
         require_positive(
@@ -44,6 +47,7 @@ class ThriftSettings:
             deviation=self.deviation,
             memory=self.memory,
             rise=self.rise,
+            stepped=self.stepped,
         )
         if not self.most >= 1.0:
             raise CompensatorError(
@@ -57,7 +61,7 @@ class Thrift:
     Args:
         deviation: of PV before compensation.
         travel: of the stem before, per scan.
-        horizon: scans that a plan looks ahead.
+        horizon: scans that a plan looks ahead; half of it is the way to a new set-point.
         settings: shares and rates.
 
     Attributes:
@@ -71,12 +75,21 @@ class Thrift:
         self._enough = (self.settings.deviation * deviation) ** 2
         self._budget = self.settings.travel * travel
         self._rate = 1.0 / max(self.settings.memory, horizon)
+        self._step, self._settling = self.settings.stepped * deviation, horizon // 2
+        self._sp, self._pause = math.nan, 0
         self.price = 1.0
         # The first moves, to the set-point, are none to save.
         self._square, self._travel = 0.5 * self._enough, 0.5 * self._budget
 
-    def push(self, error: float, way: float) -> None:
-        """Take in the error of PV and the way of the stem in this scan."""
+    def push(self, pv: float, sp: float, way: float) -> None:
+        """Take in PV, the set-point and the way of the stem in this scan."""
+        if abs(sp - self._sp) > self._step:
+            self._pause = self._settling
+        self._sp = sp
+        if self._pause:
+            self._pause -= 1
+            return
+        error = pv - sp
         self._square += self._rate * (error**2 - self._square)
         self._travel += self._rate * (way - self._travel)
         # PV has precedence; where nothing is wrong the price comes down at leisure.

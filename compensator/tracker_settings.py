@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from compensator.action import require_not_negative, require_positive, require_whole
+from compensator.action import (
+    CompensatorError,
+    require_not_negative,
+    require_positive,
+    require_whole,
+)
 from compensator.friction import FrictionPrior
 from compensator.innovations import InnovationSettings
 from compensator.prediction import NoiseModel
@@ -26,7 +31,12 @@ class TrackerSettings:
             twentieth of what a slip makes, a hundred samples tell the balance to a thirtieth of J.
         delay_spread: samples that the answer to a slip may be early or late; it covers what a
             model of too low an order leaves of the response, which would else pass for load.
+        first: positions assumed at first, from OP, as shares of the static friction: the stem is
+            anywhere in OP's band, and steps of 0.4 leave none of them farther than a fifth away.
+        negligible: chance of an outcome of a command below which it is not followed by a hypothesis
+            of its own: that of 2.5 deviations.
         hypotheses: how many are kept.
+        hopeless: log-odds against a hypothesis from which it is dropped: one in three million.
         memory: samples over which evidence counts.
         recalled: log-odds against an earlier position that is believed possible again when
             innovations stay biased: 3 %, below what a move is made larger for, because a load
@@ -42,7 +52,10 @@ class TrackerSettings:
     offset_memory: float = 2.0
     level_memory: int = 100
     delay_spread: float = 1.0
+    first: tuple[float, ...] = (0.0, -0.4, 0.4, -0.8, 0.8)
+    negligible: float = 0.006
     hypotheses: int = 14
+    hopeless: float = 15.0
     memory: float = 60.0
     recalled: float = 3.5
     fluctuation_margin: float = 2.0
@@ -58,7 +71,16 @@ class TrackerSettings:
             memory=self.memory,
             fluctuation_margin=self.fluctuation_margin,
             recalled=self.recalled,
+            hopeless=self.hopeless,
         )
+        if not 0.0 <= self.negligible < 0.5:
+            raise CompensatorError(
+                f"TrackerSettings: negligible is a chance below a half; got {self.negligible!r}"
+            )
+        if not self.first or not all(-1.0 < share < 1.0 for share in self.first):
+            raise CompensatorError(
+                f"TrackerSettings: first are shares between -1 and 1; got {self.first!r}"
+            )
         require_whole(
             "TrackerSettings", 1, hypotheses=self.hypotheses, level_memory=self.level_memory
         )

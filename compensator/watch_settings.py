@@ -36,6 +36,8 @@ class WatchSettings:
         periods: of the oscillation before: length of the quick, the short and the long window.
         least: samples of the quick window at least.
         persist: share of the short window for which a verdict of the windows must hold.
+        stepped: share of the largest error known from which a change of the set-point is a step to
+            be settled; a smaller one is to be followed inside the known range.
         cycles: what an oscillation that grows is.
     """
 
@@ -53,6 +55,7 @@ class WatchSettings:
     periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
     least: int = 40
     persist: float = 0.125
+    stepped: float = 0.5
     cycles: CycleSettings = field(default_factory=CycleSettings)
 
     def __post_init__(self) -> None:
@@ -67,6 +70,7 @@ class WatchSettings:
             limit_trip=self.limit_trip,
             trip_scans=self.trip_scans,
             least=self.least,
+            stepped=self.stepped,
             quick=self.periods[0],
         )
         require_not_negative(

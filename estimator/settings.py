@@ -51,7 +51,9 @@ class Modelling:
             time and the longest noise memory together.
         max_dead_time: longest dead time (samples).
         noise_orders: orders of the autoregressive noise that BIC chooses from.
-        max_reflection: largest reflection coefficient of the noise model; 1 is an integrator.
+        max_reflection: largest reflection coefficient of the noise model. A load that wanders
+            freely is 1, which leaves PV's level unknown; below 0.999 the process is bent to explain
+            what wanders (tuning family: fewer valves found).
         floor: residual (share of PV's standard deviation) below which PV is not trusted: converters
             resolve about 0.1 %.
         startup: time constant (samples) of the shared column for what happened before the window.
@@ -66,7 +68,7 @@ class Modelling:
     memory: int = 30
     max_dead_time: int = 20
     noise_orders: tuple[int, ...] = (0, 1, 2, 3, 5, 8)
-    max_reflection: float = 0.995
+    max_reflection: float = 0.9999
     floor: float = 1e-3
     startup: float = 40.0
     action_t: float = 4.0

@@ -5,13 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
 from scipy import signal
 
 from benchmarks.apart.plants import PROCESSES, VALVES, ApartPlant, Process
-from compensator import Action, ActionStatus, Controller, MpcSettings, Supervisor, UnawareMpc
+from compensator import (
+    Action,
+    ActionStatus,
+    Controller,
+    MpcSettings,
+    Supervisor,
+    UnawareMpc,
+    Uncertainty,
+)
 from estimator import identify
 from loop_model import LoopModel, ProcessModel, ValveModel
 
@@ -23,6 +32,7 @@ __all__ = [
     "Course",
     "Loop",
     "Plant",
+    "asked_way",
     "nominal",
     "play",
 ]
@@ -209,9 +219,18 @@ class Course:
     offered: bool
 
 
-def _identified(op: np.ndarray, pv: np.ndarray, sp: np.ndarray) -> LoopModel | None:
+def _identified(
+    op: np.ndarray, pv: np.ndarray, sp: np.ndarray
+) -> tuple[LoopModel | None, Uncertainty]:
+    """Return the model that a window gives, and the uncertainty that its block would state."""
     found = identify(op, pv, sp=sp, period=1.0)
-    return found.model if found.verdict.value == "stiction" else None
+    if found.verdict.value != "stiction":
+        return None, Uncertainty()
+    widths = 2.0 * NormalDist().inv_cdf(0.5 + 0.5 * found.confidence)
+    static, dynamic = (
+        (i.high - i.low) / widths for i in (found.static_friction, found.dynamic_friction)
+    )
+    return found.model, Uncertainty(static, dynamic)
 
 
 def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
@@ -225,6 +244,7 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
     white = rng.normal(0.0, 1.0, SAMPLES) * size
     supervisor = Supervisor(loop.make_controller())
     model: LoopModel | None = WRONG[wrong](loop.true_model()) if wrong in WRONG else None
+    stated = Uncertainty()
     pv, sp, op, stem = (np.zeros(SAMPLES) for _ in range(4))
     held = np.zeros(SAMPLES, dtype=bool)
     applied, offered = 50.0, False
@@ -243,8 +263,8 @@ def play(loop: Loop, wrong: str, disturbance: str, seed: int) -> Course:
                 supervisor = Supervisor(loop.make_controller())
                 supervisor.restore(memory)
             if wrong == "identified" and k == WARM:
-                model = _identified(op[100:k], pv[100:k], sp[100:k])
-            offered = model is not None and supervisor.offer(model)
+                model, stated = _identified(op[100:k], pv[100:k], sp[100:k])
+            offered = model is not None and supervisor.offer(model, stated)
         manual = disturbance == "manual" and (780 <= k < 800 or 1200 <= k < 1260)
         action = supervisor.step(seen, float(sp[k]), applied, automatic=not manual)
         applied = applied if manual or not math.isfinite(action.op) else action.op
@@ -267,6 +287,29 @@ def _setpoint(loop: Loop, disturbance: str, k: int) -> float:
     if disturbance == "saturation" and k in UNREACHED:
         return first + 80.0 * loop.scale
     return first
+
+
+def asked_way(loop: Loop, disturbance: str) -> np.ndarray:
+    """Return how far the stem has to go in each scan to follow the set-point, shape
+    ``(SAMPLES,)``.
+
+    A stem without friction goes as far as the set-point over the gain (a level: as far as the
+    slope of the set-point over the gain); one that slips may have to go one slip jump farther
+    where the set-point turns.
+    """
+    asked = np.zeros(SAMPLES)
+    if disturbance != "ramps":
+        return asked
+    process = loop.true_model().process
+    slope = np.diff([_setpoint(loop, disturbance, k) for k in range(SAMPLES)], prepend=0.0)
+    slope[: WARM + 1] = 0.0
+    turns = np.diff(np.sign(slope), prepend=0.0) != 0.0
+    if process.is_integrating:
+        asked = np.abs(np.diff(slope, prepend=0.0)) / abs(sum(process.b))
+    else:
+        asked = np.abs(slope / process.gain)
+    way: np.ndarray = asked + loop.jump * turns
+    return way
 
 
 def _load(loop: Loop, disturbance: str, k: int) -> float:

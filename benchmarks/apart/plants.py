@@ -44,7 +44,7 @@ class He(Valve):
 
 
 class Kano(Valve):
-    """Tells a stop from a reversal; after a stop in the same direction J alone must be overcome."""
+    """From the OP at which it stopped, J must be overcome onwards and S backwards."""
 
     def __init__(self, band: float, jump: float, at: float) -> None:
         super().__init__(band, jump, at)
@@ -62,10 +62,14 @@ class Kano(Valve):
         way = math.copysign(1.0, change)
         if not self._sticks and way != self._way:
             self._sticks, self._stopped = True, op - change
-        slack = self.band if way != self._way else self.jump
-        if not self._sticks or abs(op - self._stopped) > slack:
-            self._sticks, self._way = False, way
-            self.stem = op - 0.5 * way * (self.band - self.jump)
+        if self._sticks:
+            beyond = self._way * (op - self._stopped)
+            if -beyond > self.band:
+                self._way = -self._way
+            elif beyond <= self.jump:
+                return self.stem
+            self._sticks = False
+        self.stem = op - 0.5 * self._way * (self.band - self.jump)
         return self.stem
 
 

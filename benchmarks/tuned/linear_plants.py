@@ -159,7 +159,7 @@ class Lagging(TunedValve):
 
 
 class TwoStops(TunedValve):
-    """Kano's valve: S must be overcome after a reversal, J after a stop in the same direction."""
+    """Kano's valve: from the OP at which it stopped, J must be overcome onwards, S backwards."""
 
     def __init__(self, band: float, jump: float, at: float, rng: np.random.Generator) -> None:
         super().__init__(band, jump, at, rng)
@@ -175,11 +175,13 @@ class TwoStops(TunedValve):
         if not self._stuck and up != self._up:
             self._stuck, self._held = True, before
         if self._stuck:
-            needed = self.jump if up == self._up else self.band
-            if abs(op - self._held) <= needed:
+            onwards = op - self._held if self._up else self._held - op
+            if -onwards > self.band:
+                self._up = not self._up
+            elif onwards <= self.jump:
                 return self.stem
-            self._stuck, self._up = False, up
-        side = 1.0 if up else -1.0
+            self._stuck = False
+        side = 1.0 if self._up else -1.0
         self.stem = op - 0.5 * side * (self.band - self.jump)
         return self.stem
 

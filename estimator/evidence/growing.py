@@ -12,13 +12,17 @@ from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import delay
 from estimator.hypotheses.noise import DRIFT, DRIFT_AND_NOISE
-from estimator.hypotheses.nuisances import Characteristic, Nuisance, Sinusoid
+from estimator.hypotheses.nuisances import (
+    FEWEST_CYCLES,
+    Characteristic,
+    Nuisance,
+    Sinusoid,
+    spectral_peaks,
+)
 from estimator.search.processes import polish
 
-__all__ = ["add_best", "fit_waves", "spectral_peaks"]
+__all__ = ["add_best", "fit_waves"]
 
-_FEWEST_CYCLES = 1.5
-"""An oscillation of fewer cycles in the window is a drift."""
 _STEPS = (0.4, 0.2, 0.1, 0.05)
 """Cycles by which a frequency is moved while it is refined."""
 _SHARP_STEPS = (0.03, 0.015, 0.007)
@@ -31,23 +35,6 @@ _FOLLOWED = 4
 """Waves of PV's own oscillation, of eight, whose process is fitted once more."""
 _HOPE = 8.0
 """Nats a harmonic by which a wave may be behind before its frequency is sharpened."""
-_NEAR = 3
-"""Bins of a spectrum that one peak takes."""
-
-
-def spectral_peaks(signal: Array, count: int) -> list[float]:
-    """Cycles in the window of the highest peaks of the spectrum, Hann window, interpolated."""
-    n = signal.size
-    centred = signal - dot(signal, np.ones(n)) / n
-    spectrum = np.abs(np.fft.rfft(centred * np.hanning(n)))
-    found = []
-    for _ in range(count):
-        k = 1 + int(spectrum[1:-1].argmax())
-        left, middle, right = (float(spectrum[i]) for i in (k - 1, k, k + 1))
-        bend = left - 2.0 * middle + right
-        found.append(k + (0.5 * (left - right) / bend if bend < 0.0 else 0.0))
-        spectrum[max(0, k - _NEAR) : k + _NEAR + 1] = 0.0
-    return found
 
 
 def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None:
@@ -79,7 +66,7 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     oscillate.
     """
     cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
-    if cycles < _FEWEST_CYCLES:
+    if cycles < FEWEST_CYCLES:
         return None
     found = []
     for wave in _waves_of(case, cycles):
@@ -177,7 +164,7 @@ def _frequency(case: Case, of: Hypothesis, other: Hypothesis) -> float | None:
             return float(sum(dot(row, left) ** 2 for row in mine))
 
         for peak in peaks:
-            if peak < _FEWEST_CYCLES:
+            if peak < FEWEST_CYCLES:
                 continue
             cycles, least = peak, gain(peak)
             for step in _STEPS:

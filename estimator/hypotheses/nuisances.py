@@ -18,7 +18,15 @@ from estimator.algebra import dot
 from estimator.arrays import Array, Index
 from estimator.processes.poles import Poles
 
-__all__ = ["Characteristic", "Nuisance", "Sinusoid", "columns_of", "price_of"]
+__all__ = [
+    "FEWEST_CYCLES",
+    "Characteristic",
+    "Nuisance",
+    "Sinusoid",
+    "columns_of",
+    "price_of",
+    "spectral_peaks",
+]
 
 
 class Nuisance(Protocol):
@@ -33,6 +41,10 @@ class Nuisance(Protocol):
         ...
 
 
+FEWEST_CYCLES = 1.5
+"""An oscillation of fewer cycles in the window is a drift."""
+_NEAR = 3
+"""Bins of a spectrum that one peak takes."""
 _BLOCK = 64
 """Samples that share one pair of the (slow) sine and cosine."""
 
@@ -138,3 +150,18 @@ def columns_of(
 def price_of(nuisances: tuple[Nuisance, ...], rows: float) -> float:
     """What all of them cost, in nats."""
     return sum(one.price(rows) for one in nuisances)
+
+
+def spectral_peaks(signal: Array, count: int) -> list[float]:
+    """Cycles in the window of the highest peaks of the spectrum, Hann window, interpolated."""
+    n = signal.size
+    centred = signal - dot(signal, np.ones(n)) / n
+    spectrum = np.abs(np.fft.rfft(centred * np.hanning(n)))
+    found = []
+    for _ in range(count):
+        k = 1 + int(spectrum[1:-1].argmax())
+        left, middle, right = (float(spectrum[i]) for i in (k - 1, k, k + 1))
+        bend = left - 2.0 * middle + right
+        found.append(k + (0.5 * (left - right) / bend if bend < 0.0 else 0.0))
+        spectrum[max(0, k - _NEAR) : k + _NEAR + 1] = 0.0
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 
@@ -10,7 +11,6 @@ import numpy as np
 from estimator.algebra import order_of
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
-from estimator.hypotheses.noise import LOOKS
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.lanes import respond
 from estimator.processes.poles import COARSE
@@ -20,7 +20,7 @@ from estimator.search.processes import spread_points
 from estimator.settings import Searching
 from estimator.valves.laws import LAWS
 
-__all__ = ["first_apart", "one_step_starts", "simulated_starts"]
+__all__ = ["Look", "first_apart", "one_step_starts", "simulated_starts"]
 
 _BLOCK = 32
 """Valves of a block: its signals stay in the cache."""
@@ -74,20 +74,25 @@ def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[in
     return found
 
 
-def simulated_starts(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], law: str
-) -> list[tuple[Found, Array]]:
-    """The best valves of a law under each noise model of `LOOKS`, each with its noise model.
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What a first look takes for given: disturbances and a noise model, ``(p,)``."""
 
-    They are drawn to the bottom of their valleys.
-    """
+    nuisances: tuple[Nuisance, ...]
+    taps: Array
+
+
+def simulated_starts(
+    case: Case, near: Hypothesis, looks: tuple[Look, ...], law: str
+) -> list[tuple[Found, Look]]:
+    """The best valves of a law under each look, drawn to the bottom of their valleys."""
     searching = case.settings.searching
     valves = _placed(_table(searching.bands, searching.jumps, searching.starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
-    looks = [_Look(case, near, nuisances, taps, len(valves)) for taps in LOOKS]
-    _rank(case, looks, valves, law, stride)
+    rankings = [_Ranking(case, near, look, len(valves)) for look in looks]
+    _rank(case, rankings, valves, law, stride)
     found = []
-    for look in looks:
+    for look in rankings:
         ways = []
         for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart):
             poles = COARSE[look.process[i]]
@@ -103,26 +108,19 @@ def simulated_starts(
         ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])
-        found += [(ends[i], look.taps) for i in first_apart(bands, squares, searching.basins, 0.05)]
+        found += [(ends[i], look.look) for i in first_apart(bands, squares, searching.basins, 0.05)]
     return found
 
 
-class _Look:
-    """The ranking of all valves under one noise model: cost, process and dead time of each."""
+class _Ranking:
+    """All valves under one look: cost, process and dead time of each."""
 
-    def __init__(
-        self,
-        case: Case,
-        near: Hypothesis,
-        nuisances: tuple[Nuisance, ...],
-        taps: Array,
-        valves: int,
-    ) -> None:
-        self.taps = taps
+    def __init__(self, case: Case, near: Hypothesis, look: Look, valves: int) -> None:
+        self.look = look
         self.designs = {
             integrating: case.design(
-                nuisances,
-                taps,
+                look.nuisances,
+                look.taps,
                 near.stem,
                 next(p for p in COARSE if p.integrating is integrating),
                 near.dead_time,
@@ -134,7 +132,7 @@ class _Look:
         self.late = np.zeros(valves, dtype=np.int64)
 
 
-def _rank(case: Case, looks: list[_Look], valves: Array, law: str, stride: int) -> None:
+def _rank(case: Case, looks: list[_Ranking], valves: Array, law: str, stride: int) -> None:
     """Fill in every look: a response is computed once for all of them."""
     longest = case.max_dead_time
     delays = np.array([d for d in case.settings.searching.delays if d <= longest], dtype=np.int64)

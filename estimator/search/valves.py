@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.hypotheses.hypothesis import Case, Hypothesis
-from estimator.hypotheses.nuisances import Nuisance
+from estimator.hypotheses.noise import DRIFT_AND_NOISE, LOOKS
+from estimator.hypotheses.nuisances import FEWEST_CYCLES, Nuisance, Sinusoid, spectral_peaks
 from estimator.processes.poles import Poles, Shape
-from estimator.search.coarse import first_apart, one_step_starts, simulated_starts
+from estimator.search.coarse import Look, first_apart, one_step_starts, simulated_starts
 from estimator.search.descent import refine_valve
 from estimator.search.processes import polish
 
@@ -27,26 +28,34 @@ def find_valves(
     moves PV.
     """
     searching = case.settings.searching
+    looks = tuple(Look(nuisances, taps) for taps in LOOKS)
+    if not nuisances:
+        looks += _looks_at_wave(case)
     ended: list[Hypothesis] = []
     for law in searching.laws:
-        starts = _starts(case, near, nuisances, law)
+        starts = _starts(case, near, looks, law)
         found = [
-            polish(case, one.valve, one, nuisances, one.taps, passes=2, wide=False)
+            polish(case, one.valve, one, one.nuisances, one.taps, passes=2, wide=False)
             for one in _best_apart(starts, searching.polished)
         ]
         ended += [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
     return tuple(sorted(ended, key=lambda one: -round(one.likelihood, 6)))
 
 
-def _starts(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], law: str
-) -> list[Hypothesis]:
+def _looks_at_wave(case: Case) -> tuple[Look, ...]:
+    """A look with PV's own oscillation from outside: without it the right valve explains little."""
+    cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
+    return (Look((Sinusoid(cycles),), DRIFT_AND_NOISE),) if cycles >= FEWEST_CYCLES else ()
+
+
+def _starts(case: Case, near: Hypothesis, looks: tuple[Look, ...], law: str) -> list[Hypothesis]:
     """The valves of one law that one of the looks takes for likely."""
     starts = [
-        case.fit(start.valve, start.poles, start.dead_time, nuisances, taps)
-        for start, taps in simulated_starts(case, near, nuisances, law)
+        case.fit(start.valve, start.poles, start.dead_time, look.nuisances, look.taps)
+        for start, look in simulated_starts(case, near, looks, law)
     ]
     if law == "he":
+        nuisances = looks[0].nuisances
         for valve, dead_time in one_step_starts(case, near, nuisances):
             lag = Poles(Shape.LAGS, 6.0), dead_time
             starts.append(polish(case, valve, lag, nuisances, near.taps, passes=2, wide=True))

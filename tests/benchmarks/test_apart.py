@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.apart.loops import WARM, Course, nominal
+from benchmarks.apart.loops import WARM, Course, Loop, asked_way, nominal
 from benchmarks.apart.plants import PROCESSES, VALVES, ApartPlant
 from benchmarks.compensation_apart import judge
+from benchmarks.tuned.linear_plants import TwoStops
+from estimator.valves import KanoValve
 
 
 @pytest.mark.parametrize("name", PROCESSES)
@@ -29,6 +31,33 @@ def test_a_valve_sticks_inside_its_band_and_slips_beyond_it(valve: str) -> None:
     for _ in range(100):
         far = stem.move(60.0, 0.1)
     assert 56.0 <= far <= 60.0
+
+
+def test_both_families_follow_kano_s_flow_chart() -> None:
+    """OP that turns, rests and comes back from far inside the band tells the flow chart apart from
+    one that looks at OP's last change alone.
+    """
+    rng = np.random.default_rng(3)
+    op = 50.0 + np.cumsum(rng.choice([-3.0, -0.4, 0.0, 0.0, 0.4, 3.0], 400))
+    op[0] = 50.0
+    told = KanoValve(6.0, 2.0).simulate(op, 50.0)
+    apart, tuned = VALVES["Kano"](6.0, 2.0, 50.0), TwoStops(6.0, 2.0, 50.0, rng)
+    seen = np.array([[apart.move(float(u), 1.0), tuned.move(float(u), 1.0)] for u in op])
+    later = slice(100, None)  # the first state is forgotten by then
+    assert np.count_nonzero(np.diff(told[later])) > 20
+    assert seen[later] == pytest.approx(np.column_stack([told, told])[later])
+
+
+@pytest.mark.parametrize("process", ["first order", "level"])
+def test_a_ramp_asks_for_its_way_and_a_slip_a_turn(process: str) -> None:
+    loop = Loop(process, "He", "pi")
+    asked = asked_way(loop, "ramps")
+    slope = 2.0 * loop.band * loop.scale / 200.0
+    gain = PROCESSES[process].gain
+    one_leg = 2.0 * slope / gain if process == "level" else 200.0 * slope / gain
+    assert asked[WARM + 100 : WARM + 300].sum() == pytest.approx(one_leg + loop.jump, rel=0.02)
+    assert asked[:WARM].sum() == 0.0
+    assert asked_way(loop, "load step").sum() == 0.0
 
 
 def course(after: float, travel: float) -> Course:

@@ -287,6 +287,25 @@ def test_friction_far_beyond_the_model_is_impossible() -> None:
     assert prior.static_deviation(EXAMPLE_1.valve) == pytest.approx(0.7)
 
 
+def test_an_uncertain_slip_jump_comes_with_an_uncertain_gain() -> None:
+    """A limit cycle at one set-point shows their product alone."""
+    valve = EXAMPLE_1.valve
+    assert FrictionPrior().jump_deviation(valve) == 0.0
+    stated = FrictionPrior(uncertainty=Uncertainty(0.0, 0.3))
+    assert stated.jump_deviation(valve) == pytest.approx(0.6 / valve.slip_jump)
+    vague = FrictionPrior(uncertainty=Uncertainty(0.0, 30.0))
+    assert vague.jump_deviation(valve) == vague.jump_spread_most
+    assert stated.jump_deviation(ValveModel(4.0, 0.0)) == 0.0
+    vague_errors = vague.error_covariance(valve, 0.1)
+    assert np.linalg.eigvalsh(vague_errors).min() > 0.0
+    assert vague_errors[0, 1] < 0.0 == FrictionPrior().error_covariance(valve, 0.1)[0, 1]
+    # Their product is known: what is uncertain of it is what the gain has by itself.
+    half = np.array([1.0 / (0.5 * valve.slip_jump), 1.0])
+    assert half @ stated.error_covariance(valve, 0.0) @ half == pytest.approx(
+        (half[0] * stated.dynamic_deviation(valve)) ** 2 - stated.jump_deviation(valve) ** 2
+    )
+
+
 def test_hypotheses_that_agree_on_the_stem_are_merged_by_their_moments() -> None:
     one = Belief(50.0, 1.0, np.array([1.0]), np.array([2.0, 0.0, 0.0]), score=math.log(0.75))
     two = Belief(50.0, 1.0, np.array([5.0]), np.array([-2.0, 0.0, 0.0]), score=math.log(0.25))

@@ -217,13 +217,16 @@ def test_a_ramp_is_followed_by_steps_in_its_direction_only() -> None:
 def test_travel_is_saved_only_while_pv_is_good_enough() -> None:
     thrift = Thrift(deviation=1.0, travel=0.1, horizon=50)
     for _ in range(300):
-        thrift.push(0.2, 0.3)
+        thrift.push(50.2, 50.0, 0.3)
+    assert thrift.price == pytest.approx(10.0)
+    for k in range(25):  # half a horizon is the way to a new set-point
+        thrift.push(50.2 - 0.12 * k, 47.0, 3.0)
     assert thrift.price == pytest.approx(10.0)
     for _ in range(300):
-        thrift.push(0.9, 0.3)
+        thrift.push(47.9, 47.0, 0.3)
     assert thrift.price == 1.0
     for _ in range(300):
-        thrift.push(0.2, 0.0)
+        thrift.push(47.2, 47.0, 0.0)
     assert thrift.price == 1.0
     with pytest.raises(CompensatorError, match="most is a factor of at least 1"):
         ThriftSettings(most=0.5)

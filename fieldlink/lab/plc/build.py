@@ -28,8 +28,9 @@ from loop_model import ProcessModel
 
 __all__ = ["LoopSetup", "PlcError", "Programs"]
 
-ANSWER_WITHIN = 10.0
-"""Seconds that an FMU may take for a step before it is given up."""
+ANSWER_WITHIN = 60.0
+"""Seconds that an FMU may take to start or for a step before it is given up: starting its process
+takes ten and more on a loaded machine."""
 
 
 class PlcError(FieldlinkError):

@@ -8,21 +8,16 @@ from collections.abc import Iterable
 import numpy as np
 
 from compensator.belief import Belief
-from compensator.friction import FrictionPrior
 from compensator.prediction import Prediction
+from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
 __all__ = ["first_beliefs", "likely_ones", "outcomes_of", "recalled_ones"]
 
-_NEGLIGIBLE = 0.006
-"""Chance of an outcome below which it is not followed by a hypothesis of its own."""
-_HOPELESS = 15.0
-"""Log-odds against a hypothesis from which it is dropped."""
-_FIRST = (0.0, -0.4, 0.4, -0.8, 0.8)
-"""Positions assumed at first, from OP, as shares of the static friction."""
 
-
-def first_beliefs(prediction: Prediction, pv: float, op: float, valve: ValveModel) -> list[Belief]:
+def first_beliefs(
+    prediction: Prediction, pv: float, op: float, valve: ValveModel, settings: TrackerSettings
+) -> list[Belief]:
     """Return the hypotheses of a loop at rest at ``pv``: the stem is anywhere in OP's band."""
     fs = valve.static_friction
     state, drive = prediction.equilibrium(pv, 0.0)
@@ -34,31 +29,33 @@ def first_beliefs(prediction: Prediction, pv: float, op: float, valve: ValveMode
             np.array([drive - op - offset * fs, 0.0, 0.0]),
             score=-0.5 * abs(offset),
         )
-        for offset in (_FIRST if fs > 0.0 else _FIRST[:1])
+        for offset in (settings.first if fs > 0.0 else (0.0,))
     ]
 
 
-def outcomes_of(h: Belief, op: float, valve: ValveModel, friction: FrictionPrior) -> list[Belief]:
+def outcomes_of(h: Belief, op: float, valve: ValveModel, settings: TrackerSettings) -> list[Belief]:
     """Return what ``op`` may have made of a hypothesis: the stem stays, or slips, or both."""
+    friction, negligible = settings.friction, settings.negligible
     error = op - h.stem
     side = math.copysign(1.0, error)
     z = (abs(error) - valve.static_friction) / friction.static_deviation(valve)
     stays = friction.chance_of_rest(z, h.tested)
     outcomes = []
-    if stays > _NEGLIGIBLE:
+    if stays > negligible:
         outcomes.append(h.stay(z, math.log(stays), friction))
-    if stays < 1.0 - _NEGLIGIBLE:
+    if stays < 1.0 - negligible:
         landed = op - side * valve.dynamic_friction
         outcomes.append(h.slip(landed, side, math.log(1.0 - stays), friction))
     return outcomes
 
 
-def likely_ones(beliefs: list[Belief], most: int) -> list[Belief]:
+def likely_ones(beliefs: list[Belief], settings: TrackerSettings) -> list[Belief]:
     """Return the best few, best first: none hopeless, one of a position."""
     ranked = sorted(beliefs, key=lambda h: -h.score)
     kept: list[Belief] = []
     for h in ranked:
-        if h.score < ranked[0].score - _HOPELESS or len(kept) == most:
+        hopeless = h.score < ranked[0].score - settings.hopeless
+        if hopeless or len(kept) == settings.hypotheses:
             break
         if all(other.stem != h.stem for other in kept):
             kept.append(h)

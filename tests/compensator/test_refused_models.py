@@ -1,0 +1,126 @@
+"""Which models a supervisor refuses or gives up, and for how long."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from compensator import (
+    RefusalKind,
+    RetrySettings,
+    Supervisor,
+    SupervisorState,
+    UnawareMpc,
+    WithdrawReason,
+)
+from fieldlink.lab.study.closed_loop import EXAMPLE_1
+from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.compensator.supervised_loop import REST, UNCHECKED, Loop, wrong_sign
+
+
+def test_a_refused_first_model_is_flagged() -> None:
+    loop = Loop()
+    loop.run(5)
+    loop.supervisor.offer(LoopModel(ValveModel(150.0, 1.0), EXAMPLE_1.process))
+    loop.run(5)
+    assert loop.supervisor.state is SupervisorState.BASE
+    assert loop.supervisor.reason is WithdrawReason.REFUSED
+
+
+def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
+    """A process of the wrong sign drives the loop away; the watch must end that."""
+    loop = Loop(settings=UNCHECKED)
+    loop.run(400)
+    wrong = wrong_sign()
+    assert loop.supervisor.offer(wrong)
+    loop.run(600)
+    assert loop.supervisor.state is SupervisorState.BASE
+    assert loop.supervisor.reason in {
+        WithdrawReason.WORSE,
+        WithdrawReason.GROWING,
+        WithdrawReason.HUNTING,
+        WithdrawReason.LEFT_RANGE,
+    }
+    assert not loop.supervisor.offer(wrong)
+    assert "worse" in loop.supervisor.refusal
+    assert loop.supervisor.offer(EXAMPLE_1)
+    loop.run(400)
+    assert loop.supervisor.compensating
+
+
+def test_a_sign_that_the_record_contradicts_is_refused_at_the_door() -> None:
+    loop = Loop()
+    loop.run(400)
+    wrong = wrong_sign()
+    assert not loop.supervisor.offer(wrong)
+    assert loop.supervisor.refused is RefusalKind.WRONG_SIGN
+    assert "wrong sign" in loop.supervisor.refusal
+    assert loop.supervisor.offer(EXAMPLE_1)
+
+
+def test_the_sign_seen_is_known_after_a_restart() -> None:
+    loop = Loop()
+    loop.run(400)
+    assert loop.supervisor.offer(EXAMPLE_1)
+    memory = loop.supervisor.memory
+    wrong = wrong_sign()
+    loop.supervisor = Supervisor(UnawareMpc(EXAMPLE_1.process))
+    loop.supervisor.restore(memory)
+    assert not loop.supervisor.offer(wrong)
+    assert loop.supervisor.refused is RefusalKind.WRONG_SIGN
+    assert loop.supervisor.offer(EXAMPLE_1)
+
+
+def test_a_wrong_sign_after_manual_trips_at_once() -> None:
+    """Manual shortly before the take-over must not make the watch blind."""
+    loop = Loop(settings=UNCHECKED)
+    loop.run(400)
+    loop.run(5, manual=loop.op[-1])
+    wrong = wrong_sign()
+    assert loop.supervisor.offer(wrong)
+    loop.run(400)
+    assert loop.supervisor.state is SupervisorState.BASE
+    errors = np.abs(np.asarray(loop.pv) - (REST + 2.5))
+    far = np.flatnonzero(errors[405:] > 3.0 * errors[100:400].max())
+    on = [k for k, state in enumerate(loop.states) if state is SupervisorState.COMPENSATING]
+    assert far.size == 0 or on[-1] - (405 + far[0]) <= 40
+
+
+def test_a_twin_of_a_model_that_was_given_up_is_refused_until_time_has_passed() -> None:
+    loop = Loop(settings=replace(UNCHECKED, retry=RetrySettings(after=900)))
+    loop.run(400)
+    wrong = wrong_sign()
+    loop.supervisor.offer(wrong)
+    loop.run(300)
+    valve = ValveModel.from_friction(7.1, 3.9)
+    p = EXAMPLE_1.process
+    twin = LoopModel(valve, ProcessModel(p.a, tuple(-1.01 * b for b in p.b), 1, 0.0, 1.0))
+    assert not loop.supervisor.offer(twin)
+    memory = loop.supervisor.memory
+    other = Loop()
+    other.supervisor.restore(memory)
+    assert not other.supervisor.offer(twin)
+    assert other.supervisor.memory.figures == memory.figures
+    loop.run(900)
+    assert loop.supervisor.offer(twin)
+
+
+def test_a_valve_that_does_not_stick_is_refused() -> None:
+    loop = Loop()
+    loop.run(50)
+    assert not loop.supervisor.offer(LoopModel(ValveModel(0.0, 0.0), EXAMPLE_1.process))
+    assert "stick band is 0" in loop.supervisor.refusal
+
+
+def test_a_valve_model_far_too_small_is_given_up_where_no_record_corrects_it() -> None:
+    loop = Loop(settings=UNCHECKED)
+    loop.run(600)
+    valve = EXAMPLE_1.valve
+    wrong = ValveModel(0.3 * valve.stick_band, 0.3 * valve.slip_jump)
+    assert loop.supervisor.offer(LoopModel(wrong, EXAMPLE_1.process))
+    loop.run(1200)
+    assert loop.supervisor.state is SupervisorState.BASE
+    assert loop.supervisor.reason in {
+        WithdrawReason.WORSE,
+        WithdrawReason.HUNTING,
+        WithdrawReason.GROWING,
+    }

@@ -1,0 +1,139 @@
+"""What the watch makes of an error and of the stem's travel, scan by scan."""
+
+import math
+
+import numpy as np
+import pytest
+
+from compensator import (
+    LoopFigures,
+)
+from compensator.figures import oscillation_period
+from compensator.watch import LoopWatch, Watched, WatchVerdict
+
+
+def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
+    period, growth = 40, 1.3
+    watch = LoopWatch(LoopFigures(0.04, 0.1, 100.0, 0.6))
+    noise = np.random.default_rng(1).normal(0.0, 0.1, 20 * period)
+    for k in range(20 * period):
+        error = 0.5 * growth ** (k / period) * math.sin(2.0 * math.pi * k / period) + noise[k]
+        if watch.push(Watched(error, 0.0, 0.01)) is not WatchVerdict.FINE:
+            break
+    # It begins at five deviations of the noise.
+    assert k < 5 * period
+
+
+def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    for k in range(400):
+        verdict = watch.push(Watched(1.05 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01))
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.WORSE
+    assert k < 5 * 40
+
+
+@pytest.mark.parametrize("amplitude", [0.9, 0.3])
+def test_a_steady_oscillation_no_worse_than_before_is_let_be(amplitude: float) -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    noise = np.random.default_rng(2).normal(0.0, 0.1, 2000)
+    for k in range(2000):
+        error = amplitude * math.sin(2.0 * math.pi * k / 40.0) + noise[k]
+        assert watch.push(Watched(error, 0.5, 0.01)) is WatchVerdict.FINE
+
+
+def test_the_period_is_read_from_the_error() -> None:
+    noise = np.random.default_rng(3).normal(0.0, 0.2, 600)
+    errors = [math.sin(2.0 * math.pi * k / 60.0) + noise[k] for k in range(600)]
+    assert oscillation_period(errors, 1.0) == pytest.approx(60.0, rel=0.05)
+    assert oscillation_period([0.1, 0.2, 0.3], 77.0) == 77.0
+
+
+def test_what_was_seen_before_a_set_point_change_still_counts() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    seen = 0
+    for k in range(1000):
+        if k % 70 == 0:
+            watch.restart(20)
+        seen += 1
+        if (
+            watch.push(Watched(1.1 * math.sin(2.0 * math.pi * k / 40.0), 0.8, 0.01))
+            is WatchVerdict.WORSE
+        ):
+            break
+    assert seen < 8 * 40
+
+
+def test_an_overshoot_as_large_as_the_step_ends_it_at_once() -> None:
+    watch = LoopWatch(LoopFigures(0.02, 1.0, 40.0, 2.0))
+    watch.restart(60)
+    for k in range(60):
+        verdict = watch.push(Watched(-5.0 + 0.25 * k, 0.0, 0.0025))
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.GROWING
+    assert k == 41
+
+
+def test_an_error_far_beyond_all_that_was_known_ends_it_within_the_dead_time_and_eight() -> None:
+    watch = LoopWatch(LoopFigures(0.02, 1.0, 40.0, 0.4), dead_time=5)
+    for k in range(60):
+        verdict = watch.push(Watched(0.1 * k, 0.0, 0.0025))
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.LEFT_RANGE
+    assert k == 13 + 12  # beyond 1.2 from sample 13 on
+
+
+def test_an_error_that_returns_is_none_that_ran_away() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    for k in range(300):
+        error = 5.0 * math.exp(-((k - 100.0) ** 2) / 18.0)
+        assert watch.push(Watched(error, 0.0, 0.01)) is WatchVerdict.FINE
+
+
+def test_op_at_its_limit_with_pv_leaving_ends_it() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), dead_time=1)
+    for k in range(60):
+        verdict = watch.push(Watched(1.0 + 0.05 * k, 0.0, 0.01, limited=True, at_limit=True))
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict is WatchVerdict.LEFT_RANGE
+    assert 1.0 + 0.05 * k < 3.0 * 1.2
+
+
+def test_a_set_point_out_of_reach_is_not_worse() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    watch.restart(40)
+    for _ in range(1000):
+        assert (
+            watch.push(Watched(-5.0, 0.0, 0.01, limited=True, at_limit=True)) is WatchVerdict.FINE
+        )
+
+
+def test_travel_over_its_budget_is_noticed_however_good_pv_is() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    found = [watch.push(Watched(0.05, 2.5, 1e-4)) for _ in range(300)]
+    assert WatchVerdict.TRAVEL in found
+    fair = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    assert all(fair.push(Watched(0.05, 1.9, 1e-4)) is WatchVerdict.FINE for _ in range(300))
+    ramp = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    asked = [ramp.push(Watched(0.05, 2.5, 1e-4, sp_travel=1.0)) for _ in range(300)]
+    assert set(asked) == {WatchVerdict.FINE}
+    # A stem follows a ramp in steps: what each step does is what the scans before it asked for.
+    steps = LoopWatch(LoopFigures(0.5, 0.02, 40.0, 1.2), stroke=1.0)
+    found = [
+        steps.push(Watched(0.05, 5.0 * (k % 25 == 24), 1e-4, sp_travel=0.2)) for k in range(300)
+    ]
+    assert set(found) == {WatchVerdict.FINE}
+
+
+def test_a_valve_at_rest_is_given_more_room() -> None:
+    """What PV does then is noise: 1.5 times the mean square of before is no reason to give up."""
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    for k in range(2000):
+        error = math.sqrt(1.5) * math.sin(2.0 * math.pi * k / 40.0)
+        assert watch.push(Watched(error, 0.0, 0.2)) is WatchVerdict.FINE
+    errors = [3.5 * math.sin(2.0 * math.pi * k / 40.0) for k in range(260)]
+    assert any(watch.push(Watched(e, 0.0, 0.2)) is WatchVerdict.WORSE for e in errors)
