@@ -5,7 +5,7 @@ Two rules make a result the same on every processor:
 * Strict arithmetic. Without ``fastmath`` the compiler may neither reorder a sum nor fuse a product
   into it, so that a loop gives the same bits whatever the width of the processor's lanes. Kernels
   are quick because many candidates are worked on side by side, one a lane.
-* One cache for one state of the sources. Numba compiles a kernel anew when its own file changes,
+* One cache for one state of the sources. Numba compiles a kernel again when its own file changes,
   but not when a kernel that it calls changes in another file. The cache folder's name therefore
   holds a hash of all kernel sources: after an upgrade no old kernel can run.
 """

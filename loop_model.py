@@ -99,10 +99,14 @@ class ProcessModel:
     def __post_init__(self) -> None:
         numbers = (*self.a, *self.b, self.offset, self.period)
         if not self.b or not all(map(math.isfinite, numbers)):
-            raise ValueError(f"a process needs at least one b and finite numbers; got {self!r}")
+            raise ValueError(
+                "a process needs at least one b and finite numbers; got "
+                f"a = {self.a}, b = {self.b}, offset = {self.offset}, period = {self.period}"
+            )
         if self.dead_time < 0 or self.period <= 0.0:
             raise ValueError(
-                f"dead_time must not be negative and period must be positive; got {self!r}"
+                "dead_time must not be negative and period must be positive; got "
+                f"dead_time = {self.dead_time}, period = {self.period}"
             )
 
     @property

@@ -109,7 +109,7 @@ def _cluster() -> Iterator[tuple[str, Callable[[], None], Callable[[], None]]]:
     def kill_scheduler() -> None:
         running["scheduler"].kill()
         running["scheduler"].wait()
-        # Dask's workers end with their scheduler; a service manager starts both anew.
+        # Dask's workers end with their scheduler; a service manager starts both again.
         start_scheduler()
         start_workers()
 

@@ -153,7 +153,7 @@ class serving:  # noqa: N801  (reads as a statement)
 
 
 def draw(address: str) -> float | None:
-    """Seconds in which a browser draws a chart anew; None without a browser."""
+    """Seconds in which a browser draws a chart again; None without a browser."""
     chromium = shutil.which("chromium")
     if chromium is None:
         return None

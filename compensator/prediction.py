@@ -204,7 +204,7 @@ class Prediction:
         except (np.linalg.LinAlgError, ValueError) as error:
             raise CompensatorError(
                 f"no Kalman filter exists for this process and noise model ({error}); the "
-                f"disturbance cannot be observed in PV: {self.process!r}"
+                f"disturbance cannot be observed in PV; identify the process again"
             ) from error
         innovation = float((C @ covariance @ C.T + r).item())
         gain = (A @ covariance @ C.T + cross) @ np.array([[1.0 / innovation]])

@@ -1,10 +1,9 @@
 """Moves of the stem that are sure to slip, whatever is still unknown of stem and friction.
 
-The planner moves what drives the process; the stem moves that by a gain known a little better than
-the model has it, and each turn of its direction adds the error of fD (`StemTracker`). What is
-learnt of fD shifts where the stem lands, not the OP at which it breaks away: a command inside the
-believed band could let the true valve slip while "it stayed" is believed, and the belief would run
-away. So a move goes as far as is sure to slip under every plausible hypothesis.
+A planned move of the process needs a stem move that differs by the error of the gain and, after a
+turn, by the error of fD (`StemTracker`). The error of fD shifts where the stem lands, not the OP at
+which it slips: a command just inside the estimated band could let the true valve slip while the
+filter holds "it stayed". So a move goes as far as is sure to slip under every plausible hypothesis.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ class SureMoves:
 
     @property
     def smallest(self) -> float:
-        """J and the margin above it; more after a command that the valve has withstood."""
+        """Least move: J and a margin; more after a command that did not move the valve."""
         margin = self.settings.slip_margin
         if self.belief.survived > 0.0:
             margin += self.settings.spread * self.belief.survived

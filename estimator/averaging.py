@@ -70,7 +70,7 @@ def with_every_sample(
     """The result on averages with the process, the stem and PV of every sample of the window.
 
     ``case`` and ``best`` are those of the averages, the valve is kept. Gain, offset and dead time
-    are fitted anew by least squares.
+    are fitted again by least squares.
     """
     assert best.valve is not None
     assert result.model is not None

@@ -182,7 +182,7 @@ def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> 
         else:
             loops[name], signals[name] = answer
     if not loops:
-        raise DiagnosisError("\n".join(refused.values()) or "no loop is given")
+        raise DiagnosisError("\n".join(refused.values()) or "no loop given; name a file or folder")
     signals = _aligned(signals)
     groups = find_groups(signals, loops) if len(loops) > 1 else ()
     return Plant(loops, groups, refused, signals)

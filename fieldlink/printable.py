@@ -1,4 +1,4 @@
-"""Text from outside, made fit for a terminal and a log: nothing in it is obeyed."""
+"""Text from outside without the control characters that a terminal or a log would act on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ LONGEST = 80
 
 
 def as_printable(text: str, *, lines: bool = False) -> str:
-    """Return text in which what a terminal might obey is a question mark.
+    """Return the text with a question mark in place of each control character.
 
     Args:
         text: any text, such as a name from a file.

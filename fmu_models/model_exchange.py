@@ -1,8 +1,8 @@
 """Model exchange: the FMU gives derivatives and events, SUNDIALS' CVode (from FMPy) integrates.
 
 Inputs change between steps, in event mode, so that discrete inputs and jumps are right; the solver
-starts anew then, as it does after every event. A snapshot does not hold CVode's memory: it starts
-anew when one is taken and when one is restored, so that a replay is exact.
+starts again then, as it does after every event. A snapshot does not hold CVode's memory: it starts
+again when one is taken and when one is restored, so that a replay is exact.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class Sweep:
             ends in ``.fmu``.
         steps: of each run.
         grid: values to combine, by parameter; of string variables texts.
-        random: low and high of values drawn anew for each run, by parameter.
+        random: low and high of values drawn again for each run, by parameter.
         fixed: parameters of every run. For a plant of the catalogue ``controller`` is 1 and the
             plant rests at OP 40 % at the start unless they say otherwise.
         runs: for each point of the grid; for a plant of the catalogue each with a noise of its own.

@@ -1,4 +1,4 @@
-"""What both families hand out: records of loops, with the truth about them beside it."""
+"""Records of loops with their true causes, as both families return them."""
 
 from __future__ import annotations
 

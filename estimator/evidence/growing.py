@@ -59,7 +59,7 @@ def add_best(case: Case, of: Hypothesis, other: Hypothesis) -> Hypothesis | None
 
 
 def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
-    """The healthy valve with PV's own oscillation from outside, its process fitted anew with it.
+    """The healthy valve with PV's own oscillation from outside, its process fitted again with it.
 
     In a closed loop a process that was fitted first takes the disturbance for its own work: what it
     leaves shows no peak, and the right process lies behind a ridge. None where PV does not
@@ -94,7 +94,7 @@ def _waves_of(case: Case, cycles: float) -> list[Sinusoid]:
 def _with(
     case: Case, of: Hypothesis, nuisances: tuple[Nuisance, ...], taps: Array | None
 ) -> Hypothesis:
-    """The hypothesis with other nuisances: its noise model fitted anew, or ``taps`` as they are."""
+    """The hypothesis with other nuisances: its noise model fitted again, or ``taps`` kept."""
     return case.fit(
         of.valve,
         of.poles,

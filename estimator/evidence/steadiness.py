@@ -16,7 +16,7 @@ def steady_evidence(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> floa
 
     One jump of the load, or one bridged gap, may fall on a slip of some valve and count for that
     valve. The window is cut into equal parts, each is left out in turn, and the least evidence
-    counts. Nothing is fitted anew but the size of the innovations; prices stay paid in full.
+    counts. Nothing is fitted again but the size of the innovations; prices stay paid in full.
     """
     parts = case.settings.judging.parts
     counts = np.array([part.sum() for part in np.array_split(case.rows.weight, parts)])

@@ -43,7 +43,7 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
     """The verdict: evidence against one threshold, once the window can show a valve at all."""
     judging, screening = settings.judging, settings.screening
     figures = (
-        f"log Bayes factor {evidence.log_bayes_factor:.1f}, called from {judging.threshold:g} on; "
+        f"log Bayes factor {evidence.log_bayes_factor:.1f}, threshold {judging.threshold:g}; "
         f"PV is explained to {fit.r2:.3f} by a sticky valve and to {fit.r2_healthy_valve:.3f} by a "
         f"healthy one; {evidence.strokes} strokes"
     )

@@ -46,7 +46,8 @@ class ArmaxOrders:
     def __post_init__(self) -> None:
         if self.na < 0 or self.nb < 1 or self.nc < 0 or self.dead_time < 0:
             raise EstimatorError(
-                f"ARMAX needs na >= 0, nb >= 1, nc >= 0 and dead_time >= 0; got {self!r}"
+                "ARMAX needs na >= 0, nb >= 1, nc >= 0 and dead_time >= 0; got "
+                f"na = {self.na}, nb = {self.nb}, nc = {self.nc}, dead_time = {self.dead_time}"
             )
 
     @property
@@ -184,7 +185,7 @@ def armax(
     rows = int(problem.weight.sum())
     if rows < 5 * orders.coefficients:
         raise EstimatorError(
-            f"{orders!r} has {orders.coefficients} coefficients and {rows} usable rows; "
+            f"ARMAX has {orders.coefficients} coefficients and {rows} usable rows; "
             f"5 rows each are needed: record a longer window or lower the orders"
         )
     theta, error, steps, converged = _gauss_newton(problem, _hannan_rissanen(problem, usable))

@@ -55,7 +55,8 @@ class ArxStructure:
     def __post_init__(self) -> None:
         if self.na < 0 or self.nb < 1 or self.dead_time < 0:
             raise EstimatorError(
-                f"an ARX structure needs na >= 0, nb >= 1 and dead_time >= 0; got {self!r}"
+                "an ARX structure needs na >= 0, nb >= 1 and dead_time >= 0; got "
+                f"na = {self.na}, nb = {self.nb}, dead_time = {self.dead_time}"
             )
 
     @property
@@ -139,7 +140,7 @@ class ArxWindow:
         needed = structure.lead + 3 * (structure.coefficients + 2)
         if u.size < needed:
             raise EstimatorError(
-                f"{structure!r} needs at least {needed} samples; the window has {u.size}"
+                f"this ARX structure needs at least {needed} samples; the window has {u.size}"
             )
         if np.ptp(u) == 0.0:
             raise EstimatorError("op is constant: there is nothing that a valve could do")

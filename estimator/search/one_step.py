@@ -174,7 +174,8 @@ class OneStep:
             ValueError: a dead time beyond `LATEST` samples is asked for.
         """
         if shortest + shifts > LATEST:
-            raise ValueError(f"dead times and coefficients up to {LATEST} samples have sums")
+            asked = shortest + shifts
+            raise ValueError(f"dead time and coefficients reach {asked} samples, of {LATEST}")
         found: tuple[Array, Index] = one_step_costs(
             self.rows.u,
             self.top,

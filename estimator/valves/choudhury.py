@@ -1,4 +1,4 @@
-"""Choudhury's valve: like Kano's, but its band is counted anew at every turn of OP."""
+"""Choudhury's valve: like Kano's, but its band is counted again at every turn of OP."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def steps_of(series: Series) -> NDArray[np.int64]:
     steps = 1 + missing_between(elapsed)
     if series.slot is not None:
         counted = np.diff(series.slot)
-        # Slots are numbered anew when a daemon starts anew: then the clock counts.
+        # Slots are numbered again when a daemon starts again: then the clock counts.
         plausible = (counted > 0) & (np.abs(counted - elapsed) < 2.0)
         steps = np.where(plausible, counted, steps)
     return steps

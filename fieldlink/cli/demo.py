@@ -177,7 +177,7 @@ class _View:
             self._live.stop()
 
     def show(self, course: Course) -> None:
-        """Take in the newest moment."""
+        """Show the newest sample, and print each new step of the run."""
         latest = course.status.latest
         if latest is not None and latest.slot != self._slot:
             self._slot = latest.slot

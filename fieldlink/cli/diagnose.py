@@ -32,7 +32,9 @@ def diagnose(
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
     period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
-    hours: Annotated[float, typer.Option(min=0.1, help="For a site: hours up to now.")] = 24.0,
+    hours: Annotated[
+        float, typer.Option(min=0.1, help="For a site: hours of its record, up to now.")
+    ] = 24.0,
     plot: Annotated[
         Path | None,
         typer.Option(

@@ -43,7 +43,7 @@ def read_once(out: Path) -> bool:
 
 
 def run_trial(out: Path) -> bool:
-    """Run the new site for a minute and print what came of it; return whether all is well."""
+    """Run the new site for a minute and print the outcome; return whether all is well."""
     from fieldlink.daemon import configure_logging, trial
     from fieldlink.site import load_site
 

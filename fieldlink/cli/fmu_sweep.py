@@ -27,7 +27,7 @@ def sweep(
     ] = None,
     random: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=LOW:HIGH", help="Drawn evenly, anew for each run."),
+        typer.Option(metavar="NAME=LOW:HIGH", help="Range of a value drawn for each run."),
     ] = None,
     latin: Annotated[
         bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")
@@ -48,7 +48,7 @@ def sweep(
     ] = False,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds that a step may take.")] = 60.0,
 ) -> None:
-    """Run a plant, or any FMU, many times; goes on where it was interrupted."""
+    """Run a plant, or any FMU, many times; after an interruption the same command goes on."""
     from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
     from fmu_models import Sweep, catalogue, fmu_path, summarise
 

@@ -36,11 +36,11 @@ def init(
         list[str] | None,
         typer.Option(
             metavar="NAME=OP,PV[,sp=TAG][,mode=TAG][,scan=TAG]",
-            help="Tags of a loop, instead of what is proposed for it; again for more.",
+            help="Tags of a loop, instead of those proposed.",
         ),
     ] = None,
     leave_out: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A loop to leave out; again for more.")
+        list[str] | None, typer.Option(metavar="NAME", help="A loop to leave out.")
     ] = None,
     auto_values: Annotated[
         str | None,
@@ -51,13 +51,13 @@ def init(
     ] = 1.0,
     addresses: Annotated[
         Literal["zero", "one", "modicon"] | None,
-        typer.Option(help="How addresses are written; found out unless given."),
+        typer.Option(help="How addresses are written; recognised unless given."),
     ] = None,
     word_order: Annotated[
         Literal["big", "little"],
         typer.Option(help="Which register of a float is first, where the list does not say."),
     ] = "big",
-    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook; the first.")] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook, or the first.")] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(
@@ -71,7 +71,7 @@ def init(
         Path | None,
         typer.Option(
             metavar="CSV",
-            help="Recorded data whose columns are tags of the list: what they say of OP and PV.",
+            help="Recording whose columns are tags of the list: helps to tell OP from PV.",
         ),
     ] = None,
     trial: Annotated[

@@ -24,14 +24,14 @@ def import_(
     out: Out = None,
     addresses: Annotated[
         Literal["zero", "one", "modicon"] | None,
-        typer.Option(help="How addresses are written; found out unless given."),
+        typer.Option(help="How addresses are written; recognised unless given."),
     ] = None,
-    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook; the first.")] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook, or the first.")] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COLUMN=HEADING",
-            help="The list's heading of a register map's column, such as tag=Typ; again for more.",
+            help="The list's heading of a register map's column, such as tag=Typ.",
         ),
     ] = None,
     skip_bad: Annotated[

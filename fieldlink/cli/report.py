@@ -51,7 +51,7 @@ def report(
         typer.Option(
             min=0.01,
             max=100.0,
-            help="Stick band that is too much, % of OP's span; the site's, or 5.",
+            help="Stick band that is too much, % of OP's span; the site's or 5 unless given.",
         ),
     ] = None,
     op_span: Annotated[
@@ -59,7 +59,7 @@ def report(
         typer.Option(min=1e-9, help="OP's span where no register map gives it; 100 unless given."),
     ] = None,
     period: Annotated[
-        float | None, typer.Option(help="Seconds between the rows of recordings; their own.")
+        float | None, typer.Option(help="Seconds between rows of recordings.")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the list as one JSON object.")
@@ -67,8 +67,8 @@ def report(
 ) -> None:
     """Write the work list: what is wrong, what to do, by whom, and the evidence for each loop.
 
-    CSV goes to the screen unless --out is given. A report of recordings that was ended goes on
-    where it was when the same command is given again.
+    CSV goes to the screen unless --out is given. After an interruption the same command goes on
+    with the recordings that are left.
     """
     from fieldlink.worklist import (
         AUDIENCES,

@@ -25,7 +25,7 @@ class MemoryFileError(FieldlinkError):
 
 
 class _GivenUp(BaseModel):
-    """A `GivenUp`; the reason by its name, which releases do not change."""
+    """A `GivenUp` as stored; the name of its reason stays the same in later releases."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -112,7 +112,7 @@ def load_memory(file: Path, loop: str, *, period: float, now: float) -> LoopMemo
         kept = _Memory.model_validate_json(text)
         known = tuple(_restored(g, period, max(0.0, now - kept.saved_at)) for g in kept.given_up)
     except (ValidationError, KeyError) as error:
-        raise MemoryFileError(f"{file}: this is no memory of a compensator; {remedy}") from error
+        raise MemoryFileError(f"{file}: not written by a compensator; {remedy}") from error
     if kept.loop != loop:
         raise MemoryFileError(
             f"{file}: this is the memory of loop {kept.loop}, not of {loop}; give each loop its own"

@@ -59,7 +59,7 @@ def link_to(
     """Return a Modbus link that can write OP and the refusal's register, and nothing else."""
     if not site.devices[loop.device].link.startswith("modbus"):
         raise CompensateError(
-            f"device {loop.device!r} is no Modbus device; simulated plants are studied with "
+            f"device {loop.device!r} is not a Modbus device; simulated plants are studied with "
             "fieldlink simulate"
         )
     ranges: tuple[tuple[int, int], ...] = ()

@@ -43,7 +43,7 @@ class LoopRunner:
     Args:
         spec: what the loop is.
         link: its device's link.
-        journal: where everything is told.
+        journal: takes every event and error.
         numbers: the sequence numbers of the loop's blocks.
         orders: what operators have ordered for the loop's write-back.
         identity: of this installation; None where it has none.

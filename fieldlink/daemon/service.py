@@ -59,7 +59,7 @@ class Daemon:
         store: sizes and patience of the historian.
         pool: size and patience of the estimator's processes; the site file's unless given.
         clock: stamps readings and gives the deadlines.
-        reread: gives the site anew for a reload; reads its file unless given.
+        reread: gives the site again for a reload; reads its file unless given.
         watch_files: reload by itself when a file of the site has changed.
 
     Attributes:

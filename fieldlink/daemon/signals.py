@@ -1,4 +1,4 @@
-"""Stopping cleanly on SIGTERM and SIGINT, reading the site anew on SIGHUP."""
+"""Stopping cleanly on SIGTERM and SIGINT, reading the site again on SIGHUP."""
 
 from __future__ import annotations
 

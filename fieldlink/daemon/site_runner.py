@@ -110,7 +110,7 @@ class SiteRunner:
     async def resume_from(self, url: str) -> None:
         """Go on after the last block and the last order of every loop in the historian at ``url``.
 
-        A historian that cannot be read now is an event: what waits is then judged anew.
+        A historian that cannot be read now is an event: what waits is then judged again.
         """
         try:
             last = await asyncio.to_thread(last_blocks, url)

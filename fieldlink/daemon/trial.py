@@ -28,7 +28,7 @@ BAD_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class LoopTrial:
-    """What came of one loop.
+    """The outcome of one loop.
 
     Attributes:
         expected, read, missed, bad: samples.
@@ -56,7 +56,7 @@ class LoopTrial:
 
 
 async def try_site(site: Site, seconds: float = TRIAL) -> dict[str, LoopTrial]:
-    """Poll a site for so many seconds, read-only; return what came of each loop.
+    """Poll a site for so many seconds, read-only; return the outcome of each loop.
 
     Raises:
         FieldlinkError: a link cannot ever work.

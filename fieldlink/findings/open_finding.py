@@ -22,7 +22,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The candidate of a group was repaired or put in manual: the others will tell.
+    """The candidate of a group was repaired or put in manual; the others show if it was the source.
 
     Attributes:
         loop: the candidate.

@@ -46,7 +46,7 @@ class Quality(Enum):
     NO_COUNT = (9, "the cycle counter holds no count: check its type and its word order in the map")
     RESTARTED = (
         12,
-        "the first count after the cycle counter began anew: the controller's values may not be "
+        "the first count after the cycle counter started again: the controller's values may not be "
         "there yet; if every sample is of this kind, check the counter's type and word order",
     )
     LATE = (10, "asked for so late that the value is not of its slot: look at the lateness metric")

@@ -212,7 +212,7 @@ class ModbusConnection:
                 ReplyMismatchError(
                     self._device,
                     f"{self._where}: {request.text} got {error}",
-                    "the connection is opened anew; if it persists, look for a second master or a "
+                    "the connection is opened again; if it persists, look for a second master or a "
                     "faulty gateway",
                 )
             ) from error

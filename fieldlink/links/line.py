@@ -20,7 +20,7 @@ __all__ = ["Line", "LineSettings", "Lines"]
 MakeWire = Callable[[], Wire]
 
 SILENT_LIMIT = 3
-"""Time-outs in a row, of whatever unit, after which a shared line is opened anew."""
+"""Time-outs in a row, of whatever unit, after which a shared line is opened again."""
 
 
 @dataclass(frozen=True, slots=True)

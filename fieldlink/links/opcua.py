@@ -186,9 +186,10 @@ class OpcuaLink:
             return self._session
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
+            where, what = self._device.where, self._last_error
             raise LinkUnreachableError(
                 self._name,
-                f"{self._device.where}: {self._last_error}",
+                what if where in what else f"{where}: {what}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
             )
         session = self._session = OpcuaSession(self._name, self._device, self._site, self._clock)

@@ -112,7 +112,7 @@ def _no_password() -> str:
 
 
 def _medium(device: Device) -> tuple[object, ...] | None:
-    """Return what devices share that take turns; None for a device with a line of its own."""
+    """Return the line that several devices share; None for a device with its own line."""
     if device.link == "modbus-rtu":
         return ("serial", device.serial_port)
     if device.link == "modbus-rtu-tcp":

@@ -46,7 +46,7 @@ class WireClosedError(WireLostError):
 
 
 class WrongReplyError(Exception):
-    """Something came back that is no answer to the request; the text says what."""
+    """A reply that does not answer the request; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Notices on disk: told once for each state of a subject, kept until every receiver has them.
+"""Notices on disk: one for each state of a subject, kept until every receiver has it.
 
 A small SQLite file in the data directory, so that a restart neither repeats nor forgets a notice.
 """

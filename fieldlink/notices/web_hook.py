@@ -31,7 +31,8 @@ class WebHookReceiver:
         tls: certificates for an https address.
 
     Raises:
-        NoticeError: httpx is missing, the address is none, or the token would go unencrypted.
+        NoticeError: httpx is missing, the address is not for the web, or the token would go
+            unencrypted.
     """
 
     def __init__(
@@ -53,11 +54,11 @@ class WebHookReceiver:
             httpx.URL(url)
         except (ValueError, httpx.InvalidURL) as error:
             raise NoticeError(
-                f"{site_file}: notify.web_hook: the address is none; write https://HOST/PATH"
+                f"{site_file}: notify.web_hook: not a web address; write https://HOST/PATH"
             ) from error
         if parts.scheme not in ("http", "https") or not host:
             raise NoticeError(
-                f"{site_file}: notify.web_hook: the address is none; write https://HOST/PATH"
+                f"{site_file}: notify.web_hook: not a web address; write https://HOST/PATH"
             )
         if token is not None and parts.scheme == "http" and not is_loopback(host):
             raise NoticeError(

@@ -251,7 +251,7 @@ def read_password(file: Path) -> str:
 async def _exchange(
     process: asyncio.subprocess.Process, message: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Give the process a line and return its answer.
+    """Send the process a line and return its answer.
 
     Raises:
         _EndedError: it has ended or does not answer.

@@ -1,6 +1,6 @@
 """The site file, key by key, as typed and frozen models.
 
-What a table can tell about itself is checked here; what needs two tables or another file is checked
+What one table shows is checked here; what needs two tables or another file is checked
 in `fieldlink.site.rules`. Paths are as written; `fieldlink.site.Site` resolves them.
 """
 

@@ -104,7 +104,7 @@ class MailSettings(Model):
             )
         for address in (self.sender, *self.to):
             if _ADDRESS.fullmatch(address) is None:
-                raise ValueError(f'"{address}" is no mail address; write NAME@HOST')
+                raise ValueError(f'"{address}" is not a mail address; write NAME@HOST')
         return self
 
 

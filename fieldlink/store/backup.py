@@ -69,7 +69,7 @@ def _copy(source: Path, part: Path) -> int:
         closing(sqlite3.connect(address, uri=True, timeout=30.0)) as original,
         closing(sqlite3.connect(part)) as copy,
     ):
-        # All pages in one step: the daemon's writes in between would begin a stepwise copy anew.
+        # All pages in one step: the daemon's writes in between would begin a stepwise copy again.
         original.backup(copy, pages=-1)
         # A copy that stands alone: no journal beside it that could be forgotten.
         copy.execute("PRAGMA journal_mode=DELETE")

@@ -18,7 +18,7 @@ SYSTEM_FOLDER = Path("/etc/systemd/system")
 
 
 class Outcome(Enum):
-    """What came of an installation."""
+    """The outcome of an installation."""
 
     WRITTEN = "written"
     REPLACED = "replaced"
@@ -74,7 +74,7 @@ def install_unit(unit: ServiceUnit, folder: Path, *, replace: bool = False) -> I
 
 
 def next_commands(unit: ServiceUnit, site_file: Path) -> list[str]:
-    """Return what is to be typed next, in order; nothing of it is done by itself."""
+    """Return the commands left to type, in order; none of them is run."""
     control = "systemctl" if unit.user is not None else "systemctl --user"
     journal = "journalctl" if unit.user is not None else "journalctl --user"
     folder, file = shlex.quote(str(unit.data_dir)), shlex.quote(str(site_file))

@@ -109,7 +109,7 @@ class Delivery:
                 self._note_loss(f"the spool cannot be used: {error}; check the disk")
             except Exception as error:  # noqa: BLE001  (told; the other parts go on)
                 name = f"mqtt {self._format.name}"
-                self._defect(name, error, "the connection is opened anew")
+                self._defect(name, error, "the connection is opened again")
                 self._connections.note_failure()
             await self._pause()
 

@@ -44,7 +44,8 @@ class Readiness:
             if device.state in _ANSWERING:
                 answering += 1
             if device.state is not LinkState.GOOD:
-                said = device.last_failure or device.state.advice
+                said = device.last_failure.removeprefix(f"device {name}: ")
+                said = said or device.state.advice
                 reasons.append(f"device {name} is {device.state.name.lower()}: {said}")
             if device.quarantined:
                 tags = ", ".join(device.quarantined[:MOST_TAGS])

@@ -71,7 +71,7 @@ class Source:
 
     @property
     def name(self) -> str:
-        """What stands above the pages."""
+        """Name of the site, shown at the top of every page."""
         site = self.site
         if site is not None:
             return site.name

@@ -52,7 +52,9 @@ def test_without_a_file_nothing_is_remembered(tmp_path: Path) -> None:
 def test_a_file_that_is_none_of_ours_is_named_with_the_remedy(tmp_path: Path, text: str) -> None:
     file = tmp_path / "memory.json"
     file.write_text(text)
-    with pytest.raises(MemoryFileError, match=r"memory\.json: this is no memory .*; delete it"):
+    with pytest.raises(
+        MemoryFileError, match=r"memory\.json: not written by a compensator; delete it"
+    ):
         load_memory(file, "FC101", period=1.0, now=0.0)
 
 

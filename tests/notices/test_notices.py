@@ -347,7 +347,7 @@ def test_the_command_tries_every_receiver(mails: tuple[Mails, MailServer], tmp_p
             '[notify.web_hook]\nurl = "http://far.example/x"\ntoken_variable = "T"\n',
             "the token would cross the network unencrypted",
         ),
-        (mail_table(25, 'security = "none"\n').replace("a@", "a "), "is no mail address"),
+        (mail_table(25, 'security = "none"\n').replace("a@", "a "), "is not a mail address"),
         (
             mail_table(25, 'username = "edge"\n'),
             "username and a password belong together",

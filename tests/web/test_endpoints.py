@@ -64,7 +64,9 @@ async def test_health_and_metrics_of_a_running_daemon(
             )
             ready = await client.get("/readyz")
             assert ready.status_code == 503
-            assert "device plc is demoted" in ready.json()["reasons"][0]
+            reason = ready.json()["reasons"][0]
+            assert "device plc is demoted" in reason
+            assert reason.count("plc") == reason.count("127.0.0.1") == 1
     assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
     counts = status.loops["PLC"].counts
     read = found["fieldlink_loop_slots_total", "plc PLC read"]

@@ -2,7 +2,7 @@
 
 A task starts a watched worker process on its machine, once for each of the machine's Dask threads,
 so that a window that kills its process never kills a Dask worker. What the cluster loses is asked
-again: a Dask worker that died, or all of it when the scheduler was started anew.
+again: a Dask worker that died, or all of it when the scheduler was started again.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ __all__ = ["FindingsReport"]
 
 @dataclass(frozen=True, slots=True)
 class FindingsReport:
-    """What the rounds came to.
+    """Counts and open findings of the rounds so far.
 
     Attributes:
         rounds: rounds that ended.

@@ -164,7 +164,7 @@ class DiagnosisRounds:
     def _is_new(self, loop: str, last_slot: int, size: int) -> bool:
         """Whether enough of a loop's window came after its last diagnosis."""
         before = self._diagnosed_to.get(loop)
-        # slots that are numbered anew begin below
+        # slots that are numbered again begin below
         return before is None or last_slot < before or last_slot - before >= NEW_SHARE * size
 
     async def _diagnose(self, request: DiagnosisRequest, worker: Worker, found: _Seen) -> None:

@@ -52,7 +52,7 @@ class Action(Enum):
         "nothing is written any more; the PLC drops its model when the heartbeat stands still",
     )
     WRITEBACK_ON = ("writeback_on", "the write-back follows the site file again")
-    ANNOTATE = ("annotate", "noted; the trend starts anew at this moment")
+    ANNOTATE = ("annotate", "noted; the trend starts again at this moment")
 
     def __init__(self, code: str, done: str) -> None:
         self.code = code

@@ -30,7 +30,7 @@ _SETTLED = frozenset(
 async def withdraw_without_daemon(
     site: Site, name: str, reason: str, *, clock: Clock | None = None
 ) -> str:
-    """Withdraw a loop's block; return in words what came of it.
+    """Withdraw a loop's block; return the outcome in words.
 
     Raises:
         FieldlinkError: the loop may not be written, or its block was not withdrawn.

@@ -19,10 +19,10 @@ __all__ = ["SiteTakeover"]
 
 
 class SiteTakeover:
-    """Reads the site anew and takes over what has changed; a site that is wrong is refused.
+    """Reads the site again and takes over what has changed; a site that is wrong is refused.
 
     Args:
-        reread: gives the site anew.
+        reread: gives the site again.
         site_runner: the runners that work now.
         devices: their tasks.
         judging: judges the windows of the loops.

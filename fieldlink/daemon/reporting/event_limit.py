@@ -1,4 +1,4 @@
-"""A bound on events: what changes all the time is told as it begins, and then once a minute.
+"""A bound on events: what changes all the time is logged at first, and then once a minute.
 
 A device behind a loose contact comes and goes a thousand times a minute. Each time is an event, and
 events are kept for ever, so they would push the samples out of a bounded store.
@@ -14,7 +14,7 @@ from fieldlink.links import Clock
 __all__ = ["EventLimit", "Summary"]
 
 MOST = 10
-"""Events of one kind and source in a minute; a device that goes and comes five times is told."""
+"""Events of one kind and source in a minute; a device that comes and goes five times is logged."""
 
 WINDOW = 60.0
 """Seconds that a summary covers."""
@@ -40,7 +40,7 @@ class _Recent:
 
 
 class EventLimit:
-    """Decides which events are told one by one, and sums up the others.
+    """Decides which events are logged one by one, and sums up the others.
 
     Args:
         clock: gives the minutes.
@@ -51,12 +51,12 @@ class EventLimit:
         self._recent: dict[tuple[str, str], _Recent] = {}
 
     def admits(self, kind: str, source: str, message: str) -> bool:
-        """Whether an event is to be told now; one that is not is in the next summary."""
+        """Whether an event is logged now; otherwise the next summary counts it."""
         now = self._clock.monotonic()
         key = (kind.partition(".")[0], source)
         recent = self._recent.get(key)
         if recent is None or (now - recent.begin >= WINDOW and recent.held == 0):
-            # A minute without anything held back is over: what comes now is told again.
+            # A minute passed without anything held back: events are logged one by one again.
             recent = self._recent[key] = _Recent(now)
         if recent.told < MOST:
             recent.told += 1

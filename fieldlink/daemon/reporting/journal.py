@@ -137,7 +137,7 @@ class Journal:
             self._tell(summary.kind, summary.source, summary.message, bad=True)
 
     def defect(self, source: str, error: Exception, consequence: str) -> str:
-        """Count an error that nobody foresaw, and tell it once for each source and cause.
+        """Count an unforeseen error, and log it once for each source and cause.
 
         Args:
             source: the device, loop or job in whose work it was met.

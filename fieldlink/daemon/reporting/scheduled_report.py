@@ -1,6 +1,6 @@
 """The report that the site file schedules: written by a process of its own, so that no scan waits.
 
-Whether one is due is told by the files that are there, not by memory: a daemon that was down at the
+The files that are there tell whether one is due: a daemon that was down at the
 hour writes it when it is back, and one that is restarted writes it once. The first report is that
 of the first due hour after the daemon's start; before it there is nothing to report.
 """

@@ -35,7 +35,7 @@ class DeviceRunner:
         site: the site.
         name: the device's name.
         link: its link.
-        journal: where everything is told.
+        journal: takes every event and error.
         numbers: the sequence numbers of every loop's blocks, by the loop's name.
         orders: what operators have ordered for every loop's write-back, by the loop's name.
         identity: of this installation; None where it has none.

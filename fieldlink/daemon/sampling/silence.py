@@ -16,7 +16,7 @@ class SilenceWatch:
     Args:
         name: the loop's name.
         period: plant seconds of its period.
-        journal: where it is told.
+        journal: takes the events.
     """
 
     def __init__(self, name: str, period: float, journal: Journal) -> None:

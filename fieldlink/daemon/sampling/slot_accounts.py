@@ -38,7 +38,7 @@ class SlotAccounts:
         for loop, after in counts.items():
             before = self._before.get(loop, LoopCounts())
             if after.expected < before.expected:
-                # The loop was changed and counts anew.
+                # The loop was changed and counts again.
                 before = LoopCounts()
             self._before[loop] = after
             if after == before:

@@ -32,7 +32,7 @@ class Place(Enum):
 
     NEXT = "a new sample"
     DUPLICATE = "a sample that is in the window already"
-    RESTARTED = "the first sample after the controller's counter began anew, to be marked bad"
+    RESTARTED = "the first sample after the controller's counter started again, to be marked bad"
     NO_COUNT = "a sample whose counter holds no count: placed by the clock, to be marked bad"
 
 
@@ -100,7 +100,7 @@ class CounterPlacer:
         """Return the slot of the count.
 
         A step back, or one far beyond what the elapsed time allows, means that the counter began
-        anew: then the gap is as long as the time that went by. A controller that stood still for a
+        again: then the gap is as long as the time that went by. A controller that stood still for a
         moment and catches up is no restart, its counts are the truth. A number with a fraction is
         no count, as little as one that is too large.
         """

@@ -50,7 +50,7 @@ class LoopCounts:
         late: slots read (good or bad) whose reply came more than a tenth of a period after it was
             due.
         duplicates: readings of a sample that was there already.
-        restarts: times the controller's cycle counter began anew.
+        restarts: times the controller's cycle counter started again.
     """
 
     expected: int = 0

@@ -38,7 +38,7 @@ class Acknowledgement:
         self._attempt, self._until = attempt, None
 
     def look(self, control: ControlWords, now: float) -> Attempt | None:
-        """Return what came of the attempt; None while that is open, or nothing is awaited."""
+        """Return the outcome of the attempt; None while that is open, or nothing is awaited."""
         attempt = self._attempt
         if attempt is None:
             return None

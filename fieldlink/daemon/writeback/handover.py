@@ -101,7 +101,7 @@ class Handover:
     async def carry_out(
         self, begun: Attempt, object_to: Callable[[ControlWords], Objection | None]
     ) -> Attempt:
-        """Write, read back and commit what was planned; return what came of it.
+        """Write, read back and commit what was planned; return the outcome.
 
         Args:
             begun: what was planned.

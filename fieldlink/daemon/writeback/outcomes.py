@@ -1,4 +1,4 @@
-"""What a write-back can come to."""
+"""The outcomes of a write-back."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["Attempt", "WritebackOutcome"]
 class WritebackOutcome(Enum):
     """The outcome of an attempt, or why there was none; the code is stored, with advice."""
 
-    BEGUN = ("begun", "what follows is written only after this row is stored")
+    BEGUN = ("begun", "about to be written; this row is stored first")
     COMMITTED = ("committed", "waiting for the PLC to acknowledge")
-    ACCEPTED = ("accepted", "the PLC has taken the block over")
+    ACCEPTED = ("accepted", "the PLC has accepted the block")
     REJECTED = ("rejected", "see the PLC's result code")
     NOT_ACKNOWLEDGED = ("not_acknowledged", "check that the PLC's block reader runs")
     READ_ONLY = ("read_only", "run without --read-only to write")
@@ -30,7 +30,7 @@ class WritebackOutcome(Enum):
     )
     UNCERTAIN = ("uncertain", "the estimator doubts its figures; a better window decides")
     TOO_OLD = ("too_old", "newer windows have not confirmed it; see max_age")
-    CONTRADICTED = ("contradicted", "a newer window says otherwise; nothing is written of it")
+    CONTRADICTED = ("contradicted", "a newer window contradicts it; it is not written")
     REFUSED_BEFORE = (
         "refused_before",
         "the PLC's controller refused this model; it is offered again when it differs, after "
@@ -49,7 +49,7 @@ class WritebackOutcome(Enum):
     CONTRADICTS_BLOCK = (
         "contradicts_block",
         "a window under compensation never replaces the block in force; clear the enable bit for "
-        "a window's length, or withdraw the block, to have the valve identified anew",
+        "a window's length, or withdraw the block, to have the valve identified again",
     )
     CONTESTED = (
         "contested",
@@ -120,7 +120,7 @@ class Attempt:
     """An outcome with all that belongs to it.
 
     Attributes:
-        outcome: what it came to.
+        outcome: how it ended.
         reason: the figures behind it, in words.
         candidate: what was to be written.
         block, words, bank: what was written and where; None when it did not come to that.

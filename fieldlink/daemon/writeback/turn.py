@@ -28,7 +28,7 @@ class Turn:
         use: what the PLC has in force.
         waiting: holds the candidate.
         recorded: plans the block and carries it out.
-        told: tells an operator, once.
+        told: logs an event, once.
         report: called with every decision.
     """
 

@@ -16,7 +16,7 @@ __all__ = ["Unsettled"]
 
 
 class Unsettled:
-    """Finds out what came of blocks, one at a time.
+    """Finds out the outcome of blocks, one at a time.
 
     Args:
         period: plant seconds of the loop's period.
@@ -96,6 +96,6 @@ class Unsettled:
         elif found.outcome is WritebackOutcome.REJECTED:
             disabled = control.ack_result == BlockFault.NOT_ENABLED.code
             if disabled and self._waiting.candidate is None:
-                # Not the finding was refused: it is judged anew and gets a new number.
+                # Not the finding was refused: it is judged again and gets a new number.
                 self._waiting.put(found.candidate, WritebackOutcome.NOT_ENABLED)
         self._report(found)

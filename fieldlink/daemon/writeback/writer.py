@@ -151,7 +151,7 @@ class BlockWriter:
         return self._waiting.words
 
     def carry_over(self, other: BlockWriter) -> None:
-        """Go on where another writer of the same registers was; everything is judged anew.
+        """Go on where another writer of the same registers was; everything is judged again.
 
         Named here is all that is carried: what waits and what is under way, what the PLC has, what
         operators decided, and the times of the last look and attempt.
@@ -159,7 +159,7 @@ class BlockWriter:
         self._intake.carry_over(other._intake)
         self._waiting.put(other._waiting.candidate)
         # A handover that was given up in the middle is looked for in the PLC; one that was planned
-        # and not begun is planned anew.
+        # and not begun is planned again.
         self._unsettled.carry_over(other._unsettled, other._recorded.under_way)
         if (given_up := other._recorded.give_up()) is not None:
             planned, may_wait = given_up
@@ -290,7 +290,7 @@ class BlockWriter:
             self._permission.held = "the PLC has a block that says withdrawn"
 
     async def _go_on(self, control: ControlWords, now: float) -> None:
-        """Write what was begun once its row is in the store."""
+        """Write the block of the attempt under way once its row is stored."""
         done = await self._recorded.go_on(control, now)
         if done is None:
             return

@@ -30,7 +30,7 @@ class Commands(NamedTuple):
         automatic: whether the controller may compute OP.
         op: OP that stands in the tag, where clients may write it; NaN holds the last one.
         sp: set-point.
-        block: what came of the parameter blocks; None when the loop does not compensate.
+        block: the outcome of the parameter blocks; None when the loop does not compensate.
         op_was_written: whether a client has written OP since the cycle before.
     """
 

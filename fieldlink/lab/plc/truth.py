@@ -1,4 +1,4 @@
-"""What really happened in a loop, for judging afterwards; nothing of it reaches a controller."""
+"""The true course of a loop, for judging results; no controller sees it."""
 
 from __future__ import annotations
 

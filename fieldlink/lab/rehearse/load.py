@@ -45,7 +45,7 @@ def find_scenario(name: str) -> Path:
     if path.suffix == ".toml" or path.parent != Path():
         raise ScenarioError(f"there is no scenario file {path}; correct the path")
     raise ScenarioError(
-        f"no scenario that is shipped is named {name!r}; {nearest(name, shipped)} "
+        f"there is no shipped scenario {name!r}; {nearest(name, shipped)} "
         "The path of a file of your own ends in .toml"
     )
 

@@ -1,4 +1,4 @@
-"""Runs a scenario: the real daemon in lockstep with a simulated PLC, and what came of it."""
+"""Runs a scenario: the real daemon in lockstep with a simulated PLC, and the result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["Rehearsal", "rehearse"]
 
 @dataclass(frozen=True, slots=True)
 class Rehearsal:
-    """What a rehearsal came to.
+    """The result of a rehearsal.
 
     Attributes:
         file: the scenario.

@@ -74,7 +74,7 @@ class Trend:
 
     @classmethod
     def of(cls, moments: Sequence[Moment]) -> Trend:
-        """Put moments side by side."""
+        """Return the moments as arrays, one for each signal."""
         columns = {f.name: [getattr(m, f.name) for m in moments] for f in fields(Moment)}
         reason = tuple(columns.pop("reason"))
         flags = {name: np.array(columns.pop(name), bool) for name in ("automatic", "compensated")}

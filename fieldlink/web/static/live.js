@@ -98,6 +98,6 @@ document.addEventListener("DOMContentLoaded", () => {
   });
   const holder = document.querySelector("[data-live]");
   if (holder !== null) live.ask = () => askParts(holder);
-  link.textContent = "asking for news";
+  link.textContent = "connecting";
   run();
 });
