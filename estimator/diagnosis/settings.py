@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from estimator.diagnosis.advice_settings import Advising
+
 __all__ = [
     "DIAGNOSIS",
     "Bispectrum",
@@ -195,10 +197,6 @@ class Judging:
             positioner resolves.
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
-        advise_from: nats of the process over none from which settings are proposed (tuning family:
-            the prediction that was furthest off had 55).
-        farthest: largest factor on the integral gain that is proposed: a record shows the process
-            at the frequencies that its loop uses, and not far beyond.
         seen: share of the record beyond which an integral time is too long for the record to show
             how fast the loop is.
         ratio: between the largest and the smallest gain over OP's middle nine tenths.
@@ -220,8 +218,6 @@ class Judging:
     shaken: float = 0.005
     noisy: float = 0.5
     frozen: float = 0.08
-    advise_from: float = 60.0
-    farthest: float = 5.0
     seen: float = 0.2
     ratio: float = 3.0
     most_ratio: float = 60.0
@@ -307,6 +303,7 @@ class DiagnosisSettings:
     scope: Scope = field(default_factory=Scope)
     grouping: Grouping = field(default_factory=Grouping)
     judging: Judging = field(default_factory=Judging)
+    advising: Advising = field(default_factory=Advising)
 
 
 DIAGNOSIS = DiagnosisSettings()
