@@ -20,7 +20,7 @@ from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.linear_loop import LinearLoop, Margins
 from estimator.diagnosis.plausible import PlausibleProcesses
-from estimator.diagnosis.simulation import Replay
+from estimator.diagnosis.replay import Replay
 from estimator.diagnosis.tuning_rules import largest_integral_gain, simc
 from loop_model import ProcessModel, ValveModel
 

@@ -9,7 +9,7 @@ import pytest
 
 from estimator import EstimatorError
 from fieldlink.diagnosis import Diagnosis, diagnose
-from tests.diagnosis.loops import Loop, run
+from tests.closed_loop import Loop, run
 
 WAVE = 4.0 * np.sin(2.0 * np.pi * np.arange(1500) / 70.0)
 
