@@ -29,6 +29,9 @@ __all__ = ["Advice", "Proposal", "RecordedLoop", "advise"]
 _LARGEST = "largest integral gain at the given Ms (Astrom, Panagopoulos, Hagglund 1998)"
 _SIMC = "SIMC, closed-loop time constant as the effective dead time (Skogestad 2003)"
 
+_RUN_AWAY = 1e12
+"""Control error beyond which a simulated loop is unstable: no plant has such a PV."""
+
 _STICKY = (
     "The valve sticks: other settings change the size and the period of the cycle and do not end "
     "it. Slower settings make a slower cycle and move the valve less; faster ones follow loads "
@@ -184,13 +187,15 @@ def advise(
     if not proposals:
         return None
     u, y = _replay(process, loop).run(running, loop.sp, loop.limits, loop.friction)
+    if not math.isfinite(_deviation(loop.sp - y)):
+        return None
     notes = [_STICKY] if loop.sticks else []
     if proposals[0].high > settings.narrow * proposals[0].low:
         notes.append(_UNSURE)
     return Advice(
         proposals=proposals,
         running=LinearLoop.of(process, running).margins(),
-        running_deviation=float(np.std(loop.sp - y)),
+        running_deviation=_deviation(loop.sp - y),
         running_travel=float(np.abs(np.diff(u)).sum()),
         notes=tuple(notes),
         narrow=settings.narrow,
@@ -217,7 +222,7 @@ def _judged_by(
         if float(plausible.shares[peaks > settings.robust].sum()) > settings.tail:
             return None
         runs = [one.run(new, loop.sp, loop.limits, loop.friction) for one in replays]
-        sizes = np.array([np.std(loop.sp - y) for _, y in runs])
+        sizes = np.array([_deviation(loop.sp - y) for _, y in runs])
         if not np.isfinite(sizes).all():
             return None
         low, middle, high = _quantiles(sizes, plausible.shares, (settings.tail, 0.5, most))
@@ -235,6 +240,11 @@ def _judged_by(
         )
 
     return judge
+
+
+def _deviation(error: Array) -> float:
+    """Standard deviation; infinite where the simulated loop ran away."""
+    return float(np.std(error)) if np.abs(error).max() < _RUN_AWAY else math.inf
 
 
 def _quantiles(values: Array, shares: Array, at: tuple[float, ...]) -> tuple[float, ...]:
