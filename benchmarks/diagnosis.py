@@ -46,13 +46,14 @@ def judge_loop(job: tuple[tuple[str, ...], int], family: str) -> dict[str, Any]:
     noisy_pv = loop.pv + 0.05 * loop.pv.std() * np.random.default_rng(seed).standard_normal(
         loop.pv.size
     )
-    again = None
-    if found.tuning is not None:
-        proposed = (found.tuning["gain"], found.tuning["integral_time_s"] / loop.period)
+    again, inside = None, None
+    if (advice := found.tuning) is not None:
+        proposed = (advice["gain"], advice["integral_time_s"] / loop.period)
         new = FAMILIES[family].draw_loop(causes, seed, settings=proposed)
-        # the program leaves out as much of the beginning
-        error = (new.sp - new.pv)[new.pv.size // 10 :]
-        again = found.tuning["predicted_error_std"] / float(np.std(error))
+        error = float(np.std(new.sp - new.pv))
+        inside = advice["predicted_error_std_low"] <= error <= advice["predicted_error_std_high"]
+        if advice["predicted_error_std"] is not None:
+            again = advice["predicted_error_std"] / error
     errors = []
     for pv in (loop.pv, noisy_pv):
         one = read(loop.op, pv, loop.sp, auto=loop.auto, period=loop.period)
@@ -72,6 +73,7 @@ def judge_loop(job: tuple[tuple[str, ...], int], family: str) -> dict[str, Any]:
         "clean": errors[0],
         "noisy": errors[1],
         "predicted": again,
+        "inside": inside,
         "seconds": seconds,
     }
 
@@ -212,6 +214,7 @@ def summary(loops: Sequence[dict[str, Any]]) -> str:
          f"{np.mean(noisy[np.isfinite(noisy)] < 0.15):.0%}, none read {np.isnan(noisy).sum()}"],
         ["error under proposed settings within 15 % of its prediction", _near(loops)],
         ["the same, loops without a sticky valve", _near(healthy)],
+        ["the range that is told holds the error", _inside(loops)],
         ["processor seconds a loop, median and 95 %",
          f"{np.nanmedian(seconds):.2f}, {np.nanquantile(seconds, 0.95):.2f}"],
     ]  # fmt: skip
@@ -227,6 +230,11 @@ def _near(loops: Sequence[dict[str, Any]]) -> str:
         f"{np.mean(np.abs(found - 1.0) < 0.15):.0%} of {found.size}; predicted over simulated, "
         f"10 and 90 %: {low:.2f}, {high:.2f}"
     )
+
+
+def _inside(loops: Sequence[dict[str, Any]]) -> str:
+    found = [one["inside"] for one in loops if one["inside"] is not None]
+    return f"{sum(found)} of {len(found)} proposals"
 
 
 def pairs(loops: Sequence[dict[str, Any]]) -> str:

@@ -27,9 +27,10 @@ from estimator.diagnosis.loop_record import (
 )
 from estimator.diagnosis.nonlinearity import largest_bicoherence
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
+from estimator.diagnosis.plausible import find_plausible
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
-from estimator.diagnosis.tuning import Advice, advise
+from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
 from loop_model import ValveModel
 
 __all__ = ["diagnose"]
@@ -118,7 +119,7 @@ def diagnose(
     proposal = None
     if advice and explained is not None and controller is not None:
         proposal = _advise(
-            cut, explained, controller, limits, rank_causes(gathered, settings), swing, settings
+            cut, explained, controller, limits, rank_causes(gathered, settings), settings
         )
     figures |= _shares(explained, loop, proposal)
     figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
@@ -201,17 +202,14 @@ def _advise(
     controller: Controller,
     limits: Limits,
     causes: tuple[Cause, ...],
-    swing: Oscillation,
     settings: DiagnosisSettings,
 ) -> Advice | None:
-    judging = settings.judging
     # one linear process does not hold for these, or it is not known what moves PV
     if any(cause.name is CauseName.CHARACTERISTIC for cause in causes):
         return None
     if causes[0].name in (CauseName.SATURATION, CauseName.UNDETERMINED):
         return None
-    # a process that is hardly told from none gives settings that are not safe
-    if explained.model is None or explained.process < judging.advise_from:
+    if explained.fitted is None:
         return None
     assert cut.pv is not None
     sp = cut.sp if cut.sp is not None else np.full(cut.op.size, float(np.mean(cut.pv)))
@@ -220,18 +218,12 @@ def _advise(
         float(cut.op.min()) if limits.low else -math.inf,
         float(cut.op.max()) if limits.high else math.inf,
     )
-    proposal = advise(
-        explained.model, controller, cut.pv, sp, explained.stem,
-        valve if explained.band > 0.0 else None, ends,
-    )  # fmt: skip
-    if proposal is None or not 0.0 < proposal.integral_ratio <= judging.farthest:
-        return None
-    # by such a process the loop would swing, and would not be made faster
-    running = proposal.running_sensitivity
-    swings_not = running > 2.0 * judging.tight and not swing.present
-    if swings_not or (running > judging.tight and proposal.integral_ratio > 1.0):
-        return None
-    return proposal
+    return advise(
+        find_plausible(explained.fitted, settings.advising),
+        controller,
+        RecordedLoop.of(cut.pv, sp, explained.stem, ends, valve),
+        settings.advising,
+    )
 
 
 def _shares(
@@ -258,6 +250,6 @@ def _shares(
         found["gain_margin"] = margins.gain
         found["phase_margin_deg"] = margins.phase_deg
         found["sensitivity_ms"] = margins.sensitivity
-    if proposal is not None:
+    if proposal is not None and math.isfinite(proposal.change):
         found["share_without_tuning"] = max(0.0, 1.0 - (1.0 + proposal.change) ** 2)
     return found

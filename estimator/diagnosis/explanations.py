@@ -7,7 +7,8 @@ explanation is the estimator's own likelihood on its own rows, so that all compa
 Once no valve sticks, rows in which the load jumps (innovations far outside) are left out, for every
 explanation alike: one jump outweighs hundreds of rows that show the process.
 
-This module and `rivals` are the only ones of the diagnosis that know the estimator's hypotheses.
+This module, `rivals` and `plausible` are the only ones of the diagnosis that know the estimator's
+hypotheses.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis import rivals
+from estimator.diagnosis.plausible import FittedWindow
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.evidence.effect import effect_of
@@ -58,6 +60,7 @@ class Explained:
             it: a valve that sticks does so at every stroke, a jump of the load only once.
         sticks: whether the sticky valve is the explanation.
         effect: share of PV's variance that sticking makes.
+        fitted: the likeliest explanation with the rows it was fitted on; None without one.
     """
 
     reasons: tuple[Reason, ...]
@@ -74,6 +77,7 @@ class Explained:
     spread: float = -math.inf
     effect: float = 0.0
     sticks: bool = False
+    fitted: FittedWindow | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +162,7 @@ def explain(
         spread=valve.spread,
         effect=valve.effect,
         sticks=valve.sticks,
+        fitted=FittedWindow(chosen.case, window, chosen.fit, late),
     )
 
 

@@ -1,185 +1,253 @@
 """Better settings for the running controller, and what they would do to this record.
 
-PI settings of the largest integral gain whose sensitivity stays below a chosen Ms: for loads at
-the process's entry the integrated error is Ti / Kc. The rule needs no form of the process.
-
-Source: Astrom, Panagopoulos and Hagglund (1998), "Design of PI controllers based on non-convex
-optimization", Automatica 34, 585-601. At Ms 1.6 it is as robust as SIMC with the closed-loop time
-constant equal to the dead time (Skogestad 2003, Journal of Process Control 13, 291-309).
+Settings are found for the likeliest process (`estimator.diagnosis.tuning_rules`) and tried on every
+plausible one: the record is simulated again with its own disturbance. What they would do is told as
+a range that holds for nineteen of twenty of these processes, and as one figure where the range is
+narrow. Settings that would make one of twenty swing are not proposed.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.linear_loop import LinearLoop
-from estimator.diagnosis.simulation import disturbance_of, resimulate
+from estimator.diagnosis.linear_loop import LinearLoop, Margins
+from estimator.diagnosis.plausible import PlausibleProcesses
+from estimator.diagnosis.replay import Replay
+from estimator.diagnosis.tuning_rules import largest_integral_gain, simc
 from loop_model import ProcessModel, ValveModel
 
-__all__ = ["Advice", "advise", "tune_pi"]
+__all__ = ["Advice", "Proposal", "RecordedLoop", "advise"]
 
-_ROBUSTNESS = 1.6
-"""Ms of the proposed settings: SIMC's own is 1.59 for a lag with dead time."""
-_GRID = np.geomspace(5e-4, 0.5, 400)
-_TIMES = 40
-_HALVINGS = 28
+_LARGEST = "largest integral gain at the given Ms (Astrom, Panagopoulos, Hagglund 1998)"
+_SIMC = "SIMC, closed-loop time constant as the effective dead time (Skogestad 2003)"
+
+_RUN_AWAY = 1e12
+"""Control error beyond which a simulated loop is unstable: no plant has such a PV."""
+
+_STICKY = (
+    "The valve sticks: other settings change the size and the period of the cycle and do not end "
+    "it. Slower settings make a slower cycle and move the valve less; faster ones follow loads "
+    "better and wear the valve more. Repair the valve first."
+)
+_UNSURE = (
+    "What they would do to the control error cannot be told from this record beyond the range "
+    "given. Change the settings by half of the way and diagnose again, or record a set-point step."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedLoop:
+    """What is replayed: signals without holes ``(n,)``, units of OP and PV.
+
+    ``stem`` is OP for a healthy valve, whose ``friction`` (fS and fD) is zero; ``limits`` of OP.
+    """
+
+    pv: Array
+    sp: Array
+    stem: Array
+    limits: tuple[float, float]
+    friction: tuple[float, float]
+
+    @classmethod
+    def of(
+        cls, pv: Array, sp: Array, stem: Array, limits: tuple[float, float], valve: ValveModel
+    ) -> RecordedLoop:
+        """The loop with a valve; a stick band of zero is a healthy one."""
+        return cls(pv, sp, stem, limits, (valve.static_friction, valve.dynamic_friction))
+
+    @property
+    def sticks(self) -> bool:
+        """Whether the valve sticks."""
+        return self.friction[0] > 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Settings by one rule, with what they do to the record.
+
+    Attributes:
+        rule: where they are from.
+        controller: the settings.
+        margins: with the likeliest process.
+        integral_ratio: their integral gain over the running one's.
+        deviation: standard deviation of the control error, the median of the plausible processes.
+        low, high: the range that holds for nineteen of twenty of them.
+        travel: of OP over the record.
+    """
+
+    rule: str
+    controller: Controller
+    margins: Margins
+    integral_ratio: float
+    deviation: float
+    low: float
+    high: float
+    travel: float
+
+    def to_dict(self, narrow: float) -> dict[str, Any]:
+        """Plain types; no single figure where the range is wider than ``narrow``."""
+        is_narrow = self.high <= narrow * self.low
+        return {
+            "rule": self.rule,
+            "structure": self.controller.structure,
+            "gain": float(self.controller.gain),
+            "integral_time_s": float(self.controller.integral_time_s),
+            "derivative_time_s": float(self.controller.derivative_time_s),
+            "filter_time_s": float(self.controller.filter_time_s),
+            "ms": self.margins.sensitivity,
+            "gain_margin": self.margins.gain,
+            "phase_margin_deg": self.margins.phase_deg,
+            "integral_gain_ratio": self.integral_ratio,
+            "predicted_error_std": self.deviation if is_narrow else None,
+            "predicted_error_std_low": self.low,
+            "predicted_error_std_high": self.high,
+            "predicted_op_travel": self.travel,
+        }
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """Proposed settings with what they do to this record; advice only, nothing is written.
+    """Proposed settings, the best first; advice only, nothing is written.
 
     Attributes:
-        controller: the proposed one.
-        sensitivity: its Ms, and that of the running one.
-        gain_margin, phase_margin_deg: of the proposed settings.
-        integral_ratio: its integral gain over the running one's.
-        deviation, running_deviation: standard deviation of the control error with the proposed
-            and the running settings, both simulated with the record's own disturbance.
-        travel, running_travel: OP's travel, likewise.
-        note: what it cannot cure.
+        proposals: at least one.
+        running: margins of the running controller.
+        running_deviation, running_travel: of the running settings, simulated likewise.
+        notes: what they cannot cure, in sentences.
+        narrow: see `Advising`.
     """
 
-    controller: Controller
-    sensitivity: float
-    running_sensitivity: float
-    gain_margin: float
-    phase_margin_deg: float
-    integral_ratio: float
-    deviation: float
+    proposals: tuple[Proposal, ...]
+    running: Margins
     running_deviation: float
-    travel: float
     running_travel: float
-    note: str = ""
+    notes: tuple[str, ...]
+    narrow: float
+
+    @property
+    def first(self) -> Proposal:
+        """The settings that are proposed first."""
+        return self.proposals[0]
+
+    @property
+    def integral_ratio(self) -> float:
+        """Integral gain of the first proposal over the running one's."""
+        return self.first.integral_ratio
 
     @property
     def change(self) -> float:
-        """Change of the error's standard deviation, as a share; negative is better."""
-        return self.deviation / self.running_deviation - 1.0 if self.running_deviation else 0.0
+        """Change of the error's standard deviation, as a share; negative is better.
+
+        NaN where the range is too wide for a single figure.
+        """
+        first = self.first
+        if not self.running_deviation or first.high > self.narrow * first.low:
+            return math.nan
+        return first.deviation / self.running_deviation - 1.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in plain types."""
-        return {
-            "rule": "largest integral gain at the given Ms (Astrom, Panagopoulos, Hagglund 1998)",
-            "structure": self.controller.structure,
-            "gain": float(self.controller.gain),
-            "integral_time_s": self.controller.integral_time_s,
-            "derivative_time_s": 0.0,
-            "ms": self.sensitivity,
-            "running_ms": self.running_sensitivity,
-            "gain_margin": self.gain_margin,
-            "phase_margin_deg": self.phase_margin_deg,
-            "integral_gain_ratio": self.integral_ratio,
-            "predicted_error_std": self.deviation,
+        return self.first.to_dict(self.narrow) | {
+            "running_ms": self.running.sensitivity,
             "simulated_running_error_std": self.running_deviation,
             "predicted_change_of_error_std": self.change,
-            "predicted_op_travel": self.travel,
             "simulated_running_op_travel": self.running_travel,
-            "note": self.note,
+            "alternatives": [one.to_dict(self.narrow) for one in self.proposals[1:]],
+            "note": " ".join(self.notes),
         }
 
 
-def tune_pi(
-    process: ProcessModel, running: Controller, robustness: float = _ROBUSTNESS
-) -> Controller | None:
-    """PI settings of the largest integral gain at a sensitivity; None where there are none."""
-    unit = replace(running, structure="PI", derivative_time_s=0.0, filter_time_s=0.0)
-    probe = LinearLoop.of(process, replace(unit, gain=1.0, integral_rate=0.0))
-    response = probe.process_response(_GRID)
-    if not np.isfinite(response).all():
-        return None
-    side = math.copysign(1.0, sum(process.b))
-    q = np.exp(-2j * math.pi * _GRID)
-    best, found = 0.0, None
-    for time in np.geomspace(0.7, 0.25 / _GRID[0], _TIMES):
-        shape = side * response * (1.0 + 1.0 / (time * (1.0 - q)))
-        gain = _largest_gain(shape, robustness)
-        if gain is not None and gain / time > best:
-            best, found = gain / time, (gain, time)
-    if found is None:
-        return None
-    gain, time = found
-    return replace(
-        unit,
-        gain=side * gain,
-        integral_time_s=time * process.period,
-        integral_rate=side * gain / time / process.period,
-    )
-
-
-def _largest_gain(shape: np.ndarray, robustness: float) -> float | None:
-    """Largest gain up to which the sensitivity never exceeded ``robustness``."""
-    scale = 1.0 / float(np.median(np.abs(shape)))
-    gains = scale * np.geomspace(1e-4, 1e4, 120)
-    peaks = np.max(1.0 / np.abs(1.0 + gains[:, None] * shape[None]), axis=1)
-    # beyond the first crossing the loop is unstable and the peaks mean nothing
-    over = np.flatnonzero(peaks > robustness)
-    if over.size == 0 or over[0] == 0:
-        return None
-    low, high = float(gains[over[0] - 1]), float(gains[over[0]])
-    for _ in range(_HALVINGS):
-        middle = math.sqrt(low * high)
-        if np.max(1.0 / np.abs(1.0 + middle * shape)) > robustness:
-            high = middle
-        else:
-            low = middle
-    return low
-
-
 def advise(
-    process: ProcessModel,
-    running: Controller,
-    pv: Array,
-    sp: Array,
-    stem: Array,
-    valve: ValveModel | None,
-    limits: tuple[float, float],
+    plausible: PlausibleProcesses, running: Controller, loop: RecordedLoop, settings: Advising
 ) -> Advice | None:
-    """Propose settings and simulate them on the record, with a sticky valve where there is one.
+    """Propose settings and simulate them on the record; None where none can be proposed.
 
     Args:
-        process, running: identified process and the controller read off.
-        pv, sp, stem: the record without holes, ``(n,)``; ``stem`` is OP for a healthy valve.
-        valve: the sticky valve, None for a healthy one.
-        limits: of OP.
+        plausible: processes of the record.
+        running: the controller read off it.
+        loop: the record.
+        settings: see `estimator.diagnosis.advice_settings`.
     """
-    proposed = tune_pi(process, running)
-    if proposed is None:
+    process = plausible.likeliest
+    if plausible.evidence < settings.advise_from or not running.integral_rate:
         return None
-    loop, new = LinearLoop.of(process, running), LinearLoop.of(process, proposed)
-    disturbance = disturbance_of(process, stem, pv)
-    friction = (valve.static_friction, valve.dynamic_friction) if valve else (0.0, 0.0)
-    figures = []
-    for controller in (running, proposed):
-        u, y = resimulate(process, controller, sp, disturbance, float(stem[0]), limits, friction)
-        skip = u.size // 10
-        figures.append((float(np.std((sp - y)[skip:])), float(np.abs(np.diff(u)).sum())))
-    if not all(math.isfinite(v) and v < 1e12 for row in figures for v in row):
+    pi = largest_integral_gain(process, running, settings.robustness)
+    rules = [] if pi is None else [(_LARGEST, pi)]
+    rules += [(_SIMC, one) for one in simc(process, running)]
+    judge = _judged_by(plausible, running, loop, settings)
+    proposals = tuple(one for one in (judge(rule, new) for rule, new in rules) if one is not None)
+    if not proposals:
         return None
-    margins = new.margins()
-    rate = running.integral_rate
+    u, y = _replay(process, loop).run(running, loop.sp, loop.limits, loop.friction)
+    if not math.isfinite(_deviation(loop.sp - y)):
+        return None
+    notes = [_STICKY] if loop.sticks else []
+    if proposals[0].high > settings.narrow * proposals[0].low:
+        notes.append(_UNSURE)
     return Advice(
-        controller=proposed,
-        sensitivity=margins.sensitivity,
-        running_sensitivity=loop.margins().sensitivity,
-        gain_margin=margins.gain,
-        phase_margin_deg=margins.phase_deg,
-        integral_ratio=proposed.integral_rate / rate if rate else math.inf,
-        deviation=figures[1][0],
-        running_deviation=figures[0][0],
-        travel=figures[1][1],
-        running_travel=figures[0][1],
-        note="" if valve is None else _STICKY,
+        proposals=proposals,
+        running=LinearLoop.of(process, running).margins(),
+        running_deviation=_deviation(loop.sp - y),
+        running_travel=float(np.abs(np.diff(u)).sum()),
+        notes=tuple(notes),
+        narrow=settings.narrow,
     )
 
 
-_STICKY = (
-    "The valve sticks: other settings change the size and the period of the cycle and do not end "
-    "it. Repair the valve first."
-)
+def _replay(process: ProcessModel, loop: RecordedLoop) -> Replay:
+    return Replay.of(process, loop.stem, loop.pv)
+
+
+def _judged_by(
+    plausible: PlausibleProcesses, running: Controller, loop: RecordedLoop, settings: Advising
+) -> Callable[[str, Controller], Proposal | None]:
+    """How settings are tried on every plausible process; None is what is not proposed."""
+    replays = [_replay(process, loop) for process in plausible.processes]
+    most = 1.0 - settings.tail
+
+    def judge(rule: str, new: Controller) -> Proposal | None:
+        ratio = new.integral_rate / running.integral_rate
+        if not settings.slowest <= ratio <= settings.farthest:
+            return None
+        margins = [LinearLoop.of(process, new).margins() for process in plausible.processes]
+        peaks = np.array([one.sensitivity if one.stable else math.inf for one in margins])
+        if float(plausible.shares[peaks > settings.robust].sum()) > settings.tail:
+            return None
+        runs = [one.run(new, loop.sp, loop.limits, loop.friction) for one in replays]
+        sizes = np.array([_deviation(loop.sp - y) for _, y in runs])
+        if not np.isfinite(sizes).all():
+            return None
+        low, middle, high = _quantiles(sizes, plausible.shares, (settings.tail, 0.5, most))
+        blur = settings.blur_cycle if loop.sticks else settings.blur
+        u, _ = _replay(plausible.likeliest, loop).run(new, loop.sp, loop.limits, loop.friction)
+        return Proposal(
+            rule=rule,
+            controller=new,
+            margins=LinearLoop.of(plausible.likeliest, new).margins(),
+            integral_ratio=ratio,
+            deviation=middle,
+            low=low * (1.0 - blur),
+            high=high * (1.0 + blur),
+            travel=float(np.abs(np.diff(u)).sum()),
+        )
+
+    return judge
+
+
+def _deviation(error: Array) -> float:
+    """Standard deviation; infinite where the simulated loop ran away."""
+    return float(np.std(error)) if np.abs(error).max() < _RUN_AWAY else math.inf
+
+
+def _quantiles(values: Array, shares: Array, at: tuple[float, ...]) -> tuple[float, ...]:
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(shares[order]) - 0.5 * shares[order]
+    return tuple(float(v) for v in np.interp(at, below, values[order]))

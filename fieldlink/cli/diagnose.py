@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from fieldlink.diagnosing import Plant
     from fieldlink.diagnosis import Diagnosis
 
@@ -135,16 +137,36 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
             f"derivative time {one.derivative_time_s:.3g} s, {one.action} acting",
         )
     if (tuning := found.tuning) is not None:
-        table.add_row(
-            "proposed",
-            f"PI, gain {tuning['gain']:.4g}, integral time {tuning['integral_time_s']:.4g} s "
-            f"(Ms {tuning['ms']:.2f}, now {tuning['running_ms']:.2f}): error "
-            f"{tuning['predicted_change_of_error_std']:+.0%}. {tuning['note']}",
-        )
+        for label, one in (
+            ("proposed", tuning),
+            *(("or", one) for one in tuning["alternatives"]),
+        ):
+            table.add_row(label, _settings_in_words(one, tuning))
+        if tuning["note"]:
+            table.add_row("", tuning["note"])
     for name, value in found.indices.items():
         if value == value:
             table.add_row(name, f"{value:.4g}")
     return table
+
+
+def _settings_in_words(one: Mapping[str, Any], all_of_it: Mapping[str, Any]) -> str:
+    """Proposed settings with their robustness and what they would do to the record."""
+    derivative = (
+        f", derivative time {one['derivative_time_s']:.3g} s" if one["derivative_time_s"] else ""
+    )
+    error, travel = (all_of_it[f"simulated_running_{name}"] for name in ("error_std", "op_travel"))
+    change = "error as now"
+    if error > 0.0:
+        low, high = (one[f"predicted_error_std_{end}"] / error - 1.0 for end in ("low", "high"))
+        change = f"error {low:+.0%} to {high:+.0%}"
+    if travel > 0.0:
+        change += f", OP travel {one['predicted_op_travel'] / travel - 1.0:+.0%}"
+    return (
+        f"{one['structure']}, gain {one['gain']:.4g}, integral time {one['integral_time_s']:.4g} s"
+        f"{derivative} (Ms {one['ms']:.2f}, now {all_of_it['running_ms']:.2f}): {change}; "
+        f"{one['rule']}"
+    )
 
 
 def _print_plant(plant: Plant) -> None:

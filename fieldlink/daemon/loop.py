@@ -98,6 +98,11 @@ class LoopRunner:
         """The loop's name."""
         return self.spec.name
 
+    @property
+    def newest_estimate(self) -> Estimate | None:
+        """The newest outcome of the estimator; None before the first."""
+        return self._estimate
+
     def take(
         self, scan: Scan, now: float, due: float | None, *, answers: bool
     ) -> SampleRecord | None:

@@ -20,6 +20,8 @@ __all__ = ["CsvFile", "CsvRow", "fit_rows", "parse_rows", "read_csv", "read_text
 _MAX_PROBLEMS = 20
 
 _COMMENT = re.compile(r"^[^\S\n]*#", re.MULTILINE)
+_BLANK = re.compile(r"[^\S\n]|\"")
+"""White space but for ends of lines; and quotes, whose cells may hold ends of lines."""
 
 LARGEST = 1000
 """Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
@@ -198,11 +200,13 @@ def _parse(text: str, separator: str) -> list[CsvRow]:
         comments = frozenset(n for n, line in enumerate(lines, 1) if line.lstrip().startswith("#"))
         text = "\n".join("" if n in comments else line for n, line in enumerate(lines, 1))
     reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
+    # a long record of numbers has no blanks: then no cell is looked through for them
+    is_padded = _BLANK.search(text) is not None
     rows: list[CsvRow] = []
     last_line = 0
     for cells in reader:
         first_line, last_line = last_line + 1, reader.line_num
         if first_line in comments or (not rows and not any(cells)):
             continue
-        rows.append(CsvRow(first_line, tuple(cell.strip() for cell in cells)))
+        rows.append(CsvRow(first_line, tuple(map(str.strip, cells) if is_padded else cells)))
     return rows

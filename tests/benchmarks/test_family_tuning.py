@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.families.tuning import HEALTHY_KINDS, STICKY_KINDS, draw
 from benchmarks.families.tuning.closed_loop import INNER_STEPS
+from benchmarks.families.tuning.linear_process import Process, tune
 from benchmarks.families.tuning.loads import find_strokes
-from benchmarks.families.tuning.process import Process, tune
 from benchmarks.families.tuning.valves import LAWS, move_stem, valve_parameters, valve_state
 
 

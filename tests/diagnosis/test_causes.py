@@ -9,7 +9,7 @@ import pytest
 
 from estimator import EstimatorError
 from fieldlink.diagnosis import Diagnosis, diagnose
-from tests.diagnosis.loops import Loop, run
+from tests.closed_loop import Loop, run
 
 WAVE = 4.0 * np.sin(2.0 * np.pi * np.arange(1500) / 70.0)
 
@@ -81,20 +81,3 @@ def test_op_alone_gets_its_oscillation() -> None:
 def test_signals_of_different_length_are_refused() -> None:
     with pytest.raises(EstimatorError, match="same number"):
         diagnose(np.zeros(100), np.zeros(99))
-
-
-def test_new_settings_do_what_was_predicted() -> None:
-    steps = np.repeat([0.0, 3.0, -1.0, 2.0, -3.0, 1.0], 250)
-    loop = run(gain=2.4, integral_time=10.0, sp=steps)
-    answer = found(loop)
-    assert answer.tuning is not None
-    assert answer.tuning["ms"] == pytest.approx(1.6, rel=0.02)
-    gain, time = answer.tuning["gain"], answer.tuning["integral_time_s"]
-    again = run(gain=gain, integral_time=time, sp=steps)
-    real = float(np.std((again.sp - again.pv)[150:]))
-    assert answer.tuning["predicted_error_std"] == pytest.approx(real, rel=0.15)
-
-
-def test_a_process_that_hardly_shows_gives_no_advice() -> None:
-    loads = np.repeat(np.random.default_rng(4).uniform(-6.0, 6.0, 15), 100)
-    assert found(run(gain=0.15, integral_time=30.0, load=loads)).tuning is None

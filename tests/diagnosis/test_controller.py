@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldlink.diagnosis import read_controller
-from tests.diagnosis.loops import run
+from tests.closed_loop import run
 
 
 @pytest.mark.parametrize(("gain", "process_gain"), [(0.8, 1.5), (-0.8, -1.5)])

@@ -8,7 +8,7 @@ from estimator.diagnosis.cascades import find_cascades
 from fieldlink.diagnosing import Plant
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
 from fieldlink.diagnosis_pictures import group_figure
-from tests.diagnosis.loops import Loop, run
+from tests.closed_loop import Loop, run
 
 
 def signals(loop: Loop, every: int = 1) -> LoopSignals:

@@ -11,7 +11,7 @@ import pytest
 
 from fieldlink.daemon import DaemonStatus, LockstepRun
 from fieldlink.site import Site, load_site
-from tests.diagnosis.loops import Loop, run
+from tests.closed_loop import Loop, run
 
 SAMPLES = 860
 BEGIN = 1_795_262_400.0

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from benchmarks.families.tuning.process import Process
+from benchmarks.families.tuning.linear_process import Process
 from benchmarks.families.tuning.valves import LAWS, move_stem, valve_parameters, valve_state
 
 __all__ = ["PV_REST", "Controller", "LoopPart", "Simulated", "Valve", "simulate"]

@@ -13,8 +13,8 @@ from benchmarks.families.tuning.closed_loop import (
     Valve,
     simulate,
 )
+from benchmarks.families.tuning.linear_process import Process, tune
 from benchmarks.families.tuning.loads import Floats, colour, disturb
-from benchmarks.families.tuning.process import Process, tune
 
 __all__ = ["Scene", "draw_scene", "log_uniform"]
 

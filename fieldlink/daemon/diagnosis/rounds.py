@@ -21,9 +21,10 @@ from fieldlink.daemon.diagnosis.window_diagnosis import (
     group_windows,
 )
 from fieldlink.daemon.estimation.answers import Worker
-from fieldlink.daemon.estimation.estimating import EstimateOutcome
+from fieldlink.daemon.estimation.estimating import Estimate, EstimateOutcome
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.sampling.device import DeviceRunner
+from fieldlink.daemon.windows.window import WindowData
 from fieldlink.findings import Ledger, ObservedGroup, ObservedLoop, Repair, Round
 from fieldlink.links import Clock
 from fieldlink.site import Site
@@ -157,6 +158,7 @@ class DiagnosisRounds:
                         ended_s=(window.end_utc - now) * runner.speed,
                         begin_ms=round(1000.0 * (window.end_utc - length)),
                         compensated=loop.writer is not None and loop.writer.may_compensate,
+                        valve_is_healthy=_is_judged_healthy(loop.newest_estimate, window),
                     )
                 )
         return found
@@ -256,6 +258,17 @@ class DiagnosisRounds:
         self._put(row)
         source = row.loop or (row.loops[0] if row.loops else "daemon")
         self._journal.event(f"finding.{row.state}", source, f"{row.finding}: {row.message}")
+
+
+def _is_judged_healthy(newest: Estimate | None, window: WindowData) -> bool:
+    """Whether the estimator found the valve healthy in most of a window: it is judged once."""
+    if newest is None or newest.findings is None or newest.last_slot > window.last_slot:
+        return False
+    new = window.last_slot - newest.last_slot
+    found = newest.findings
+    return (
+        found.verdict == "no_stiction" and not found.uncertain and new < NEW_SHARE * window.op.size
+    )
 
 
 def _manual_since(request: DiagnosisRequest, document: Mapping[str, Any]) -> int | None:

@@ -34,6 +34,7 @@ class DiagnosisRequest:
             of a round; negative where the window ended before it.
         begin_ms: stamp of the first slot, UTC.
         compensated: whether a block may have been in force during the window.
+        valve_is_healthy: whether the estimator found the valve healthy in this window.
     """
 
     loop: str
@@ -42,6 +43,7 @@ class DiagnosisRequest:
     ended_s: float
     begin_ms: int
     compensated: bool = False
+    valve_is_healthy: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,12 @@ def diagnose_window(request: DiagnosisRequest) -> WindowDiagnosis | str:
     window = request.window
     try:
         found = diagnose(
-            window.op, window.pv, window.sp, auto=_held(window.auto), period=request.period
+            window.op,
+            window.pv,
+            window.sp,
+            auto=_held(window.auto),
+            period=request.period,
+            valve_is_healthy=request.valve_is_healthy,
         )
     except EstimatorError as error:
         return str(error)

@@ -1,0 +1,141 @@
+"""Controller settings from an identified process, each by a published rule.
+
+* ``largest_integral_gain``: PI of the largest integral gain whose sensitivity stays below a chosen
+  Ms: for loads at the process's entry the integrated error is Ti / Kc. It works for any process.
+  Astrom, Panagopoulos and Hagglund (1998), "Design of PI controllers based on non-convex
+  optimization", Automatica 34, 585-601.
+* ``simc``: PI and PID of Skogestad (2003), "Simple analytic rules for model reduction and PID
+  controller tuning", Journal of Process Control 13, 291-309; the closed-loop time constant is the
+  effective dead time, Ms is then 1.6 to 1.7.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.diagnosis.controller import Controller
+from estimator.diagnosis.linear_loop import LinearLoop
+from loop_model import ProcessModel
+
+__all__ = ["largest_integral_gain", "simc"]
+
+_GRID = np.geomspace(5e-4, 0.5, 400)
+_TIMES = 40
+_HALVINGS = 28
+_FILTERED = 0.1
+"""Time constant of the filter over the derivative time: the usual tenth."""
+
+
+def largest_integral_gain(
+    process: ProcessModel, running: Controller, robustness: float
+) -> Controller | None:
+    """PI settings of the largest integral gain at a sensitivity; None where there are none."""
+    unit = replace(running, structure="PI", derivative_time_s=0.0, filter_time_s=0.0)
+    probe = LinearLoop.of(process, replace(unit, gain=1.0, integral_rate=0.0))
+    response = probe.process_response(_GRID)
+    if not np.isfinite(response).all():
+        return None
+    side = math.copysign(1.0, sum(process.b))
+    q = np.exp(-2j * math.pi * _GRID)
+    best, found = 0.0, None
+    for time in np.geomspace(0.7, 0.25 / _GRID[0], _TIMES):
+        shape = side * response * (1.0 + 1.0 / (time * (1.0 - q)))
+        gain = _largest_gain(shape, robustness)
+        if gain is not None and gain / time > best:
+            best, found = gain / time, (gain, time)
+    if found is None:
+        return None
+    gain, time = found
+    return _controller(running, side * gain, time * process.period, 0.0)
+
+
+def _largest_gain(shape: np.ndarray, robustness: float) -> float | None:
+    """Largest gain up to which the sensitivity never exceeded ``robustness``."""
+    scale = 1.0 / float(np.median(np.abs(shape)))
+    gains = scale * np.geomspace(1e-4, 1e4, 120)
+    peaks = np.max(1.0 / np.abs(1.0 + gains[:, None] * shape[None]), axis=1)
+    # beyond the first crossing the loop is unstable and the peaks mean nothing
+    over = np.flatnonzero(peaks > robustness)
+    if over.size == 0 or over[0] == 0:
+        return None
+    low, high = float(gains[over[0] - 1]), float(gains[over[0]])
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        if np.max(1.0 / np.abs(1.0 + middle * shape)) > robustness:
+            high = middle
+        else:
+            low = middle
+    return low
+
+
+def simc(process: ProcessModel, running: Controller) -> tuple[Controller, ...]:
+    """SIMC's PI settings, and its PID settings where a second lag exceeds the dead time.
+
+    None of them for a process whose poles swing, or that has no lag: the rule has no form for it.
+    """
+    h = process.period
+    poles = np.roots([1.0, *process.a])
+    if poles.size == 0 or np.any(np.abs(poles.imag) > 1e-6) or np.any(poles.real <= 0.0):
+        return ()
+    integrates = process.is_integrating
+    real = np.sort(poles.real)[::-1]
+    lags = [-h / math.log(p) for p in (real[1:] if integrates else real) if 0.0 < p < 1.0]
+    if not integrates and len(lags) < real.size:
+        return ()
+    # two coefficients are a dead time between two samples; sample and hold adds half a sample
+    between = process.b[1] / sum(process.b) if len(process.b) == 2 else 0.0
+    dead = (max(1, process.dead_time + running.delay) - 0.5 + between) * h
+    if integrates:
+        rest = float(np.polyval(np.polydiv(np.array([1.0, *process.a]), [1.0, -1.0])[0], 1.0))
+        return _simc_integrating(running, sum(process.b) / rest / h, lags, dead)
+    first, *others = lags
+    found = []
+    second, third = [*others, 0.0, 0.0][:2]
+    gain = process.gain
+    late = dead + 0.5 * second + third
+    lag = first + 0.5 * second
+    found.append(_controller(running, lag / gain / (2.0 * late), min(lag, 8.0 * late), 0.0))
+    if second > dead:
+        late = dead + 0.5 * third
+        found.append(
+            _in_parallel(
+                running, first / gain / (2.0 * late), min(first, 8.0 * late), second + 0.5 * third
+            )
+        )
+    return tuple(found)
+
+
+def _simc_integrating(
+    running: Controller, slope: float, lags: list[float], dead: float
+) -> tuple[Controller, ...]:
+    """For ``slope e^-Ls / s``, slope in PV per OP and second, with lags."""
+    first, second = [*lags, 0.0, 0.0][:2]
+    late = dead + first + second
+    found = [_controller(running, 1.0 / slope / (2.0 * late), 8.0 * late, 0.0)]
+    if first > dead:
+        late = dead + 0.5 * second
+        found.append(
+            _in_parallel(running, 1.0 / slope / (2.0 * late), 8.0 * late, first + 0.5 * second)
+        )
+    return tuple(found)
+
+
+def _in_parallel(running: Controller, gain: float, time: float, derivative: float) -> Controller:
+    """The ideal form of settings of a PI and a PD in series."""
+    factor = 1.0 + derivative / time
+    return _controller(running, gain * factor, time * factor, derivative / factor)
+
+
+def _controller(running: Controller, gain: float, time: float, derivative: float) -> Controller:
+    return replace(
+        running,
+        structure="PID" if derivative else "PI",
+        gain=gain,
+        integral_time_s=time,
+        derivative_time_s=derivative,
+        integral_rate=gain / time,
+        filter_time_s=_FILTERED * derivative,
+    )
