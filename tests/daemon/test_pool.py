@@ -70,6 +70,10 @@ def nothing() -> None:
     pass
 
 
+def compile_for_long() -> None:
+    time.sleep(3.0)
+
+
 def fail() -> None:
     raise RuntimeError("no kernels")
 
@@ -122,9 +126,20 @@ async def test_a_window_that_takes_too_long_ends_its_worker() -> None:
 
 async def test_a_stopped_worker_is_given_up() -> None:
     async with pool_of(stop_yourself, limit=0.2, grace=1.5) as pool:
+        await pool.warm_up()
         outcome = await pool.run(request())
         assert outcome.outcome is EstimateOutcome.TIMED_OUT
         assert pool.rebuilt == 1
+
+
+async def test_a_worker_that_still_compiles_its_kernels_is_waited_for() -> None:
+    async with pool_of(answer, prepare=compile_for_long, limit=0.2, grace=0.2) as pool:
+        assert (await pool.run(request())).outcome is EstimateOutcome.REFUSED
+        assert pool.rebuilt == 0
+    async with pool_of(answer, compile_for_long, limit=0.2, grace=0.2, preparing=0.2) as pool:
+        outcome = await pool.run(request())
+        assert outcome.outcome is EstimateOutcome.TIMED_OUT
+        assert "no result within 0.6 s" in outcome.message
 
 
 async def test_a_window_that_needs_too_much_memory_is_given_up() -> None:

@@ -52,6 +52,8 @@ class PoolSettings:
         workers: processes; one core is left to the daemon by default.
         limit: seconds that one window may take in a worker.
         grace: seconds beyond the limits of all windows ahead before a worker counts as lost.
+        preparing: seconds that the first window of new workers may take longer: they compile the
+            kernels where none are kept yet, which takes minutes on a slow or loaded machine.
         memory: bytes of data that a worker may hold; no bound when None.
         stands_back: whether workers let everything else on the machine go first.
     """
@@ -59,6 +61,7 @@ class PoolSettings:
     workers: int = max(1, (os.cpu_count() or 2) - 1)
     limit: float = 60.0
     grace: float = 10.0
+    preparing: float = 900.0
     memory: int | None = 1_500_000_000
     stands_back: bool = True
 
@@ -103,6 +106,7 @@ class EstimatorPool:
         self._work = work
         self._prepare = prepare
         self._pool = self._new_pool()
+        self._prepared: ProcessPoolExecutor | None = None
         self._in_flight = 0
         self._second_attempts = asyncio.Lock()
         self._judged: Counter[str] = Counter()
@@ -153,6 +157,8 @@ class EstimatorPool:
         self._in_flight += 1
         turns = -(-self._in_flight // self._settings.workers)
         bound = turns * limit + self._settings.grace
+        if pool is not self._prepared:
+            bound += self._settings.preparing
         try:
             return await asyncio.wait_for(self._submit(_bounded, work, task, limit), timeout=bound)
         except TimeoutError:
@@ -179,12 +185,15 @@ class EstimatorPool:
 
     async def _submit(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         # In a thread: the first submission waits until the fork server has loaded the estimator.
+        pool = self._pool
         try:
-            future = await asyncio.to_thread(self._pool.submit, function, *args, **kwargs)
+            future = await asyncio.to_thread(pool.submit, function, *args, **kwargs)
         except RuntimeError as error:
             # It was replaced between the choice and the submission.
             raise _PoolGoneError from error
-        return await asyncio.wrap_future(future)
+        result = await asyncio.wrap_future(future)
+        self._prepared = pool
+        return result
 
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
