@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from typing import Annotated
 
 from pydantic import BeforeValidator
@@ -14,9 +14,9 @@ def _check(value: object) -> float | str:
     """Take numbers, true and false (1 and 0) and texts; a text stays one, also where it is "4"."""
     if isinstance(value, str):
         return value
-    if isinstance(value, (bool, int, float)) and math.isfinite(value):
+    if isinstance(value, (bool, int, float)) and abs(value) <= sys.float_info.max:
         return float(value)
-    raise ValueError("a start value is a finite number, true or false, or a text in quotes")
+    raise ValueError("is no start value; give a finite number, true or false, or a text in quotes")
 
 
 StartValue = Annotated[float | str, BeforeValidator(_check)]
