@@ -169,12 +169,6 @@ def _makes(diagnosis: Diagnosis, period: float, settings: DiagnosisSettings) -> 
         return grouping.tight, f"its tuning swings: {tight.evidence[0]}"
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     if same and amplified > grouping.amplifies and diagnosis.first.name is CauseName.UNDETERMINED:
-        wave = diagnosis.indices.get("log_bayes_factor_outside", math.nan)
-        if wave < -settings.judging.threshold:
-            return grouping.tight, (
-                f"it amplifies disturbances of this period {amplified:.2g} times, and no wave from "
-                f"outside is needed (log Bayes factor {wave:.0f})"
-            )
         return grouping.maybe, (
             f"it amplifies disturbances of this period {amplified:.2g} times: it may swing itself"
         )
