@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.families.tuning import draw
 from estimator import Identification, Verdict, identify
 from estimator.evidence.growing import add_best
 from estimator.evidence.weighing import Weighing, weigh
@@ -163,3 +164,13 @@ def test_a_healthy_valve_under_a_triangular_disturbance_is_not_accused(loop, see
     # so little noise that its 21st harmonic stands out
     op, pv, _ = loop(None, samples=700, noise=0.02, triangle=2.0, seed=seed)
     assert identify(op, pv).verdict is not Verdict.STICTION
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("triangle", 3001), ("saturation", 3001), ("drift", 3002)]
+)
+def test_a_valve_behind_a_strong_wave_or_a_drift_is_found(kind: str, seed: int) -> None:
+    loop = draw(kind, True, seed)
+    result = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period)
+    assert result.verdict is Verdict.STICTION
+    assert not result.uncertain
