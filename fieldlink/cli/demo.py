@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from collections import deque
 from itertools import zip_longest
 from pathlib import Path
@@ -77,6 +79,7 @@ def demo(
         scene = recorded_scene(output, recording)
     console = Console(stderr=as_json, highlight=False)
     view = _View(console, scene.loop)
+    _load_kernels(console)
 
     def finish(performance: Performance) -> None:
         view.end()
@@ -143,6 +146,22 @@ def _say_address(console: Console, performance: Performance, loop: str, hold: fl
         f"tags from register 0, exchange area from {layout.enable}, "
         f"banks at {layout.bank_a} and {layout.bank_b}"
     )
+
+
+def _load_kernels(console: Console) -> None:
+    """Compile the kernels where none are kept yet: no window of the demonstration waits for them.
+
+    Raises:
+        DemoError: they cannot be compiled.
+    """
+    from fieldlink.lab.demo.site_files import DemoError
+
+    console.print("loading the numeric kernels (compiled once on a machine, in minutes)")
+    command = [sys.executable, "-c", "from fieldlink.cli.identify import warm_up; warm_up()"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no word"])[-1]
+        raise DemoError(f"the numeric kernels cannot be loaded: {last}; try: fieldlink warm-up")
 
 
 class _View:
