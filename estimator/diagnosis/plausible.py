@@ -22,20 +22,22 @@ from estimator.criteria.conversion import process_model
 from estimator.diagnosis.advice_settings import Advising
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, delay, fit_linear
-from estimator.intervals.posterior import pole_derivatives
+from estimator.intervals.posterior import NUDGE, pole_derivatives
 from estimator.processes.poles import STARTS, Poles, Shape, coefficients
-from estimator.search.processes import polish, settle, spread_points
+from estimator.search.processes import (
+    POLE_LANES,
+    POLE_NARROWER,
+    POLE_REACH,
+    POLE_ROUNDS,
+    polish,
+    settle,
+    spread_points,
+)
 from estimator.window import Window
 from loop_model import ProcessModel
 
 __all__ = ["FittedWindow", "PlausibleProcesses", "find_plausible"]
 
-_NUDGE = 0.02
-"""Step of the time constants in `pole_derivatives`."""
-_LANES = 24
-_ROUNDS = 4
-_NARROWER = 0.4
-_SPREAD = 0.6
 _LEAST = 6
 """Samples of the least likely mode that counts."""
 _TURNED = 0.05
@@ -159,10 +161,10 @@ def _screen(case: Case, fit: Hypothesis) -> list[tuple[float, Poles, int]]:
 def _refine(case: Case, fit: Hypothesis, poles: Poles, dead_time: int, taps: Array) -> Poles:
     """Poles of the least cost at one dead time, the noise model held."""
     design = case.design(fit.nuisances, taps, fit.stem, poles, dead_time)
-    stems = np.repeat(fit.stem[:, None], _LANES, axis=1)
-    points = spread_points(_LANES, 3)
-    reach, best = _SPREAD, math.inf
-    for _ in range(_ROUNDS):
+    stems = np.repeat(fit.stem[:, None], POLE_LANES, axis=1)
+    points = spread_points(POLE_LANES, 3)
+    reach, best = POLE_REACH, math.inf
+    for _ in range(POLE_ROUNDS):
         table = poles.moved(reach * points)
         if poles.shape is Shape.LAGS and poles.fast == 0.0 and poles.slow > 0.0:
             # a second lag of any size where there was none
@@ -174,7 +176,7 @@ def _refine(case: Case, fit: Hypothesis, poles: Poles, dead_time: int, taps: Arr
         lane = int(worth.argmin())
         if worth[lane] < best - 1e-6:
             best, poles = float(worth[lane]), poles.of_row(table[lane])
-        reach *= _NARROWER
+        reach *= POLE_NARROWER
     return poles
 
 
@@ -218,7 +220,7 @@ def _covariance(case: Case, mode: Hypothesis, used: list[int]) -> Array:
     own = mode.poles.response(mode.stem)
     responses = np.stack([delay(own, mode.dead_time + i) for i in used])
     slopes = [
-        (mode.gains[0] * one + mode.gains[1] * delay(one, 1)) / _NUDGE
+        (mode.gains[0] * one + mode.gains[1] * delay(one, 1)) / NUDGE
         for one in pole_derivatives(mode)
     ]
     columns = case.columns(mode.nuisances, mode.stem, mode.poles, mode.dead_time)

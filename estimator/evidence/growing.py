@@ -65,8 +65,8 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     leaves shows no peak, and the right process lies behind a ridge. None where PV does not
     oscillate.
     """
-    cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
-    if cycles < FEWEST_CYCLES:
+    cycles = case.own_cycles
+    if cycles is None:
         return None
     found = []
     for wave in _waves_of(case, cycles):

@@ -10,7 +10,15 @@ import numpy as np
 from estimator.arrays import Array, Mask
 from estimator.hypotheses.linear_fit import Design, LinearFit, fit_linear
 from estimator.hypotheses.noise import fit_noise
-from estimator.hypotheses.nuisances import Characteristic, Nuisance, Sinusoid, columns_of, price_of
+from estimator.hypotheses.nuisances import (
+    FEWEST_CYCLES,
+    Characteristic,
+    Nuisance,
+    Sinusoid,
+    columns_of,
+    price_of,
+    spectral_peaks,
+)
 from estimator.lanes import tells
 from estimator.processes.poles import Poles, Shape
 from estimator.rows import Rows
@@ -91,6 +99,12 @@ class Case:
         return max(
             0, min(self.settings.modelling.max_dead_time, self.rows.first - longest_noise - 2)
         )
+
+    @property
+    def own_cycles(self) -> float | None:
+        """Cycles of PV's own oscillation in the window; None where PV does not oscillate."""
+        cycles = spectral_peaks(self.rows.y * self.rows.weight, 1)[0]
+        return cycles if cycles >= FEWEST_CYCLES else None
 
     def stem(self, valve: Valve | None) -> Array:
         """The stem of a valve; a healthy one's is OP."""

@@ -23,9 +23,9 @@ from estimator.result import Interval
 from estimator.search.descent import moved_valves, turned_points
 from estimator.valves.laws import LAWS
 
-__all__ = ["Peak", "Posterior", "pole_derivatives", "sample_posterior"]
+__all__ = ["NUDGE", "Peak", "Posterior", "pole_derivatives", "sample_posterior"]
 
-_NUDGE = 0.02
+NUDGE = 0.02
 """Step of log time constants for the derivative of a response."""
 _IMPOSSIBLE = 1e6
 """Nats by which a stem that does not work like a valve is behind."""
@@ -147,7 +147,7 @@ def pole_derivatives(of: Hypothesis) -> Array:
             continue
         if of.poles.shape is Shape.SWINGING and name == "fast":
             value = min(value, 0.95)
-        nudged: Poles = replace(of.poles, **{name: value * (1.0 + _NUDGE)})
+        nudged: Poles = replace(of.poles, **{name: value * (1.0 + NUDGE)})
         found.append(delay(nudged.response(of.stem) - own, of.dead_time))
     return np.stack(found) if found else np.empty((0, own.size))
 

@@ -13,7 +13,15 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import STARTS, Poles, Shape, coefficients
 
-__all__ = ["polish", "settle", "spread_points"]
+__all__ = [
+    "POLE_LANES",
+    "POLE_NARROWER",
+    "POLE_REACH",
+    "POLE_ROUNDS",
+    "polish",
+    "settle",
+    "spread_points",
+]
 
 _BETTER = 1e-6
 """Nats by which a candidate must be better: rounding decides nothing."""
@@ -122,10 +130,10 @@ def _starts() -> dict[Shape, tuple[Poles, ...]]:
     return {shape: tuple(p for p in STARTS if p.shape is shape) for shape in Shape}
 
 
-_REACH = 0.6
-_LANES = 24
-_ROUNDS = 4
-_NARROWER = 0.4
+POLE_REACH, POLE_NARROWER = 0.6, 0.4
+"""First reach of a refinement in logs of time constants, and its factor from round to round."""
+POLE_LANES, POLE_ROUNDS = 24, 4
+"""Processes of a round, and rounds."""
 
 
 def refine_poles(
@@ -138,10 +146,10 @@ def refine_poles(
 ) -> tuple[Poles, int]:
     """Poles and dead time of the least cost near the given ones, the noise model held."""
     design = case.design(nuisances, taps, stem, poles, dead_time)
-    stems = np.repeat(stem[:, None], _LANES, axis=1)
-    points = spread_points(_LANES, 3)
-    reach, best = _REACH, np.inf
-    for _ in range(_ROUNDS):
+    stems = np.repeat(stem[:, None], POLE_LANES, axis=1)
+    points = spread_points(POLE_LANES, 3)
+    reach, best = POLE_REACH, np.inf
+    for _ in range(POLE_ROUNDS):
         table = poles.moved(reach * points)
         if poles.shape is Shape.LAGS and poles.slow == 0.0:
             table[-4:, 0] = 0.2, 0.4, 0.7, 1.2
@@ -159,5 +167,5 @@ def refine_poles(
         if worth[late, lane] < best - _BETTER:
             best = float(worth[late, lane])
             poles, dead_time = poles.of_row(table[lane]), shortest + int(late)
-        reach *= _NARROWER
+        reach *= POLE_NARROWER
     return poles, dead_time

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.noise import DRIFT_AND_NOISE, LOOKS
-from estimator.hypotheses.nuisances import FEWEST_CYCLES, Nuisance, Sinusoid, spectral_peaks
+from estimator.hypotheses.nuisances import Nuisance, Sinusoid
 from estimator.processes.poles import Poles, Shape
 from estimator.search.coarse import Look, first_apart, one_step_starts, simulated_starts
 from estimator.search.descent import refine_valve
@@ -44,8 +44,8 @@ def find_valves(
 
 def _looks_at_wave(case: Case) -> tuple[Look, ...]:
     """A look with PV's own oscillation from outside: without it the right valve explains little."""
-    cycles = spectral_peaks(case.rows.y * case.rows.weight, 1)[0]
-    return (Look((Sinusoid(cycles),), DRIFT_AND_NOISE),) if cycles >= FEWEST_CYCLES else ()
+    cycles = case.own_cycles
+    return () if cycles is None else (Look((Sinusoid(cycles),), DRIFT_AND_NOISE),)
 
 
 def _starts(case: Case, near: Hypothesis, looks: tuple[Look, ...], law: str) -> list[Hypothesis]:

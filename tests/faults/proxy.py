@@ -77,7 +77,7 @@ class FaultProxy(LoopbackServer):
         attempts: connections after the last fault until a reply passed.
         answered: whether a reply has passed since the last fault.
         done: faults that were really done, by their number.
-        alone: silences in which ``others`` did not count: nobody else was asked meanwhile.
+        alone: silences in which ``others`` did not count: no other request was sent meanwhile.
     """
 
     upstream: int
