@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ class Rows:
     Attributes:
         u: OP, ``(n,)``, spanning one.
         y: PV, ``(n,)``, of unit variance; bad samples bridged by straight lines.
+        spread: sum of squares of OP around its mean.
         weight: 1 for a row that is judged, else 0; the first ``first`` rows are past only.
         first: rows that no hypothesis is judged on.
         count: rows that are judged.
@@ -32,6 +34,7 @@ class Rows:
 
     u: Array
     y: Array
+    spread: float
     weight: Array
     first: int
     count: float
@@ -67,6 +70,8 @@ def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 
     return Rows(
         u=window.u,
         y=y,
+        # exact, so that every processor finds the same
+        spread=math.fsum(np.square(window.u - math.fsum(window.u) / n)),
         weight=usable.astype(np.float64),
         first=first,
         count=float(usable.sum()),

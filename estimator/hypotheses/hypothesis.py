@@ -113,8 +113,8 @@ class Case:
     def tells(self, stems: Array) -> Mask:
         """Which of the stems ``(n, L)`` work like a valve; see `lanes.tells`."""
         searching = self.settings.searching
-        found: Array = tells(stems, self.rows.u, searching.reversals, searching.variance)
-        return found > 0.0
+        found: Mask = tells(stems, searching.reversals, searching.variance * self.rows.spread)
+        return found
 
     def columns(
         self, nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, dead_time: int
