@@ -12,8 +12,9 @@ import numpy as np
 
 from compiled import kernel
 from estimator.arrays import Array, Index
+from estimator.lanes import respond, whiten_lanes
 
-__all__ = ["NOTHING", "energies_at", "paired_costs"]
+__all__ = ["NOTHING", "Judged", "costs_of_stems", "energies_at", "paired_costs"]
 
 _AT_ONCE = 8
 """Rows that one pass adds to a sum, one after the other: the same bits as one a pass, and an eighth
@@ -24,6 +25,10 @@ _FEW_RUNS = 8
 """Runs of judged rows up to which a shifted sum is cheaper than a sum of its own."""
 _ALIKE = 1e-9
 """Share of its own size below which a determinant is zero: two responses that are one."""
+
+Judged = tuple[Array, Array, Array, float, int, float]
+"""What candidates are judged by: taps ``(p,)`` of the noise model, weight ``(n,)``, signals
+``(n, m)``, the sum of squares of the first of them, first judged row, sign of the gain."""
 
 
 @kernel
@@ -220,3 +225,14 @@ def paired_costs(
                     gain = max(gain, g1 * a1 + g2 * a2)
             out[d, j] = rest - gain
     return out
+
+
+@kernel
+def costs_of_stems(
+    stems: Array, processes: Array, judged: Judged, shortest: int, count: int, stride: int
+) -> Array:
+    """Costs ``(count, L)`` of stems ``(n, L)``, each through a process of its own, ``(4, L)``."""
+    taps, weight, signals, rest, first, sign = judged
+    responses = respond(stems, processes[0], processes[1], processes[2], processes[3])
+    white = whiten_lanes(responses, taps)
+    return paired_costs(white, weight, signals, rest, first, shortest, count, stride, sign)

@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from compiled import kernel
-from estimator.arrays import Array, Index, Mask
+from estimator.arrays import Array, Mask
 
 __all__ = [
-    "delayed_costs",
     "respond",
     "respond_one",
     "tells",
@@ -115,96 +114,4 @@ def tells(stems: Array, least_reversals: int, least_spread: float) -> Mask:
             spread = squares[j] - total[j] * total[j] / end
             out[j] = out[j] or (turns[j] >= least_reversals and spread >= least_spread)
         begin = end
-    return out
-
-
-@kernel
-def _sums(
-    responses: Array,
-    weight: Array,
-    target: Array,
-    basis: Array,
-    first: int,
-    late: int,
-    stride: int,
-    out: Array,
-    share: Array,
-) -> None:
-    """Energy, covariance with the target and cross-energy with the next dead time: ``out (3, L)``.
-
-    ``share`` ``(m, L)`` becomes the covariances with the ``basis``. Every ``stride``-th row counts.
-    """
-    n, lanes = responses.shape
-    out[:] = 0.0
-    share[:] = 0.0
-    rows = np.empty(n, dtype=np.int64)
-    count = 0
-    for k in range(first, n, stride):
-        if weight[k] != 0.0:
-            rows[count] = k
-            count += 1
-    b = 0
-    while b + _AT_ONCE <= count:
-        k0, k1, k2, k3 = rows[b], rows[b + 1], rows[b + 2], rows[b + 3]
-        y0, y1, y2, y3 = target[k0], target[k1], target[k2], target[k3]
-        r0, r1 = responses[k0 - late], responses[k1 - late]
-        r2, r3 = responses[k2 - late], responses[k3 - late]
-        p0, p1 = responses[k0 - late - 1], responses[k1 - late - 1]
-        p2, p3 = responses[k2 - late - 1], responses[k3 - late - 1]
-        for j in range(lanes):
-            z0, z1, z2, z3 = r0[j], r1[j], r2[j], r3[j]
-            out[0, j] = out[0, j] + z0 * z0 + z1 * z1 + z2 * z2 + z3 * z3
-            out[1, j] = out[1, j] + z0 * y0 + z1 * y1 + z2 * y2 + z3 * y3
-            out[2, j] = out[2, j] + z0 * p0[j] + z1 * p1[j] + z2 * p2[j] + z3 * p3[j]
-        for c in range(basis.shape[0]):
-            q0, q1, q2, q3 = basis[c, k0], basis[c, k1], basis[c, k2], basis[c, k3]
-            now = share[c]
-            for j in range(lanes):
-                now[j] = now[j] + q0 * r0[j] + q1 * r1[j] + q2 * r2[j] + q3 * r3[j]
-        b += _AT_ONCE
-    while b < count:
-        k = rows[b]
-        y, row = target[k], k - late
-        for j in range(lanes):
-            z = responses[row, j]
-            out[0, j] += z * z
-            out[1, j] += z * y
-            out[2, j] += z * responses[row - 1, j]
-        for c in range(basis.shape[0]):
-            q = basis[c, k]
-            for j in range(lanes):
-                share[c, j] += q * responses[row, j]
-        b += 1
-
-
-@kernel
-def delayed_costs(
-    responses: Array,
-    weight: Array,
-    target: Array,
-    basis: Array,
-    rest: float,
-    first: int,
-    delays: Index,
-    stride: int,
-    sign: float,
-) -> Array:
-    """Least sum of squares ``(D, L)`` of the target on whitened responses, one gain each.
-
-    ``rest`` is the target's own sum of squares; a gain of the wrong ``sign`` counts as none. With a
-    ``stride`` above 1 the sums are those of every so many rows, scaled up: a ranking, not a cost.
-    """
-    lanes = responses.shape[1]
-    out = np.empty((delays.size, lanes))
-    sums, share = np.empty((3, lanes)), np.empty((basis.shape[0], lanes))
-    for d in range(delays.size):
-        _sums(responses, weight, target, basis, first, delays[d], stride, sums, share)
-        for j in range(lanes):
-            energy = sums[0, j] * stride
-            for c in range(basis.shape[0]):
-                energy -= share[c, j] * share[c, j] * stride * stride
-            with_y = sums[1, j] * stride
-            out[d, j] = rest
-            if energy > 1e-7 * stride * sums[0, j] and sign * with_y >= 0.0:
-                out[d, j] = rest - with_y * with_y / energy
     return out

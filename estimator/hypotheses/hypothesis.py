@@ -110,10 +110,15 @@ class Case:
         """The stem of a valve; a healthy one's is OP."""
         return self.rows.u if valve is None else valve.stem(self.rows.u)
 
-    def tells(self, stems: Array) -> Mask:
-        """Which of the stems ``(n, L)`` work like a valve; see `lanes.tells`."""
+    @property
+    def works(self) -> tuple[int, float]:
+        """Least reversals and least spread of a stem that works like a valve; see `lanes.tells`."""
         searching = self.settings.searching
-        found: Mask = tells(stems, searching.reversals, searching.variance * self.rows.spread)
+        return searching.reversals, searching.variance * self.rows.spread
+
+    def tells(self, stems: Array) -> Mask:
+        """Which of the stems ``(n, L)`` work like a valve."""
+        found: Mask = tells(stems, *self.works)
         return found
 
     def columns(

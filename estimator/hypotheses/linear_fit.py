@@ -16,9 +16,8 @@ from estimator.algebra import (
     project_out,
     solve_spd,
 )
-from estimator.arrays import Array, Index
-from estimator.lane_costs import paired_costs
-from estimator.lanes import delayed_costs, respond, whiten_lanes
+from estimator.arrays import Array
+from estimator.lane_costs import Judged, costs_of_stems
 from estimator.rows import Rows
 
 __all__ = ["Design", "LinearFit", "delay", "fit_linear"]
@@ -64,39 +63,24 @@ class Design:
         self.taps = np.ascontiguousarray(taps)
         found: tuple[Array, float] = _whitened(columns, rows.y, self.taps, rows.weight)
         self.signals, self.rest = found
-
-    def single(self, responses: Array, delays: Index, stride: int = 1) -> Array:
-        """Sums of squares ``(D, L)`` with one gain at each of the ``delays``."""
-        rows = self.rows
-        found: Array = delayed_costs(
-            whiten_lanes(responses, self.taps),
-            rows.weight,
-            np.ascontiguousarray(self.signals[:, 0]),
-            np.ascontiguousarray(self.signals[:, 1:].T),
-            self.rest,
-            rows.first,
-            delays,
-            stride,
-            rows.sign,
-        )
-        return found
-
-    def paired(
-        self, stems: Array, processes: Array, shortest: int, count: int, stride: int = 1
-    ) -> Array:
-        """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on."""
-        rows = self.rows
-        found: Array = paired_costs(
-            whiten_lanes(respond(stems, *processes), self.taps),
+        self.judged: Judged = (
+            self.taps,
             rows.weight,
             self.signals,
             self.rest,
             rows.first,
-            shortest,
-            count,
-            stride,
             rows.sign,
         )
+
+    def paired(
+        self, stems: Array, processes: Array, shortest: int, count: int, stride: int = 1
+    ) -> Array:
+        """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on.
+
+        Of stems ``(n, L)``, each through a process of its own, ``(4, L)``.
+        """
+        processes = np.ascontiguousarray(processes)
+        found: Array = costs_of_stems(stems, processes, self.judged, shortest, count, stride)
         return found
 
 

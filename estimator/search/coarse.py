@@ -82,13 +82,13 @@ class Look:
 
 def ranking_of(case: Case, near: Hypothesis, looks: tuple[Look, ...]) -> Ranking:
     """All that a ranking of valves needs to know of the window under each look."""
-    designs = [
-        tuple(
+    designs = []
+    for look in looks:
+        at_rest, integrating = (
             case.design(look.nuisances, look.taps, near.stem, poles, near.dead_time)
             for poles in (COARSE[0], _INTEGRATING)
         )
-        for look in looks
-    ]
+        designs.append((at_rest, integrating))
     longest = case.max_dead_time
     delays = np.array([d for d in case.settings.searching.delays if d <= longest], dtype=np.int64)
     return Ranking(case, designs, delays)
