@@ -28,7 +28,8 @@ class Rows:
         floor: squared residual that PV's resolution leaves at least.
         sign: sign that the process gain must have by the controller's action, 0 where unclear.
         shared: columns that every hypothesis has, ``(m, n)``: offset, start-up.
-        slope: the straight line of an unknown equilibrium, ``(1, n)``, for integrating processes.
+        sloping: the same and the straight line of an unknown equilibrium, ``(m + 1, n)``, for
+            integrating processes.
         informed: share of the samples that were measured and not drawn by a historian.
     """
 
@@ -41,7 +42,7 @@ class Rows:
     floor: float
     sign: float
     shared: Array
-    slope: Array
+    sloping: Array
     informed: float = 1.0
 
     @property
@@ -51,7 +52,7 @@ class Rows:
 
     def columns(self, *, integrating: bool) -> Array:
         """Columns of unknown size beside the response, ``(m, n)``."""
-        return np.vstack([self.shared, self.slope]) if integrating else self.shared
+        return self.sloping if integrating else self.shared
 
 
 def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 1.0) -> Rows:
@@ -67,6 +68,7 @@ def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 
     first = min(settings.memory, n // 4)
     usable[:first] = False
     decay = settings.startup / (1.0 + settings.startup)
+    shared = np.stack([np.ones(n), decay**k])
     return Rows(
         u=window.u,
         y=y,
@@ -77,8 +79,8 @@ def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 
         count=float(usable.sum()),
         floor=max(settings.floor, _resolution(window.y[good])) ** 2,
         sign=sign,
-        shared=np.stack([np.ones(n), decay**k]),
-        slope=(k / n)[None],
+        shared=shared,
+        sloping=np.vstack([shared, k / n]),
         informed=informed,
     )
 

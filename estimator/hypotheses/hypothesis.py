@@ -126,6 +126,8 @@ class Case:
     ) -> Array:
         """Everything beside the response, ``(m, n)``."""
         shared = self.rows.columns(integrating=poles.integrating)
+        if not nuisances:
+            return shared
         return np.vstack([shared, *columns_of(nuisances, stem, poles, dead_time)])
 
     def design(

@@ -8,8 +8,9 @@ from itertools import product
 
 import numpy as np
 
+from compiled import kernel
 from estimator.algebra import order_of
-from estimator.arrays import Array
+from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import COARSE
@@ -61,15 +62,24 @@ def _placed(table: Array, first_op: float) -> Array:
 
 def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[int]:
     """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``."""
-    found: list[int] = []
-    near = ~np.isfinite(costs)
+    return [int(i) for i in _first_apart(bands, costs, count, share)]
+
+
+@kernel
+def _first_apart(bands: Array, costs: Array, count: int, share: float) -> Index:
+    found = np.empty(min(count, bands.size), dtype=np.int64)
+    some = 0
     for i in order_of(costs):
-        if len(found) == count:
+        if some == found.size or not np.isfinite(costs[i]):
             break
-        if not near[i]:
-            found.append(int(i))
-            near |= np.abs(bands - bands[i]) <= share * np.maximum(bands, bands[i])
-    return found
+        apart = True
+        for j in found[:some]:
+            if abs(bands[i] - bands[j]) <= share * max(bands[i], bands[j]):
+                apart = False
+        if apart:
+            found[some] = i
+            some += 1
+    return found[:some]
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ def _rows(n: int = 300, sign: float = 0.0) -> Rows:
     u = np.cumsum(rng.normal(size=n))
     weight = (rng.random(n) > 0.1).astype(np.float64)
     weight[:FIRST] = 0.0
+    shared = np.stack([np.ones(n), 0.97 ** np.arange(n)])
     return Rows(
         u=(u - u.mean()) / np.ptp(u),
         spread=float(u.var() * n / np.ptp(u) ** 2),
@@ -51,8 +52,8 @@ def _rows(n: int = 300, sign: float = 0.0) -> Rows:
         count=float(weight.sum()),
         floor=0.0,
         sign=sign,
-        shared=np.stack([np.ones(n), 0.97 ** np.arange(n)]),
-        slope=(np.arange(n) / n)[None],
+        shared=shared,
+        sloping=np.vstack([shared, np.arange(n) / n]),
     )
 
 
