@@ -58,12 +58,16 @@ class DaskEngine:
         job: what is assessed.
         scheduler: address such as ``tcp://10.0.0.5:8786``; None starts a cluster here, on loopback.
         workers: processes of a cluster here.
+        started: a worker process that runs already; a cluster here goes on with it, one elsewhere
+            has no use for it, and it is ended.
 
     Raises:
         AssessError: `distributed` is not installed, or no scheduler or worker answers.
     """
 
-    def __init__(self, job: Job, scheduler: str | None, workers: int) -> None:
+    def __init__(
+        self, job: Job, scheduler: str | None, workers: int, started: WatchedWorker
+    ) -> None:
         try:
             import dask
             import distributed
@@ -111,6 +115,12 @@ class DaskEngine:
             self._client.close(timeout=2.0)  # type: ignore[no-untyped-call]
             self._close_cluster()
             raise
+        self._started = started
+        if scheduler is None:
+            with _lock:
+                _handed_over.append((self._job, started))
+        else:
+            started.close()
 
     def __enter__(self) -> Self:
         return self
@@ -121,7 +131,9 @@ class DaskEngine:
         error: BaseException | None,
         _traceback: TracebackType | None,
     ) -> None:
-        if error is None and self._client.status == "running":
+        if error is not None:
+            self._started.interrupt()
+        elif self._client.status == "running":
             # Without the scheduler, idle worker processes end by themselves.
             with suppress(OSError, TimeoutError):
                 self._client.run(_end_workers, on_error="ignore")
@@ -246,6 +258,8 @@ def judge_remotely(job: str, batch: Sequence[tuple[int, dict[str, Any]]]) -> Ans
     key = threading.get_ident()
     with _lock:
         known, worker, timer = _own.pop(key, (job, None, None))
+        if worker is None and _handed_over:
+            known, worker = _handed_over.pop()
     if timer is not None:
         timer.cancel()
     if worker is not None and known != job:
@@ -269,6 +283,9 @@ def judge_remotely(job: str, batch: Sequence[tuple[int, dict[str, Any]]]) -> Ans
 _own: dict[int, tuple[str, WatchedWorker, threading.Timer]] = {}
 """In a Dask worker: the idle worker process of each thread, for the next batch."""
 
+_handed_over: list[tuple[str, WatchedWorker]] = []
+"""Of a cluster in the client's own process: a worker process that is warm already, and its job."""
+
 _lock = threading.Lock()
 
 
@@ -286,6 +303,10 @@ def _end_workers() -> None:
     with _lock:
         idle = list(_own.values())
         _own.clear()
+        handed_over = list(_handed_over)
+        _handed_over.clear()
     for _, worker, timer in idle:
         timer.cancel()
+        worker.close()
+    for _, worker in handed_over:
         worker.close()
