@@ -145,7 +145,7 @@ def test_dask_gives_the_rows_of_the_local_pool(
     outcome = assess(job, tmp_path / "dask", EngineChoice("dask", workers=1), Quiet())
     assert (outcome.rows, outcome.errors) == (4, 1)
     # The process that listed the files judges them, too.
-    assert [command[1:] for command in started] == [["-m", "fieldlink.assess.workers.worker"]]
+    assert sum("fieldlink.assess.workers.worker" in command for command in started) == 1
     texts = []
     for folder in (judged / "out", tmp_path / "dask"):
         lines = (folder / "loops.csv").read_text().splitlines()
