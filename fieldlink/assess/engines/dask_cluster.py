@@ -126,7 +126,9 @@ class DaskEngine:
         _traceback: TracebackType | None,
     ) -> None:
         if error is not None:
+            # A thread of a cluster here may wait for it.
             self._started.interrupt()
+            end_workers()
         elif self._client.status == "running":
             # Without the scheduler, idle worker processes end by themselves.
             with suppress(OSError, TimeoutError):

@@ -6,18 +6,18 @@ Nothing here waits or knows the time of day, so the live daemon and the lockstep
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.daemon.windows.window import LoopSample, Window, WindowData
 from fieldlink.links import Quality, Reading, Scan
 from fieldlink.registers import Tag
 from fieldlink.site import Loop, Site
 from fieldlink.store import SampleRecord
 
-__all__ = ["LoopCounts", "LoopPipeline"]
+__all__ = ["LoopPipeline"]
 
 LATE_SHARE = 0.1
 """Share of a period by which a reply may come later than due and still be in time."""
@@ -39,31 +39,6 @@ _NOT_THERE = frozenset(
 _MISPLACED = frozenset(
     quality.code for quality in (Quality.NO_COUNT, Quality.RESTARTED, Quality.LATE)
 )
-
-
-@dataclass(frozen=True, slots=True)
-class LoopCounts:
-    """The counts of a loop's samples; ``expected = read + bad + missed``.
-
-    Attributes:
-        expected: slots from the first poll on, by the controller's count where there is one, and
-            by the clock while no samples come.
-        read: slots filled with good OP and PV.
-        bad: slots filled with a value of bad quality.
-        missed: slots left empty.
-        late: slots read (good or bad) whose reply came more than a tenth of a period after it was
-            due.
-        duplicates: readings of a sample that was there already.
-        restarts: times the controller's cycle counter started again.
-    """
-
-    expected: int = 0
-    read: int = 0
-    bad: int = 0
-    missed: int = 0
-    late: int = 0
-    duplicates: int = 0
-    restarts: int = 0
 
 
 class LoopPipeline:
