@@ -115,7 +115,7 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
         page.set_default_timeout(PATIENCE_MS)
         page.goto(address)
         page.locator("#fleet tr", has_text="compensated").wait_for()
-        page.set_viewport_size({"width": 1500, "height": 330})
+        page.set_viewport_size({"width": 1500, "height": 350})
         page.screenshot(path=images / "web-demo.png")
         page.locator("#fleet th a").first.click()
         page.locator("[data-range='3600']").click()
