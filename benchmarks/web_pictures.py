@@ -97,10 +97,16 @@ register_map = "map.csv"
 
 
 def play(folder: Path, pages: Connection) -> None:
-    """Run the demonstration in a process of its own until it is ended; send its address."""
+    """Run the demonstration until it is ended; send its address, and a word when it is done."""
     configure_logging(logging.ERROR)
     scene = simulated_scene(folder, seed=1, speed=SPEED)
-    perform(scene, lambda _: None, hold=math.inf, opened=pages.send)
+    perform(
+        scene,
+        lambda _: None,
+        hold=math.inf,
+        opened=pages.send,
+        finished=lambda _: pages.send("done"),
+    )
 
 
 def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
@@ -109,6 +115,7 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
     theirs, ours = spawn.Pipe()
     demo = spawn.Process(target=play, args=(folder, ours))
     demo.start()
+    ours.close()
     try:
         address = theirs.recv()
         page = browser.new_page(viewport=WIDE)
@@ -143,6 +150,8 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
         page.set_viewport_size({"width": 1500, "height": 720})
         page.locator("#link", has_text="live ").wait_for()
         page.screenshot(path=images / "web-devices.png")
+        # Before that it would not end by itself.
+        theirs.recv()
     finally:
         demo.terminate()
         demo.join()
