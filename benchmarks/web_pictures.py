@@ -1,8 +1,8 @@
 """Pictures of the pages, from a live run of the demonstration and from a store of 40 loops.
 
-PLC, daemon and compensator run as in `fieldlink demo --hold`, at a quarter of its speed: a poll
-every tenth of a second is in time on a machine that draws pictures meanwhile. A browser opens the
-pages as a user would. The picture of the report is that of `fieldlink demo` itself.
+PLC, daemon and compensator run as in `fieldlink demo --hold`, at half its speed: twice the time for
+a poll on a machine that draws pictures meanwhile. A browser opens the pages as a user would. The
+picture of the report is that of `fieldlink demo` itself.
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ from fieldlink.lab.demo.site_files import simulated_scene
 LOOPS, DAYS = 40, 200
 LIMIT = 8.0
 """Stick band, in units of OP, that the site of the picture allows."""
-SPEED = 10.0
+SPEED = 20.0
 """Times the speed of a plant with a sample a second."""
-SAMPLES = 1250
-"""Samples in the pictures of the loop: the block is written after some 620."""
+SAMPLES_AFTER = 600
+"""Samples after the take-over in the picture of the loop: about as many as before it."""
+FADED_MS = 5000.0
+"""Until the colour of rows that have changed is gone."""
 NEWEST_SAMPLE = 'parseInt(document.getElementById("trend-note").textContent)'
 PATIENCE_MS = 240_000.0
 WIDE = {"width": 1500, "height": 860}
@@ -123,14 +125,15 @@ def of_the_demo(browser: Any, folder: Path, images: Path) -> None:
         page.goto(address)
         page.locator("#fleet tr", has_text="compensated").wait_for()
         page.set_viewport_size({"width": 1500, "height": 350})
+        page.wait_for_timeout(FADED_MS)
         page.screenshot(path=images / "web-demo.png")
         page.locator("#fleet th a").first.click()
         page.locator("[data-range='3600']").click()
         page.locator("#trend-note", has_text="samples").wait_for()
+        taken_over = page.evaluate(NEWEST_SAMPLE)
         page.locator("#map").scroll_into_view_if_needed()
         page.locator("#map-note", has_text="dark").wait_for()
-        # As much of the course after the take-over as before it.
-        wait_until(page, f"{NEWEST_SAMPLE} > {SAMPLES}")
+        wait_until(page, f"{NEWEST_SAMPLE} > {taken_over + SAMPLES_AFTER}")
         page.evaluate("scrollTo(0, 0)")
         page.set_viewport_size({"width": 1500, "height": 880})
         page.wait_for_timeout(1500)
@@ -184,6 +187,7 @@ def of_a_fleet(browser: Any, address: str, images: Path) -> None:
         """[...document.querySelectorAll("#fleet tr[data-verdict=stiction]")]
           .every((row) => row.cells[4].textContent.trim() !== "\u2013")""",
     )
+    page.wait_for_timeout(FADED_MS)
     page.screenshot(path=images / "web-fleet.png")
     page.set_viewport_size(PHONE)
     page.screenshot(path=images / "web-phone.png")
