@@ -93,6 +93,8 @@ class Analyst:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        # Of its own: no request waits while the process is started.
+        self._pool_lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
         self._hands = ThreadPoolExecutor(1, thread_name_prefix="analyst")
         self._waiting: deque[tuple[str, list[Point], float | None]] = deque()
@@ -104,9 +106,10 @@ class Analyst:
     def close(self) -> None:
         """End the process; what it is doing is lost."""
         self._hands.shutdown(wait=False, cancel_futures=True)
-        with self._lock:
+        with self._pool_lock:
             self._is_closing = True
             pool = self._pool
+        with self._lock:
             self._waiting.clear()
         if pool is not None:
             for process in dict(getattr(pool, "_processes", None) or {}).values():
@@ -155,9 +158,8 @@ class Analyst:
         try:
             found = self._run(follow_valves, batch)
         except Exception as error:  # noqa: BLE001  (told; the table goes on without these trends)
-            with self._lock:
-                if self._is_closing:
-                    return
+            if self._is_closing:
+                return
             _log.warning(
                 "web.course_failed",
                 loops=[key.partition("\0")[0] for key, _, _ in batch],
@@ -174,16 +176,16 @@ class Analyst:
 
     def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a task in the process, which is replaced when it has ended."""
-        with self._lock:
-            if self._is_closing:
-                raise BrokenProcessPool("the server is ending")
-            if self._pool is None:
-                self._pool = _new_pool()
-            task = self._pool.submit(_bounded, LIMIT, function, *arguments)
         try:
+            with self._pool_lock:
+                if self._is_closing:
+                    raise BrokenProcessPool("the server is ending")
+                if self._pool is None:
+                    self._pool = _new_pool()
+                task = self._pool.submit(_bounded, LIMIT, function, *arguments)
             return task.result()
         except BrokenProcessPool:
-            with self._lock:
+            with self._pool_lock:
                 self._pool = None
             raise
 
