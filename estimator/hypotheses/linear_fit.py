@@ -24,7 +24,7 @@ __all__ = ["Design", "LinearFit", "delay", "fit_linear"]
 
 
 def delay(signal: Array, samples: int) -> Array:
-    """``signal`` ``(n,)`` later by ``samples``; a response is zero before the window."""
+    """Delay ``signal`` ``(n,)`` by ``samples``; a response is zero before the window."""
     if samples == 0:
         return signal
     out = np.zeros(signal.size)

@@ -111,10 +111,11 @@ def _lines(found: dict[str, Any]) -> list[str]:
     state = "running since" if daemon["alive"] else "not running; last seen"
     lines = [f"daemon {state} {daemon['since']}"]
     for device in found["devices"]:
-        reason = f"; {device['reason']}" if device["reason"] else ""
+        own = f"device {device['name']}: "
+        reason = f"; {device['reason'].removeprefix(own)}" if device["reason"] else ""
         lines.append(
-            f"device {device['name']}: {device['state']}, {device['requests']} requests, "
-            f"{device['exceptions']} exceptions, {device['late']} late, "
+            f"{own}{device['state']}, {device['requests']} requests, "
+            f"{device['exceptions']} failures, {device['late']} late, "
             f"{device['missed']} missed{reason}"
         )
     for loop in found["loops"]:
