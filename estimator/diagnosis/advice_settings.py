@@ -38,8 +38,8 @@ class Advising:
         tail: share of the plausible processes on each side of the range that is told.
         reach: farthest step of a sampled time constant, as a logarithm.
         blur, blur_cycle: widening of the range, as a share: the noise model is never quite right;
-            the size of a limit cycle varies from run to run (tuning family: with them 98 of 100
-            ranges hold the truth).
+            the size of a limit cycle varies from run to run (tuning family, halves of the record
+            included: 66 of 67 ranges hold the truth).
         narrow: ratio of the range's ends up to which a single figure is told: it is then off by a
             quarter at the most.
     """
