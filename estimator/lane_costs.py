@@ -234,5 +234,5 @@ def costs_of_stems(
     """Costs ``(count, L)`` of stems ``(n, L)``, each through a process of its own, ``(4, L)``."""
     taps, weight, signals, rest, first, sign = judged
     responses = respond(stems, processes[0], processes[1], processes[2], processes[3])
-    white = whiten_lanes(responses, taps)
+    white = whiten_lanes(responses, taps) if taps.size > 0 else responses
     return paired_costs(white, weight, signals, rest, first, shortest, count, stride, sign)

@@ -25,7 +25,7 @@ __all__ = ["Look", "first_apart", "one_step_starts", "ranking_of", "simulated_st
 _INTEGRATING = next(poles for poles in COARSE if poles.integrating)
 _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
-_TRIAL = 5
+_TRIAL = 3
 """Rounds that every seed of a look is followed; only the best ones go on."""
 _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""

@@ -263,10 +263,10 @@ def refine_valve(
     return best
 
 
-_SWEPT_JUMPS = np.linspace(0.0, 1.0, 25)
-_SWEPT_BANDS = np.linspace(-0.06, 0.06, 25)
+_SWEPT_JUMPS = np.linspace(0.0, 1.0, 17)
+_SWEPT_BANDS = np.linspace(-0.06, 0.06, 13)
 """Slip jumps over S, and steps in log S, of the sweep."""
-_SWEPT_BLOCK = 25
+_SWEPT_BLOCK = 17
 _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 """Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
 

@@ -39,7 +39,7 @@ class Rank:
 
 
 class Ranking:
-    """One look at many valves.
+    """Several looks at many valves.
 
     Args:
         case: the window.
@@ -50,17 +50,8 @@ class Ranking:
     def __init__(self, case: Case, looks: list[tuple[Design, Design]], delays: Index) -> None:
         self._case, self._delays = case, delays
         self.looks = looks
-        self._noises: list[Array] = []
+        self._noises = {design.taps.tobytes(): design.taps for design, _ in looks}
         """The different noise models of the looks."""
-        self._noise_of: list[int] = []
-        for design, _ in looks:
-            for number, taps in enumerate(self._noises):
-                if np.array_equal(taps, design.taps):
-                    self._noise_of.append(number)
-                    break
-            else:
-                self._noise_of.append(len(self._noises))
-                self._noises.append(design.taps)
         self._tables = [
             [self._table(pair, number) for number in range(len(COARSE))] for pair in looks
         ]
@@ -83,7 +74,7 @@ class Ranking:
         """Rank valves ``(m, 3)`` of a law under each look."""
         rows = self._case.rows
         count, late = len(valves), self._delays.size
-        energies = np.empty((len(self._noises), len(COARSE), late, count))
+        energies = {key: np.empty((len(COARSE), late, count)) for key in self._noises}
         useless = np.zeros(count, dtype=np.bool_)
         moves = []
         for begin in range(0, count, _BLOCK):
@@ -94,16 +85,18 @@ class Ranking:
             for number, poles in enumerate(COARSE):
                 lanes = np.repeat(np.array([poles.coefficients]).T, stems.shape[1], axis=1)
                 responses = respond(stems, *lanes)
-                for noise, taps in enumerate(self._noises):
-                    energies[noise, number, :, block] = energies_at(
-                        whiten_lanes(responses, taps), rows.weight, rows.first, self._delays
+                for key, taps in self._noises.items():
+                    white = whiten_lanes(responses, taps) if taps.size else responses
+                    energies[key][number, :, block] = energies_at(
+                        white, rows.weight, rows.first, self._delays
                     )
         counts = np.concatenate([found[0] for found in moves])
         begins = np.append(0, np.cumsum(counts))
         places = np.concatenate([found[1] for found in moves])
         sizes = np.concatenate([found[2] for found in moves])
         ranks = []
-        for pair, noise, tables in zip(self.looks, self._noise_of, self._tables, strict=True):
+        for pair, tables in zip(self.looks, self._tables, strict=True):
+            own = energies[pair[0].taps.tobytes()]
             cost, process = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
             delay = np.zeros(count, dtype=np.int64)
             for number, table in enumerate(tables):
@@ -112,7 +105,7 @@ class Ranking:
                     places,
                     sizes,
                     table,
-                    energies[noise, number],
+                    own[number],
                     self._design(pair, number).rest,
                     rows.sign,
                     number,
