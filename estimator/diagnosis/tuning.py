@@ -224,7 +224,8 @@ def _judged_by(
     replays = [_replay(process, loop) for process in plausible.processes]
     halves = [_replay(process, loop) for process in plausible.halves]
     likeliest = _replay(plausible.likeliest, loop)
-    beyond = settings.beyond * float(np.ptp(loop.stem))
+    # OP goes ahead of a sticking stem by its static friction
+    beyond = settings.beyond * float(np.ptp(loop.stem)) + loop.friction[0]
     lowest, highest = float(loop.stem.min()) - beyond, float(loop.stem.max()) + beyond
     most = 1.0 - settings.tail
 
