@@ -253,7 +253,7 @@ class HybridMpc:
 
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""
-        tracker, s, valve = self.tracker, self.settings, self.model.valve
+        tracker, s, valve = self.tracker, self.settings, self.tracker.valve
         smallest = self._moves().smallest
         # An offset not yet known well is no reason to move: waiting will tell.
         # A level drifts away from a wrong position, so that there a move cannot wait.
@@ -274,7 +274,7 @@ class HybridMpc:
         """Return the OP, scan by scan, that carries out the present plan, shape ``(samples,)``."""
         plan, sure = self.plan(sp), self._moves()
         low, high = self._reach
-        fd = self.model.valve.dynamic_friction
+        fd = self.tracker.valve.dynamic_friction
         path = np.empty(samples)
         stem, before = sure.belief.stem, self._op
         moves = dict(zip(plan.times, plan.changes, strict=True))
@@ -293,7 +293,7 @@ class HybridMpc:
         tracker = self.tracker
         stems = plausible_stems(tracker.beliefs, tracker.chances)
         return SureMoves(
-            self.settings, self.model.valve, tracker.best, stems, self._reach, self._op
+            self.settings, tracker.valve, tracker.best, stems, self._reach, self._op
         )
 
     def _begins_at(self, ramp: Ramp, change: float) -> int:
