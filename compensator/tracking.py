@@ -29,7 +29,7 @@ NOISE_KINDS = (
 model of too low an order). The filter's ``disturbance`` is set by `TrackerSettings.offset_memory`.
 """
 
-FRICTIONS = (1.0, 1.3)
+FRICTIONS = (1.0, 1.3, 0.75)
 """Factors of the model's friction: a tracker covers some 15 % to either side of its own
 (`FrictionPrior.spread`), and what is beyond 1.7 the record before tells
 (`RecordCheckSettings.larger`).
