@@ -82,7 +82,7 @@ class HybridMpc:
         self._pv_bad = False
         self._tolerated = 0.0
         self._moving = self.stem_moved = False
-        self._dwells = 0
+        self._dwells = self._lingers = 0
         self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
         self._thrift: Thrift | None = None
         self._way = 0.0
@@ -177,8 +177,10 @@ class HybridMpc:
         self.stem_moved = self._moving = self.stem != before
         self._way = abs(self.stem - before) if self.ready and math.isfinite(before) else 0.0
         self._dwells = max(0, self._dwells - 1)
+        self._lingers = max(0, self._lingers - 1)
         if self.ready and self.stem_moved and self.tracker.best.way:
             self._dwells = self.settings.dwell - 1
+            self._lingers = self.settings.linger - 1
         self._op = op
 
     def decide(self, sp: float) -> Action:
@@ -213,7 +215,7 @@ class HybridMpc:
         else:
             position = belief.stem
             status = ActionStatus.LIMITED if limited else ActionStatus.HOLDING
-            op = moves.strokes.hold()
+            op = moves.strokes.dwell() if self._lingers else moves.strokes.hold()
         return Action(op, status, target, plan.final_pv + sp, position, self._words(plan))
 
     def plan(self, sp: float) -> MovePlan:
@@ -242,6 +244,9 @@ class HybridMpc:
             max(moves.change_for(self._reach[0], -1.0), lowest),
             min(moves.change_for(self._reach[1], 1.0), highest),
         )
+        if self._trend.turns:
+            # What comes next tells whether a way there and back is needed.
+            ramp = replace(ramp, opposite=self.horizon)
         if not self._trend.is_ramp or self.prediction.process.is_integrating:
             return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
         # The set-point passes by each position of the stem: a way there and back gains nothing.
@@ -292,9 +297,7 @@ class HybridMpc:
         """Return what moves there are from the present belief."""
         tracker = self.tracker
         stems = plausible_stems(tracker.beliefs, tracker.chances)
-        return SureMoves(
-            self.settings, tracker.valve, tracker.best, stems, self._reach, self._op
-        )
+        return SureMoves(self.settings, tracker.valve, tracker.best, stems, self._reach, self._op)
 
     def _begins_at(self, ramp: Ramp, change: float) -> int:
         """Return the first move time of a plan that OP, set off now, can keep."""
