@@ -66,8 +66,7 @@ class HybridMpc:
             )
         s = self.settings
         self.planner, self._ramp_planner = (
-            MovePlanner(self.prediction, s.horizon, lasting, s.level_horizon)
-            for lasting in (s.lasting, 0.0)
+            MovePlanner(self.prediction, s, on_ramp=on_ramp) for on_ramp in (False, True)
         )
         noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
         tracking = TrackerSettings(
