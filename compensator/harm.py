@@ -21,8 +21,8 @@ class HarmSettings:
 
     Attributes:
         window: scans that PV and travel are averaged over.
-        scans: in a row for which both must be worse; the loop is given back within ``window`` and
-            these.
+        scans: in a row for which both must be worse: half a window, so that figures which differ a
+            little from the plant's own still give the loop back within another window.
         deviation: factor of PV's root mean square that is worse.
         travel: factor of the stem's travel that is worse.
         strokes: stick bands that the stem may travel in a window, however little it did before: a
@@ -30,7 +30,7 @@ class HarmSettings:
     """
 
     window: int = 60
-    scans: int = 40
+    scans: int = 30
     deviation: float = 1.1
     travel: float = 2.0
     strokes: float = 2.0

@@ -71,7 +71,10 @@ class SetpointTrend:
             self._slope += (change - self._slope) / min(self._run, 2 * self.settings.scans)
         else:
             stepped = abs(change) > self.settings.alike * abs(self._slope)
-            self._unknown = self.settings.scans if self.is_ramp and not stepped else self._unknown
+            if stepped:
+                self._unknown = 0
+            elif self.is_ramp:
+                self._unknown = self.settings.scans
             self._slope = change if math.isfinite(change) else 0.0
             self._run = int(self._slope != 0.0)
 
