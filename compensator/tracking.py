@@ -37,6 +37,8 @@ FRICTIONS = (1.0, 1.3, 0.75)
 
 _MEMORY = 120.0
 _LEAD = 4.0
+_CLAIM = 6.0
+"""Log-odds against another friction than the block's: one in four hundred."""
 _LEARNING = 60
 """Scans in which a tracker still learns how much noise there is: what it expects counts nothing."""
 
@@ -71,6 +73,7 @@ class TrackerBank:
             for noise in noises
         ]
         self._scores = [0.0] * len(self._trackers)
+        self._claims = [0.0 if factor == 1.0 else _CLAIM for factor in self._frictions]
         self._chosen = 0
         self._count = 0
 
@@ -98,8 +101,14 @@ class TrackerBank:
         self._count += 1
         if self._count <= _LEARNING:
             self._scores = [0.0] * len(self._trackers)
-        best = max(range(len(self._scores)), key=self._scores.__getitem__)
-        if self._scores[best] > self._scores[self._chosen] + _LEAD:
+        # Where a model of too low an order leaves innovations correlated, each tells less.
+        colour = self.chosen.innovations.colour
+        worth = (1.0 - colour) / (1.0 + colour)
+        scores = [
+            worth * score - claim for score, claim in zip(self._scores, self._claims, strict=True)
+        ]
+        best = max(range(len(scores)), key=scores.__getitem__)
+        if scores[best] > scores[self._chosen] + _LEAD:
             self._chosen = best
 
 
