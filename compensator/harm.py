@@ -25,15 +25,15 @@ class HarmSettings:
             little from the plant's own still give the loop back within another window.
         deviation: factor of PV's root mean square that is worse.
         travel: factor of the stem's travel that is worse.
-        strokes: stick bands that the stem may travel in a window, however little it did before: a
-            correction and its way back.
+        strokes: stick bands that the stem of a loop that was at rest may travel in a window (it
+            travelled less than one): a set-point and a load that step ask for two each.
     """
 
     window: int = 60
     scans: int = 30
     deviation: float = 1.1
     travel: float = 2.0
-    strokes: float = 2.0
+    strokes: float = 4.0
 
     def __post_init__(self) -> None:
         require_whole("HarmSettings", 1, window=self.window, scans=self.scans)
@@ -64,7 +64,8 @@ class HarmWatch:
     ) -> None:
         self.settings = s = settings or HarmSettings()
         self._square = s.deviation**2 * mean_square
-        self._way = max(s.travel * travel * s.window, s.strokes * stroke)
+        usual = travel * s.window
+        self._way = s.strokes * stroke if usual < stroke else s.travel * usual
         self._errors: deque[float] = deque(maxlen=s.window)
         self._ways: deque[float] = deque(maxlen=s.window)
         self._run = 0
