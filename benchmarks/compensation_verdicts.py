@@ -1,7 +1,7 @@
 """What the compensation benchmark judges by itself: fall-backs in time, and curves left behind.
 
-Five periods is what a controller that is worse than the stiction-unaware MPC may take to be
-noticed. A period is that of the unaware MPC's limit cycle in the same loop. Worse begins where PV's
+A controller that is worse than the stiction-unaware MPC has to be noticed within five periods. A
+period is that of the unaware MPC's limit cycle in the same loop. Worse begins where PV's
 mean square error over one period comes to lie above the unaware MPC's, and stays there until the
 fall-back; the way to a new set-point (half the time that the figures leave out) is not looked at.
 """

@@ -215,6 +215,7 @@ def summary(loops: Sequence[dict[str, Any]]) -> str:
         ["error under proposed settings within 15 % of its prediction", _near(loops)],
         ["the same, loops without a sticky valve", _near(healthy)],
         ["the range that is told holds the error", _inside(loops)],
+        ["proposals without a single figure: the range is too wide", _unsure(loops)],
         ["processor seconds a loop, median and 95 %",
          f"{np.nanmedian(seconds):.2f}, {np.nanquantile(seconds, 0.95):.2f}"],
     ]  # fmt: skip
@@ -235,6 +236,11 @@ def _near(loops: Sequence[dict[str, Any]]) -> str:
 def _inside(loops: Sequence[dict[str, Any]]) -> str:
     found = [one["inside"] for one in loops if one["inside"] is not None]
     return f"{sum(found)} of {len(found)} proposals"
+
+
+def _unsure(loops: Sequence[dict[str, Any]]) -> str:
+    found = [one["predicted"] is None for one in loops if one["inside"] is not None]
+    return f"{sum(found)} of {len(found)}"
 
 
 def pairs(loops: Sequence[dict[str, Any]]) -> str:

@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.contents is not None:
         problems = problems_of(options.contents)
-        print("\n".join(problems) or f"{options.contents.name}: whole, and nothing else in it")
+        print("\n".join(problems) or f"{options.contents.name}: complete, and holds no other file")
         return min(1, len(problems))
     with tempfile.TemporaryDirectory(prefix="installation") as name:
         root = Path(name)

@@ -1,25 +1,30 @@
 """The daemon is killed again and again: nothing that was stored is lost, no block is ever half new.
 
     python -m benchmarks.kills --runs 50
+    python -m benchmarks.kills --runs 50 --slice 10 --so-far FILE      # five times: 50 in slices
 
 Every run starts ``fieldlink run`` on the same store and the same PLC and ends it with SIGKILL: at a
 random moment, or in the middle of handing over a block (after the bank, after the commit). Before
 the kill the store is read as any other program may read it; what was there has to be there after.
 At the end the daemon runs once more and is stopped in order: then every block that the PLC took has
 to be on record, from its begin to the PLC's acknowledgement.
+
+In slices, each has a PLC and a store of its own, and is ended in order like a whole run; their
+figures are added up in FILE.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import random
 import sqlite3
 import sys
 import tempfile
 from collections import defaultdict
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +78,7 @@ class Tally:
 
     Attributes:
         runs: kills.
+        slices: PLCs with a store that they were made on.
         at_random, after_bank, after_commit: when they came.
         no_moment: kills after a minute in which the moment waited for did not come.
         rows: rows that were in the store before the kills; lost: those that were not after.
@@ -85,6 +91,7 @@ class Tally:
     """
 
     runs: int = 0
+    slices: int = 0
     at_random: int = 0
     after_bank: int = 0
     after_commit: int = 0
@@ -99,10 +106,12 @@ class Tally:
     faults: list[str] = field(default_factory=list)
 
 
-async def run_kills(runs: int, seed: int, folder: Path) -> Tally:
-    """Kill the daemon ``runs`` times."""
-    chance = random.Random(seed)
-    tally = Tally()
+async def run_kills(runs: int, seed: int, folder: Path, tally: Tally | None = None) -> Tally:
+    """Kill the daemon ``runs`` times and add what happened to ``tally``, or to a new one.
+
+    When a kill comes hangs on the seed and its number among all kills.
+    """
+    tally = tally or Tally()
     plc = WatchedPlc()
     await plc.start()
     text = SITE.format(port=plc.port, speed=1.0 / CYCLE, loop_id=LOOP_ID)
@@ -111,6 +120,7 @@ async def run_kills(runs: int, seed: int, folder: Path) -> Tally:
     store = folder / "data" / "history.sqlite"
     try:
         for _ in range(runs):
+            chance = random.Random(f"{seed} {tally.runs}")
             before = await _live_and_die(plc, store, folder, chance, tally)
             after = _rows(store, tally)
             tally.runs += 1
@@ -123,11 +133,12 @@ async def run_kills(runs: int, seed: int, folder: Path) -> Tally:
         await plc.stop()
     by_outcome = _blocks(store, tally)
     taken = set(plc.accepted)
-    tally.accepted = len(plc.accepted)
-    tally.unrecorded = len(taken - by_outcome["begun"])
-    tally.incomplete = len(taken - (by_outcome["committed"] & by_outcome["accepted"]))
-    tally.interrupted = len(by_outcome["interrupted"])
-    tally.faults = plc.faults
+    tally.slices += 1
+    tally.accepted += len(plc.accepted)
+    tally.unrecorded += len(taken - by_outcome["begun"])
+    tally.incomplete += len(taken - (by_outcome["committed"] & by_outcome["accepted"]))
+    tally.interrupted += len(by_outcome["interrupted"])
+    tally.faults += plc.faults
     return tally
 
 
@@ -239,10 +250,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--slice", type=int, default=None, help="kills this time; all by default")
+    parser.add_argument("--so-far", type=Path, default=None, help="FILE with the slices before")
     parser.add_argument("--out", type=Path, default=None, help="folder for Markdown and JSON")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        tally = asyncio.run(run_kills(options.runs, options.seed, Path(folder)))
+    so_far: Path | None = options.so_far
+    tally = Tally()
+    if so_far is not None and so_far.exists():
+        tally = Tally(**json.loads(so_far.read_text()))
+    runs = min(options.runs - tally.runs, options.slice or options.runs)
+    if runs > 0:
+        with tempfile.TemporaryDirectory() as folder:
+            asyncio.run(run_kills(runs, options.seed, Path(folder), tally))
+        if so_far is not None:
+            so_far.write_text(json.dumps(asdict(tally)) + "\n")
     figures = {key: value for key, value in vars(tally).items() if key != "faults"}
     figures |= {"faults_in_the_plc": len(tally.faults)}
     text = table(

@@ -85,7 +85,7 @@ class Watching:
 
 @dataclass(frozen=True)
 class _Phase:
-    """What was measured of the processes while one or nobody looked."""
+    """Figures of the processes, with watchers or without."""
 
     name: str
     since: datetime

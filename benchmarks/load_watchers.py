@@ -10,6 +10,7 @@ OPC UA client subscribes to health, verdict, stick band and block of every loop.
 from __future__ import annotations
 
 import asyncio
+import logging
 import shutil
 import sys
 from typing import Any
@@ -24,6 +25,15 @@ SUBSCRIBED = ("DeviceHealth", "Verdict", "StickBand", "BlockState")
 
 PATIENCE_MS = 120_000.0
 INTERVAL_MS = 1000.0
+WATCHDOG = 30.0
+"""Seconds within which a server has to answer: asyncua's second is short for a busy machine."""
+
+# A client that loses its server tells that in one line; asyncua would add a traceback a second.
+logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+
+
+async def _tell_lost(error: Exception) -> None:
+    print(f"an OPC UA client has lost its connection: {error}", file=sys.stderr, flush=True)
 
 
 class Taker:
@@ -35,7 +45,8 @@ class Taker:
 
 async def subscribe(port: int) -> Client:
     """Return an OPC UA client that is subscribed to every loop."""
-    client = Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0)
+    client = Client(f"opc.tcp://127.0.0.1:{port}", timeout=60.0, watchdog_intervall=WATCHDOG)
+    client.connection_lost_callback = _tell_lost
     await client.connect()
     loops = await client.get_node("ns=1;s=Loops").get_children()
     names = [f"ns=1;s={loop.nodeid.Identifier}/{name}" for loop in loops for name in SUBSCRIBED]

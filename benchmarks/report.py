@@ -34,7 +34,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return "\n".join(lines)
 
 
-_FOLDERS = ("--out", "--images", "--data", "--beside")
+_FOLDERS = ("--out", "--images", "--data", "--beside", "--so-far")
 
 
 def heading(module: str, about: str | None, arguments: Sequence[str] | None) -> str:

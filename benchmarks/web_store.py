@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from sqlalchemy import create_engine, insert
+from sqlalchemy import create_engine, insert, select
 
 from fieldlink.store.schema import (
     ESTIMATES,
@@ -68,11 +68,16 @@ def fill_store(
                 rows = []
         if rows:
             connection.execute(insert(ESTIMATES), rows)
+        bands = dict(
+            connection.execute(
+                select(ESTIMATES.c.loop, ESTIMATES.c.stick_band).where(ESTIMATES.c.utc_ms == now_ms)
+            ).all()
+        )
         for number, name in enumerate(names):
             count = long_samples if long_samples and number == 0 else samples
             connection.execute(insert(SAMPLES), _samples(name, count, now_ms, rng))
             connection.execute(insert(SLOTS), _slots(name, now_ms))
-            connection.execute(insert(WRITEBACKS), _attempt(name, number, now_ms))
+            connection.execute(insert(WRITEBACKS), _attempt(name, number, now_ms, bands[name]))
         connection.execute(
             insert(EVENTS),
             {
@@ -176,7 +181,7 @@ def _slots(name: str, now_ms: int) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _attempt(name: str, number: int, now_ms: int) -> dict[str, object]:
+def _attempt(name: str, number: int, now_ms: int, stick_band: float) -> dict[str, object]:
     sticky = number % 5 == 0
     return {
         "loop": name,
@@ -186,7 +191,7 @@ def _attempt(name: str, number: int, now_ms: int) -> dict[str, object]:
         "seq": 7 if sticky else None,
         "bank": "A" if sticky else None,
         "status": "valid" if sticky else "no_stiction",
-        "stick_band": 5.0,
-        "slip_jump": 2.0,
+        "stick_band": stick_band,
+        "slip_jump": 0.4 * stick_band,
         "words": [1, 2, 3] if sticky else None,
     }

@@ -213,7 +213,7 @@ class Supervisor:
         return self._compensate(pv, sp, op_applied, moved)
 
     def _move_stem(self, op: float) -> float:
-        """Return how far OP moves the stem by the model in use: one rule for before and after."""
+        """Return how far OP moves the stem, by the same model before and after the take-over."""
         if self._compensator is None:
             self._stem = op
             return 0.0

@@ -75,7 +75,7 @@ class TrackerSettings:
         )
         if not 0.0 <= self.negligible < 0.5:
             raise CompensatorError(
-                f"TrackerSettings: negligible is a chance below a half; got {self.negligible!r}"
+                f"TrackerSettings: negligible is a probability below 0.5; got {self.negligible!r}"
             )
         if not self.first or not all(-1.0 < share < 1.0 for share in self.first):
             raise CompensatorError(

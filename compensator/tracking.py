@@ -79,7 +79,7 @@ class TrackerBank:
 
     @property
     def chosen(self) -> StemTracker:
-        """The tracker whose noise model the data support."""
+        """The tracker whose noise model fits the data best."""
         return self._trackers[self._chosen]
 
     @property

@@ -1,6 +1,6 @@
 """Compiled linear algebra on the rows of one window: products, bases, least squares.
 
-Sums are taken in the order of the samples, so that they are the same bits on every processor.
+Sums are taken in an order that the source fixes: they are the same bits on every processor.
 """
 
 from __future__ import annotations
@@ -48,11 +48,24 @@ def order_of(costs: Array) -> Index:
 
 @kernel
 def dot(a: Array, b: Array) -> float:
-    """Sum of products in the order of the samples: the same bits on every processor."""
-    total = 0.0
-    for k in range(a.size):
-        total += a[k] * b[k]
-    return total
+    """Sum of products, every eighth one in a sum of its own: the same bits on every processor."""
+    n = a.size
+    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
+    k = 0
+    while k + 8 <= n:
+        t0 += a[k] * b[k]
+        t1 += a[k + 1] * b[k + 1]
+        t2 += a[k + 2] * b[k + 2]
+        t3 += a[k + 3] * b[k + 3]
+        t4 += a[k + 4] * b[k + 4]
+        t5 += a[k + 5] * b[k + 5]
+        t6 += a[k + 6] * b[k + 6]
+        t7 += a[k + 7] * b[k + 7]
+        k += 8
+    while k < n:
+        t0 += a[k] * b[k]
+        k += 1
+    return ((t0 + t1) + (t2 + t3)) + ((t4 + t5) + (t6 + t7))
 
 
 @kernel

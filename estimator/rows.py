@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,25 +21,28 @@ class Rows:
     Attributes:
         u: OP, ``(n,)``, spanning one.
         y: PV, ``(n,)``, of unit variance; bad samples bridged by straight lines.
+        spread: sum of squares of OP around its mean.
         weight: 1 for a row that is judged, else 0; the first ``first`` rows are past only.
         first: rows that no hypothesis is judged on.
         count: rows that are judged.
         floor: squared residual that PV's resolution leaves at least.
         sign: sign that the process gain must have by the controller's action, 0 where unclear.
         shared: columns that every hypothesis has, ``(m, n)``: offset, start-up.
-        slope: the straight line of an unknown equilibrium, ``(1, n)``, for integrating processes.
+        sloping: the same and the straight line of an unknown equilibrium, ``(m + 1, n)``, for
+            integrating processes.
         informed: share of the samples that were measured and not drawn by a historian.
     """
 
     u: Array
     y: Array
+    spread: float
     weight: Array
     first: int
     count: float
     floor: float
     sign: float
     shared: Array
-    slope: Array
+    sloping: Array
     informed: float = 1.0
 
     @property
@@ -48,7 +52,7 @@ class Rows:
 
     def columns(self, *, integrating: bool) -> Array:
         """Columns of unknown size beside the response, ``(m, n)``."""
-        return np.vstack([self.shared, self.slope]) if integrating else self.shared
+        return self.sloping if integrating else self.shared
 
 
 def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 1.0) -> Rows:
@@ -64,16 +68,19 @@ def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 
     first = min(settings.memory, n // 4)
     usable[:first] = False
     decay = settings.startup / (1.0 + settings.startup)
+    shared = np.stack([np.ones(n), decay**k])
     return Rows(
         u=window.u,
         y=y,
+        # exact, so that every processor finds the same
+        spread=math.fsum(np.square(window.u - math.fsum(window.u) / n)),
         weight=usable.astype(np.float64),
         first=first,
         count=float(usable.sum()),
         floor=max(settings.floor, _resolution(window.y[good])) ** 2,
         sign=sign,
-        shared=np.stack([np.ones(n), decay**k]),
-        slope=(k / n)[None],
+        shared=shared,
+        sloping=np.vstack([shared, k / n]),
         informed=informed,
     )
 

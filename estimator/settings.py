@@ -119,17 +119,17 @@ class Searching:
     reversals: int = 1
     variance: float = 0.001
     laws: tuple[str, ...] = ("he", "sliding")
-    seeds: int = 5
+    seeds: int = 3
     wide: float = 0.12
-    generations: int = 12
-    basins: int = 3
+    generations: int = 7
+    basins: int = 2
     apart: float = 0.15
-    polished: int = 4
+    polished: int = 3
     refined: int = 2
-    lanes: int = 32
-    rounds: int = 10
-    turns: int = 3
-    swept: int = 4
+    lanes: int = 24
+    rounds: int = 8
+    turns: int = 2
+    swept: int = 3
     enough: float = 0.3
 
 

@@ -209,7 +209,7 @@ class VariableAccess:
     def column_writer(
         self, columns: Mapping[str, NDArray[np.float64]]
     ) -> Callable[[Any, int], None]:
-        """Return a function of the FMU and a row that sets inputs from columns checked here.
+        """Check columns of inputs; return a function that sets the inputs from one of their rows.
 
         Raises:
             PlantError: as `write` does.

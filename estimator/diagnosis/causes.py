@@ -93,7 +93,7 @@ def _sticky(found: Gathered) -> Cause | None:
         return None
     return Cause(
         CauseName.STICKY_VALVE,
-        min(1.0, max(one.effect, found.swing.share if found.swing.present else 0.0, 0.3)),
+        _stuck_weight(found),
         (
             f"a sticky valve explains PV better than any other explanation: log Bayes factor "
             f"{one.sticking:.0f}, {one.spread:.0f} without the quarter of the record that shows it "
@@ -103,17 +103,28 @@ def _sticky(found: Gathered) -> Cause | None:
     )
 
 
+def _stuck_weight(found: Gathered) -> float:
+    assert found.explained is not None
+    swings = found.swing.share if found.swing.present else 0.0
+    return min(1.0, max(found.explained.effect, swings, 0.3))
+
+
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
         return False
+    judging = settings.judging
     here, _ = found.amplification()
-    if here <= settings.judging.tight or found.explained.outside >= -settings.judging.unsure:
+    beside = found.amplification_beside_wave()
+    if here <= judging.tight or beside <= judging.well:
+        return False
+    if found.explained.outside >= -judging.unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
     _, damping = found.loop.swing()
     dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
-    return dies > settings.judging.dies or found.limits.share > settings.facts.least_limit
+    at_limit = found.limits.share > settings.facts.least_limit
+    return dies > judging.dies or at_limit or beside > judging.endless
 
 
 def _tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -151,6 +162,16 @@ def _tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
 
 def _outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one, swing = found.explained, found.swing
+    if one is not None and one.wave is not None:
+        # the valve's own cycle comes before it: the wave alone would leave the valve unexplained
+        return Cause(
+            CauseName.EXTERNAL_OSCILLATION,
+            min(found.wave_share, 0.99 * _stuck_weight(found)),
+            (
+                f"beside the sticky valve there is a wave of {one.wave.period_s:.4g} s from "
+                f"outside: log Bayes factor {one.wave.evidence:.0f}",
+            ),
+        )
     if not swing.present or not found.has_pv or found.is_sticky:
         return None
     if found.setpoint_swings:
@@ -162,19 +183,28 @@ def _outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     if one is None or one.model is None:
         return None
     here, _ = found.amplification()
+    beside = found.amplification_beside_wave()
     unsure = settings.judging.unsure
-    if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
-        return None
-    if one.outside < -unsure:
-        # the loop and smooth noise explain the hump: nothing steady is outside
-        return None
+    # a process that is fitted to a steady wave takes it for its own resonance
+    is_swung = here > settings.judging.tight and beside <= settings.judging.well
+    if not is_swung:
+        if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
+            return None
+        if one.outside < -unsure:
+            # the loop and smooth noise explain the hump: nothing steady is outside
+            return None
     evidence = [
         f"a wave of {swing.period_s:.4g} s from outside explains PV better than the loop alone: "
         f"log Bayes factor {one.outside:.0f}"
         if one.outside > 0.0
         else "neither valve nor tuning makes this oscillation",
     ]
-    if math.isfinite(here):
+    if is_swung:
+        evidence.append(
+            f"by what the record shows beside the oscillation the loop amplifies disturbances of "
+            f"this period only {beside:.2g} times"
+        )
+    elif math.isfinite(here):
         evidence.append(f"the loop amplifies disturbances of this period only {here:.2g} times")
     return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))
 

@@ -12,11 +12,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.arrays import Array
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import Limits, limits_of, sensor_of, share_by_hand
-from estimator.diagnosis.figures import figures_of
+from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.loop_record import (
@@ -31,7 +32,7 @@ from estimator.diagnosis.plausible import find_plausible
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
-from loop_model import ValveModel
+from loop_model import ProcessModel, ValveModel
 
 __all__ = ["diagnose"]
 
@@ -91,7 +92,8 @@ def diagnose(
     manual = share_by_hand(record.op, record.auto, record.error, settings.facts)
     cut = explained_rows(record, swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
-    loop = _closed(explained, controller)
+    loop = _closed(None if explained is None else explained.model, controller)
+    beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
     gathered = Gathered(
         swing=swing,
         signal=signal,
@@ -102,12 +104,14 @@ def diagnose(
         controller=controller,
         explained=explained,
         loop=loop,
+        loop_beside_wave=beside_wave,
         op_span=float(np.ptp(record.op)),
         op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
         predictable=predictable_shares(record, swing, controller, limits, settings),
         samples=cut.op.size,
         duration_s=record.op.size * period,
         setpoint_swings=_setpoint_swings(record, swing, settings),
+        wave_share=_wave_share(record.error, explained, period),
     )
     dead = None
     if explained is not None and explained.model is not None:
@@ -124,6 +128,7 @@ def diagnose(
     figures |= _shares(explained, loop, proposal)
     figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
     figures["amplification_at_period"] = gathered.amplification()[0]
+    figures["amplification_beside_wave"] = gathered.amplification_beside_wave()
     return Diagnosis(
         causes=rank_causes(gathered, settings, proposal),
         oscillation=swing,
@@ -182,10 +187,16 @@ def _explain(
     )  # fmt: skip
 
 
-def _closed(explained: Explained | None, controller: Controller | None) -> LinearLoop | None:
-    if explained is None or explained.model is None or controller is None:
+def _closed(model: ProcessModel | None, controller: Controller | None) -> LinearLoop | None:
+    if model is None or controller is None:
         return None
-    return LinearLoop.of(explained.model, controller)
+    return LinearLoop.of(model, controller)
+
+
+def _wave_share(error: Array, explained: Explained | None, period: float) -> float:
+    if explained is None or explained.wave is None:
+        return 0.0
+    return share_around(error, explained.wave.period_s / period)
 
 
 def _setpoint_swings(record: LoopRecord, swing: Oscillation, settings: DiagnosisSettings) -> bool:
@@ -205,9 +216,11 @@ def _advise(
     settings: DiagnosisSettings,
 ) -> Advice | None:
     # one linear process does not hold for these, or it is not known what moves PV
-    if any(cause.name is CauseName.CHARACTERISTIC for cause in causes):
+    names, first = [cause.name for cause in causes], causes[0].name
+    if CauseName.CHARACTERISTIC in names or first in (CauseName.SENSOR, CauseName.UNDETERMINED):
         return None
-    if causes[0].name in (CauseName.SATURATION, CauseName.UNDETERMINED):
+    # a tuning that swings drives OP to its limits; else they are what the load asks for
+    if CauseName.SATURATION in names and first is not CauseName.TIGHT_TUNING:
         return None
     if explained.fitted is None:
         return None

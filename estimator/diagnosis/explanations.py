@@ -31,6 +31,7 @@ from estimator.evidence.verdict import count_strokes
 from estimator.evidence.weighing import fit_healthy, weigh
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
+from estimator.hypotheses.nuisances import Sinusoid
 from estimator.outcomes import Reason
 from estimator.rows import rows_of
 from estimator.search.processes import polish, settle
@@ -39,6 +40,14 @@ from estimator.window import Window, harmonise, screen
 from loop_model import ProcessModel
 
 __all__ = ["Explained", "explain"]
+
+
+@dataclass(frozen=True, slots=True)
+class OutsideWave:
+    """A wave from outside beside a sticky valve: ``period_s``, ``evidence`` for it in nats."""
+
+    period_s: float
+    evidence: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +70,9 @@ class Explained:
         sticks: whether the sticky valve is the explanation.
         effect: share of PV's variance that sticking makes.
         fitted: the likeliest explanation with the rows it was fitted on; None without one.
+        beside_wave: the process as fitted beside a wave from outside, likely or not: what shows it
+            away from the oscillation; None where no wave was tried.
+        wave: the wave from outside that comes with the sticky valve; None where none does.
     """
 
     reasons: tuple[Reason, ...]
@@ -78,6 +90,8 @@ class Explained:
     effect: float = 0.0
     sticks: bool = False
     fitted: FittedWindow | None = None
+    beside_wave: ProcessModel | None = None
+    wave: OutsideWave | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +153,14 @@ def explain(
     case = Case(rows_of(window, sign, modelling), settings)
     valve, plain = _judge_valve(case, cycles, weighing, valve_is_healthy)
     outside, curved, jumps = 0.0, 0.0, 0
+    swung: Rival | None = None
+    wave: OutsideWave | None = None
     if valve.sticks:
         assert valve.fit is not None
         chosen = Rival(case, valve.fit)
+        wave = _wave_beside(case, valve.fit, window.period)
     else:
-        chosen, outside, curved, jumps = _without_valve(case, plain, cycles, weighing)
-    fit = _linear_fit(chosen.case, chosen.fit)
-    model = process_model(window, chosen.fit.poles, chosen.fit.dead_time, fit, 0.0)
+        chosen, swung, outside, curved, jumps = _without_valve(case, plain, cycles, weighing)
     found = chosen.fit.valve
     return Explained(
         reasons=(),
@@ -153,7 +168,7 @@ def explain(
         outside=float(outside),
         curved=float(curved),
         process=float(chosen.case.evidence_of_process(chosen.fit)),
-        model=replace(model, dead_time=model.dead_time + late),
+        model=_model(window, chosen, late),
         stem=_stem(window, chosen.fit) if found else np.asarray(given),
         bend=chosen.bend / window.op_span,
         band=window.op_span * found.band if found else 0.0,
@@ -163,7 +178,28 @@ def explain(
         effect=valve.effect,
         sticks=valve.sticks,
         fitted=FittedWindow(chosen.case, window, chosen.fit, late),
+        beside_wave=None if swung is None else _model(window, swung, late),
+        wave=wave,
     )
+
+
+def _wave_beside(case: Case, sticky: Hypothesis, period: float) -> OutsideWave | None:
+    """The wave that the sticky valve's explanation holds, if there is evidence for it."""
+    waves = [one for one in sticky.nuisances if isinstance(one, Sinusoid)]
+    if not waves:
+        return None
+    rest = tuple(one for one in sticky.nuisances if not isinstance(one, Sinusoid))
+    alone = settle(case, polish(case, sticky.valve, sticky, rest, sticky.taps))
+    evidence = float(sticky.likelihood - alone.likelihood)
+    if evidence < case.settings.judging.threshold:
+        return None
+    return OutsideWave(case.rows.size / waves[0].cycles * period, evidence)
+
+
+def _model(window: Window, of: Rival, late: int) -> ProcessModel:
+    fit = _linear_fit(of.case, of.fit)
+    model = process_model(window, of.fit.poles, of.fit.dead_time, fit, 0.0)
+    return replace(model, dead_time=model.dead_time + late)
 
 
 def _judge_valve(
@@ -201,12 +237,12 @@ def _judge_valve(
 
 def _without_valve(
     case: Case, healthy: Hypothesis, cycles: float, weighing: Weighing
-) -> tuple[Rival, float, float, int]:
+) -> tuple[Rival, Rival | None, float, float, int]:
     """The likeliest explanation without a sticky valve.
 
     Returns:
-        It, the evidence for an outside wave and for a curved characteristic, and the rows left out
-        as jumps of the load.
+        It, the likeliest one with a wave from outside, the evidence for that wave and for a curved
+        characteristic, and the rows left out as jumps of the load.
     """
     least = case.settings.judging.threshold
     masked, jumps = rivals.without_jumps(case, healthy, weighing)
@@ -221,10 +257,12 @@ def _without_valve(
     # what the characteristic explains needs no wave
     base = bent if curved >= least else plain
     waves = rivals.waves(base.case, base.fit, cycles, weighing)
-    wave = max(waves, key=lambda one: one.likelihood, default=base)
-    outside = wave.likelihood - base.fit.likelihood if waves else -math.inf
+    wave = max(waves, key=lambda one: one.likelihood, default=None)
+    if wave is None:
+        return base, None, -math.inf, curved, jumps
+    outside = wave.likelihood - base.fit.likelihood
     chosen = replace(wave, bend=base.bend) if outside > 0.0 else base
-    return chosen, outside, curved, jumps
+    return chosen, wave, outside, curved, jumps
 
 
 def _concentration(case: Case, one: Rival, other: Rival, weighing: Weighing) -> float:

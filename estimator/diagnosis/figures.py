@@ -16,9 +16,11 @@ from estimator.diagnosis.oscillation import Oscillation
 from estimator.monitoring.indices import harris_index, valve_wear
 from estimator.outcomes import EstimatorError
 
-__all__ = ["figures_of", "predictable_share", "settling"]
+__all__ = ["figures_of", "predictable_share", "settling", "share_around"]
 
 _HOUR = 3600.0
+_NEAR = 0.1
+"""Half-width of the band around an oscillation, as a share of its frequency."""
 _PAST = 10
 """Past values of a regression, as far apart as a tenth of its horizon."""
 _SETTLED = 0.05
@@ -155,3 +157,12 @@ def settling(sp: Array | None, error: Array, period: float) -> dict[str, float]:
 
 def _noise_of(error: Array) -> float:
     return float(np.median(np.abs(np.diff(error)))) / 0.6745 / math.sqrt(2.0)
+
+
+def share_around(signal: Array, period: float) -> float:
+    """Share of a signal's variance around a period given in samples, 0 to 1."""
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(signal.size))) ** 2
+    cycles = np.arange(power.size) * period / signal.size
+    near = (np.abs(cycles - 1.0) < _NEAR) | (np.abs(cycles - 1.0) * signal.size < 2.0 * period)
+    whole = float(power.sum())
+    return float(power[near].sum()) / whole if whole > 0.0 else 0.0

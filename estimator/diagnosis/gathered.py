@@ -25,9 +25,13 @@ class Gathered:
         limits, sensor, manual: facts of the record; ``manual`` is a share of the samples.
         has_pv: whether PV was recorded.
         controller, explained, loop: what was identified; None where it could not be.
+        loop_beside_wave: the loop with the process as fitted beside a wave from outside; None
+            where no wave was tried.
         op_span, op_middle: span of OP, and of its middle nine tenths.
         predictable: shares of the error told one and two integral times ahead.
         setpoint_swings: whether SP has the oscillation too.
+        wave_share: share of the error's variance around the period of the wave that comes with a
+            sticky valve.
         samples: of the window that was explained.
         duration_s: of the whole record.
     """
@@ -41,10 +45,12 @@ class Gathered:
     controller: Controller | None = None
     explained: Explained | None = None
     loop: LinearLoop | None = None
+    loop_beside_wave: LinearLoop | None = None
     op_span: float = 0.0
     op_middle: float = 0.0
     predictable: tuple[float, float] = (math.nan, math.nan)
     setpoint_swings: bool = False
+    wave_share: float = 0.0
     samples: int = 0
     duration_s: float = math.inf
 
@@ -55,10 +61,21 @@ class Gathered:
         margins = self.loop.margins()
         if not self.swing.present:
             return math.nan, margins.sensitivity
+        return self._at_period(self.loop), margins.sensitivity
+
+    def amplification_beside_wave(self) -> float:
+        """The same at the oscillation's period by what the record shows away from it, or NaN.
+
+        A loop that swings by itself has its resonance there too; one that is swung has it not.
+        """
+        if self.loop_beside_wave is None or not self.swing.present:
+            return math.nan
+        return self._at_period(self.loop_beside_wave)
+
+    def _at_period(self, loop: LinearLoop) -> float:
         # the identified resonance and the measured period agree to some per cent
-        f = self.loop.period / self.swing.period_s * np.geomspace(0.9, 1.1, 9)
-        here = float(np.max(np.abs(self.loop.sensitivity(f[f < 0.5])), initial=0.0))
-        return here, margins.sensitivity
+        f = loop.period / self.swing.period_s * np.geomspace(0.9, 1.1, 9)
+        return float(np.max(np.abs(loop.sensitivity(f[f < 0.5])), initial=0.0))
 
     @property
     def is_sticky(self) -> bool:

@@ -4,7 +4,8 @@ A prediction has to hold for all of them. In closed loop a record says little of
 from the frequencies at which its loop moves, and a noise model that is too short makes it say what
 is not so. Therefore the process is fitted once more beside a long noise model; every dead time and
 shape that is about as likely is kept; and around each the time constants and gains are spread as
-widely as the record leaves them, the noise model free.
+widely as the record leaves them, the noise model free. What this does not know (a plant that is not
+quite linear, or changes) shows where the halves of the record tell different processes.
 
 Source: Ljung (1999), System Identification: (9.17) for the covariance, 13.4 for closed loop.
 """
@@ -62,12 +63,14 @@ class PlausibleProcesses:
     """Processes with the share of the probability that each stands for; the shares sum to one.
 
     ``likeliest`` is the first; ``evidence`` is that of it over a PV that does not follow OP, nats.
+    ``halves`` are the processes of the record's first and last half, where the half shows one.
     """
 
     likeliest: ProcessModel
     processes: tuple[ProcessModel, ...]
     shares: Array
     evidence: float
+    halves: tuple[ProcessModel, ...]
 
 
 def find_plausible(of: FittedWindow, settings: Advising) -> PlausibleProcesses:
@@ -92,7 +95,26 @@ def find_plausible(of: FittedWindow, settings: Advising) -> PlausibleProcesses:
         processes=tuple(processes),
         shares=np.array(shares),
         evidence=float(case.evidence_of_process(best)),
+        halves=tuple(
+            _model(of, mode.poles, mode, _linear_part(half, mode))
+            for half, mode in _halves(case, best)
+        ),
     )
+
+
+def _halves(case: Case, whole: Hypothesis) -> list[tuple[Case, Hypothesis]]:
+    """Each half of the rows that shows a process, with the likeliest one."""
+    rows = case.rows
+    middle = (rows.first + rows.size) // 2
+    found = []
+    for part in (slice(0, middle), slice(middle, rows.size)):
+        weight = np.zeros(rows.size)
+        weight[part] = rows.weight[part]
+        half = replace(case, rows=replace(rows, weight=weight, count=float(weight.sum())))
+        mode = settle(half, polish(half, whole.valve, whole, whole.nuisances, whole.taps))
+        if half.evidence_of_process(mode) >= case.settings.judging.threshold:
+            found.append((half, mode))
+    return found
 
 
 def _with_long_noise(case: Case, settings: Advising) -> Case:

@@ -114,7 +114,7 @@ def _sharpest(y: Array, cycles: float, harmonics: tuple[int, ...]) -> float:
 def _resonant_rows(
     case: Case, cycles: float, harmonics: tuple[int, ...], sharpness: float, width: float
 ) -> Case:
-    """The rows whitened of narrow resonances: for them noise with these peaks is white.
+    """Filter narrow resonances out of the rows, so that noise with these peaks becomes white.
 
     Each filter has its zeros at the resonance and its poles a little inside, so that it leaves
     other frequencies alone. What it remembers from before the window is two more columns.

@@ -187,7 +187,11 @@ class Judging:
             from which a tuning is tight: Astrom and Hagglund (2006) tune for Ms of 1.4 to 2.
         dies: e-foldings of the loop's own swing within the record that it takes to tell it from a
             wave of steady phase; three are 5 %.
-        well: amplification of a well-tuned loop (SIMC: 1.6).
+        endless: amplification, by a process that is fitted beside the oscillation, from which the
+            loop's own swing may outlast the record: it is at the limit of stability within a tenth
+            (tuning family: loops under an outside wave reach nine).
+        well: amplification of a well-tuned loop (SIMC: 1.6). By a process that is fitted beside the
+            oscillation, loops under an outside wave stay below it and tight ones above.
         damping: damping of the loop's own swing below which it rings for five periods.
         slow: share of the error's variance that is predictable an integral time ahead, from which
             a tuning is slow.
@@ -211,6 +215,7 @@ class Judging:
     told: float = 0.05
     tight: float = 2.2
     dies: float = 2.0
+    endless: float = 10.0
     well: float = 1.6
     damping: float = 0.1
     slow: float = 0.3

@@ -2,8 +2,10 @@
 
 Settings are found for the likeliest process (`estimator.diagnosis.tuning_rules`) and tried on every
 plausible one: the record is simulated again with its own disturbance. What they would do is told as
-a range that holds for nineteen of twenty of these processes, and as one figure where the range is
-narrow. Settings that would make one of twenty swing are not proposed.
+a range that holds for nineteen of twenty of these processes and for those of both halves of the
+record, and as one figure where the range is narrow. The range is as much wider as the running
+settings, simulated likewise, miss the recorded error. Settings that would make one of twenty swing,
+or move OP far beyond where the record shows the process, are not proposed.
 """
 
 from __future__ import annotations
@@ -79,7 +81,7 @@ class Proposal:
         margins: with the likeliest process.
         integral_ratio: their integral gain over the running one's.
         deviation: standard deviation of the control error, the median of the plausible processes.
-        low, high: the range that holds for nineteen of twenty of them.
+        low, high: the range that holds for nineteen of twenty of them and for both halves.
         travel: of OP over the record.
     """
 
@@ -182,12 +184,14 @@ def advise(
     pi = largest_integral_gain(process, running, settings.robustness)
     rules = [] if pi is None else [(_LARGEST, pi)]
     rules += [(_SIMC, one) for one in simc(process, running)]
-    judge = _judged_by(plausible, running, loop, settings)
+    u, y = _replay(process, loop).run(running, loop.sp, loop.limits, loop.friction)
+    simulated = _deviation(loop.sp - y)
+    if not 0.0 < simulated < math.inf:
+        return None
+    missed = float(np.std(loop.sp - loop.pv)) / simulated
+    judge = _judged_by(plausible, running, loop, missed, settings)
     proposals = tuple(one for one in (judge(rule, new) for rule, new in rules) if one is not None)
     if not proposals:
-        return None
-    u, y = _replay(process, loop).run(running, loop.sp, loop.limits, loop.friction)
-    if not math.isfinite(_deviation(loop.sp - y)):
         return None
     notes = [_STICKY] if loop.sticks else []
     if proposals[0].high > settings.narrow * proposals[0].low:
@@ -195,7 +199,7 @@ def advise(
     return Advice(
         proposals=proposals,
         running=LinearLoop.of(process, running).margins(),
-        running_deviation=_deviation(loop.sp - y),
+        running_deviation=simulated,
         running_travel=float(np.abs(np.diff(u)).sum()),
         notes=tuple(notes),
         narrow=settings.narrow,
@@ -207,15 +211,28 @@ def _replay(process: ProcessModel, loop: RecordedLoop) -> Replay:
 
 
 def _judged_by(
-    plausible: PlausibleProcesses, running: Controller, loop: RecordedLoop, settings: Advising
+    plausible: PlausibleProcesses,
+    running: Controller,
+    loop: RecordedLoop,
+    missed: float,
+    settings: Advising,
 ) -> Callable[[str, Controller], Proposal | None]:
-    """How settings are tried on every plausible process; None is what is not proposed."""
+    """How settings are tried on every plausible process; None is what is not proposed.
+
+    ``missed`` is the recorded error over the one that is simulated with the running settings.
+    """
     replays = [_replay(process, loop) for process in plausible.processes]
+    halves = [_replay(process, loop) for process in plausible.halves]
+    likeliest = _replay(plausible.likeliest, loop)
+    # OP goes ahead of a sticking stem by its static friction
+    beyond = settings.beyond * float(np.ptp(loop.stem)) + loop.friction[0]
+    lowest, highest = float(loop.stem.min()) - beyond, float(loop.stem.max()) + beyond
     most = 1.0 - settings.tail
 
     def judge(rule: str, new: Controller) -> Proposal | None:
         ratio = new.integral_rate / running.integral_rate
-        if not settings.slowest <= ratio <= settings.farthest:
+        gains = new.gain / running.gain if running.gain else 1.0
+        if not all(settings.slowest <= one <= settings.farthest for one in (ratio, gains)):
             return None
         margins = [LinearLoop.of(process, new).margins() for process in plausible.processes]
         peaks = np.array([one.sensitivity if one.stable else math.inf for one in margins])
@@ -223,19 +240,26 @@ def _judged_by(
             return None
         runs = [one.run(new, loop.sp, loop.limits, loop.friction) for one in replays]
         sizes = np.array([_deviation(loop.sp - y) for _, y in runs])
-        if not np.isfinite(sizes).all():
+        apart = [
+            _deviation(loop.sp - one.run(new, loop.sp, loop.limits, loop.friction)[1])
+            for one in halves
+        ]
+        if not np.isfinite([*sizes, *apart]).all():
             return None
         low, middle, high = _quantiles(sizes, plausible.shares, (settings.tail, 0.5, most))
+        low, high = min(low, *apart, middle), max(high, *apart, middle)
         blur = settings.blur_cycle if loop.sticks else settings.blur
-        u, _ = _replay(plausible.likeliest, loop).run(new, loop.sp, loop.limits, loop.friction)
+        u, _ = likeliest.run(new, loop.sp, loop.limits, loop.friction)
+        if u.min() < lowest or u.max() > highest:
+            return None
         return Proposal(
             rule=rule,
             controller=new,
             margins=LinearLoop.of(plausible.likeliest, new).margins(),
             integral_ratio=ratio,
             deviation=middle,
-            low=low * (1.0 - blur),
-            high=high * (1.0 + blur),
+            low=low * (1.0 - blur) * min(1.0, missed),
+            high=high * (1.0 + blur) * max(1.0, missed),
             travel=float(np.abs(np.diff(u)).sum()),
         )
 

@@ -110,8 +110,8 @@ def fit_healthy(case: Case) -> Hypothesis:
 
 
 def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypothesis, Hypothesis]:
-    """Poles freed; the healthy valve tried with the process and the noise of the sticky one."""
-    sticky = sweep_jump(case, refine_valve(case, settle(case, sticky), 0.02))
+    """Free the poles, then try the healthy valve with the sticky one's process and noise."""
+    sticky = refine_valve(case, settle(case, sticky), 0.02)
     healthy = settle(case, healthy)
     exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=2, wide=False)
     return _likelier(healthy, exchanged), sticky

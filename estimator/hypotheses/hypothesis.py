@@ -110,17 +110,24 @@ class Case:
         """The stem of a valve; a healthy one's is OP."""
         return self.rows.u if valve is None else valve.stem(self.rows.u)
 
-    def tells(self, stems: Array) -> Mask:
-        """Which of the stems ``(n, L)`` work like a valve; see `lanes.tells`."""
+    @property
+    def works(self) -> tuple[int, float]:
+        """Least reversals and least spread of a stem that works like a valve; see `lanes.tells`."""
         searching = self.settings.searching
-        found: Array = tells(stems, self.rows.u, searching.reversals, searching.variance)
-        return found > 0.0
+        return searching.reversals, searching.variance * self.rows.spread
+
+    def tells(self, stems: Array) -> Mask:
+        """Which of the stems ``(n, L)`` work like a valve."""
+        found: Mask = tells(stems, *self.works)
+        return found
 
     def columns(
         self, nuisances: tuple[Nuisance, ...], stem: Array, poles: Poles, dead_time: int
     ) -> Array:
         """Everything beside the response, ``(m, n)``."""
         shared = self.rows.columns(integrating=poles.integrating)
+        if not nuisances:
+            return shared
         return np.vstack([shared, *columns_of(nuisances, stem, poles, dead_time)])
 
     def design(

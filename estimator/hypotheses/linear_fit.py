@@ -16,15 +16,15 @@ from estimator.algebra import (
     project_out,
     solve_spd,
 )
-from estimator.arrays import Array, Index
-from estimator.lanes import delayed_costs, paired_costs, respond, whiten_lanes
+from estimator.arrays import Array
+from estimator.lane_costs import Judged, costs_of_stems
 from estimator.rows import Rows
 
 __all__ = ["Design", "LinearFit", "delay", "fit_linear"]
 
 
 def delay(signal: Array, samples: int) -> Array:
-    """``signal`` ``(n,)`` later by ``samples``; a response is zero before the window."""
+    """Delay ``signal`` ``(n,)`` by ``samples``; a response is zero before the window."""
     if samples == 0:
         return signal
     out = np.zeros(signal.size)
@@ -61,59 +61,45 @@ class Design:
     def __init__(self, rows: Rows, taps: Array, columns: Array) -> None:
         self.rows = rows
         self.taps = np.ascontiguousarray(taps)
-        found: tuple[Array, Array, float] = _whitened(columns, rows.y, self.taps, rows.weight)
-        self.basis, self.target, self.rest = found
-
-    def single(self, responses: Array, delays: Index, stride: int = 1) -> Array:
-        """Sums of squares ``(D, L)`` with one gain at each of the ``delays``.
-
-        The ``responses`` ``(n, L)`` are whitened in place.
-        """
-        rows = self.rows
-        whiten_lanes(responses, self.taps)
-        found: Array = delayed_costs(
-            responses,
+        found: tuple[Array, float] = _whitened(columns, rows.y, self.taps, rows.weight)
+        self.signals, self.rest = found
+        self.judged: Judged = (
+            self.taps,
             rows.weight,
-            self.target,
-            self.basis,
+            self.signals,
             self.rest,
             rows.first,
-            delays,
-            stride,
             rows.sign,
         )
-        return found
 
     def paired(
         self, stems: Array, processes: Array, shortest: int, count: int, stride: int = 1
     ) -> Array:
-        """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on."""
-        rows = self.rows
-        responses: Array = respond(stems, *processes)
-        whiten_lanes(responses, self.taps)
-        found: Array = paired_costs(
-            responses,
-            rows.weight,
-            self.target,
-            self.basis,
-            self.rest,
-            rows.first,
-            shortest,
-            count,
-            stride,
-            rows.sign,
-        )
+        """Sums of squares ``(count, L)`` for ``count`` dead times from ``shortest`` on.
+
+        Of stems ``(n, L)``, each through a process of its own, ``(4, L)``.
+        """
+        processes = np.ascontiguousarray(processes)
+        found: Array = costs_of_stems(stems, processes, self.judged, shortest, count, stride)
         return found
 
 
 @kernel
-def _whitened(columns: Array, y: Array, taps: Array, weight: Array) -> tuple[Array, Array, float]:
-    """Basis of the whitened columns, what it leaves of whitened PV, and its sum of squares."""
+def _whitened(columns: Array, y: Array, taps: Array, weight: Array) -> tuple[Array, float]:
+    """What the whitened columns leave of whitened PV, and a basis of them, ``(n, 1 + m)``.
+
+    And the sum of squares of the first.
+    """
     basis = orthonormal(filter_rows(columns, taps, weight))
     signal = np.empty((1, y.size))
     signal[0] = y
     target = project_out(filter_rows(signal, taps, weight)[0], basis)
-    return basis, target, dot(target, target)
+    found = np.empty((y.size, 1 + basis.shape[0]))
+    for k in range(y.size):
+        found[k, 0] = target[k]
+        for c in range(basis.shape[0]):
+            found[k, 1 + c] = basis[c, k]
+    return found, dot(target, target)
 
 
 def fit_linear(

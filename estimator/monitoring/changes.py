@@ -36,7 +36,7 @@ class ChangeKind(StrEnum):
 
     @property
     def advice(self) -> str:
-        """What it means for a valve's stick band."""
+        """What to do when the stick band of a valve changes this way."""
         return {
             ChangeKind.INCREASE: "The valve gets worse: plan its maintenance.",
             ChangeKind.DECREASE: "The valve got better: compare with the maintenance log.",

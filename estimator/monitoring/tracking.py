@@ -160,7 +160,9 @@ def _observations(name: str, intervals: Sequence[Interval], quantile: float) -> 
         raise EstimatorError(f"no window has a {name} with an interval: nothing to follow")
     if (width < 0.0).any():
         first = int(np.flatnonzero(width < 0.0)[0])
-        raise EstimatorError(f"{name} of window {first} has its interval upside down")
+        raise EstimatorError(
+            f"{name} of window {first} has an interval whose low end is above its high end"
+        )
     floor = 1e-3 * max(float(np.nanmedian(np.abs(value))), 1e-9)
     return value, np.maximum(width / (2.0 * quantile), floor)
 

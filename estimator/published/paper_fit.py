@@ -143,7 +143,9 @@ class ArxWindow:
                 f"this ARX structure needs at least {needed} samples; the window has {u.size}"
             )
         if np.ptp(u) == 0.0:
-            raise EstimatorError("op is constant: there is nothing that a valve could do")
+            raise EstimatorError(
+                "op is constant, so it shows nothing of the valve; give a window in which OP moves"
+            )
         lead, n = structure.lead, u.size
         past = np.column_stack([-y[lead - i : n - i] for i in range(1, structure.na + 1)]).reshape(
             n - lead, structure.na

@@ -8,25 +8,24 @@ from itertools import product
 
 import numpy as np
 
+from compiled import kernel
 from estimator.algebra import order_of
-from estimator.arrays import Array
+from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
-from estimator.lanes import respond
 from estimator.processes.poles import COARSE
 from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
+from estimator.search.ranking import Ranking
 from estimator.settings import Searching
-from estimator.valves.laws import LAWS
 
-__all__ = ["Look", "first_apart", "one_step_starts", "simulated_starts"]
+__all__ = ["Look", "first_apart", "one_step_starts", "ranking_of", "simulated_starts"]
 
-_BLOCK = 32
-"""Valves of a block: its signals stay in the cache."""
+_INTEGRATING = next(poles for poles in COARSE if poles.integrating)
 _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
-_TRIAL = 5
+_TRIAL = 3
 """Rounds that every seed of a look is followed; only the best ones go on."""
 _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""
@@ -63,15 +62,24 @@ def _placed(table: Array, first_op: float) -> Array:
 
 def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[int]:
     """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``."""
-    found: list[int] = []
-    near = ~np.isfinite(costs)
+    return [int(i) for i in _first_apart(bands, costs, count, share)]
+
+
+@kernel
+def _first_apart(bands: Array, costs: Array, count: int, share: float) -> Index:
+    found = np.empty(min(count, bands.size), dtype=np.int64)
+    some = 0
     for i in order_of(costs):
-        if len(found) == count:
+        if some == found.size or not np.isfinite(costs[i]):
             break
-        if not near[i]:
-            found.append(int(i))
-            near |= np.abs(bands - bands[i]) <= share * np.maximum(bands, bands[i])
-    return found
+        apart = True
+        for j in found[:some]:
+            if abs(bands[i] - bands[j]) <= share * max(bands[i], bands[j]):
+                apart = False
+        if apart:
+            found[some] = i
+            some += 1
+    return found[:some]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,23 +90,35 @@ class Look:
     taps: Array
 
 
+def ranking_of(case: Case, near: Hypothesis, looks: tuple[Look, ...]) -> Ranking:
+    """All that a ranking of valves needs to know of the window under each look."""
+    designs = []
+    for look in looks:
+        at_rest, integrating = (
+            case.design(look.nuisances, look.taps, near.stem, poles, near.dead_time)
+            for poles in (COARSE[0], _INTEGRATING)
+        )
+        designs.append((at_rest, integrating))
+    longest = case.max_dead_time
+    delays = np.array([d for d in case.settings.searching.delays if d <= longest], dtype=np.int64)
+    return Ranking(case, designs, delays)
+
+
 def simulated_starts(
-    case: Case, near: Hypothesis, looks: tuple[Look, ...], law: str
+    case: Case, ranking: Ranking, looks: tuple[Look, ...], law: str
 ) -> list[tuple[Found, Look]]:
     """The best valves of a law under each look, drawn to the bottom of their valleys."""
     searching = case.settings.searching
     valves = _placed(_table(searching.bands, searching.jumps, searching.starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
-    rankings = [_Ranking(case, near, look, len(valves)) for look in looks]
-    _rank(case, rankings, valves, law, stride)
     found = []
-    for look in rankings:
+    for look, rank, designs in zip(looks, ranking.of(law, valves), ranking.looks, strict=True):
         ways = []
-        for i in first_apart(valves[:, 0], look.cost, searching.seeds, searching.apart):
-            poles = COARSE[look.process[i]]
+        for i in first_apart(valves[:, 0], rank.cost, searching.seeds, searching.apart):
+            poles = COARSE[rank.process[i]]
             valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
-            start = Found(float(look.cost[i]), valve, poles, int(look.late[i]))
-            design = look.designs[poles.integrating]
+            start = Found(float(rank.cost[i]), valve, poles, int(rank.late[i]))
+            design = designs[int(poles.integrating)]
             ways.append(Descent(case, design, start, searching.wide, searching.lanes, stride))
         for way in ways:
             way.go_on(_TRIAL)
@@ -108,52 +128,8 @@ def simulated_starts(
         ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])
-        found += [(ends[i], look.look) for i in first_apart(bands, squares, searching.basins, 0.05)]
+        found += [(ends[i], look) for i in first_apart(bands, squares, searching.basins, 0.05)]
     return found
-
-
-class _Ranking:
-    """All valves under one look: cost, process and dead time of each."""
-
-    def __init__(self, case: Case, near: Hypothesis, look: Look, valves: int) -> None:
-        self.look = look
-        self.designs = {
-            integrating: case.design(
-                look.nuisances,
-                look.taps,
-                near.stem,
-                next(p for p in COARSE if p.integrating is integrating),
-                near.dead_time,
-            )
-            for integrating in (False, True)
-        }
-        self.cost = np.full(valves, np.inf)
-        self.process = np.zeros(valves, dtype=np.int64)
-        self.late = np.zeros(valves, dtype=np.int64)
-
-
-def _rank(case: Case, looks: list[_Ranking], valves: Array, law: str, stride: int) -> None:
-    """Fill in every look: a response is computed once for all of them."""
-    longest = case.max_dead_time
-    delays = np.array([d for d in case.settings.searching.delays if d <= longest], dtype=np.int64)
-    processes = np.array([p.coefficients for p in COARSE]).T.copy()
-    for begin in range(0, len(valves), _BLOCK):
-        block = slice(begin, min(begin + _BLOCK, len(valves)))
-        stems = LAWS[law](case.rows.u, np.ascontiguousarray(valves[block]))
-        useless = ~case.tells(stems)
-        for number, poles in enumerate(COARSE):
-            lanes = np.repeat(processes[:, number : number + 1], stems.shape[1], axis=1)
-            responses = respond(stems, *lanes)
-            for look in looks:
-                design = look.designs[poles.integrating]
-                costs = design.single(responses.copy(), delays, stride)
-                best = costs.argmin(axis=0)
-                least = costs[best, np.arange(costs.shape[1])]
-                least[useless] = np.inf
-                better = least < look.cost[block]
-                look.cost[block] = np.where(better, least, look.cost[block])
-                look.process[block] = np.where(better, number, look.process[block])
-                look.late[block] = np.where(better, delays[best], look.late[block])
 
 
 def one_step_starts(

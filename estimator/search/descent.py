@@ -11,9 +11,11 @@ from scipy.special import ndtr, ndtri
 
 from compiled import kernel
 from estimator.algebra import cholesky, order_of
-from estimator.arrays import Array, Mask
+from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import Design
+from estimator.lane_costs import Judged, costs_of_stems
+from estimator.lanes import tells
 from estimator.processes.poles import (
     SHAPE_NUMBERS,
     Poles,
@@ -106,12 +108,23 @@ def _candidates(
 
 @kernel
 def _learn(
-    table: Array, costs: Array, told: Mask, middle: Array, root: Array
+    stems: Array,
+    processes: Array,
+    judged: Judged,
+    dead_times: tuple[int, int],
+    stride: int,
+    works: tuple[int, float],
+    table: Array,
+    middle: Array,
+    root: Array,
 ) -> tuple[float, int, int, Array, Array]:
     """Least cost, its lane and dead time; middle and root of the next round.
 
-    ``costs`` ``(D, L)``; lanes whose stem is not ``told`` to work like a valve come last.
+    ``dead_times`` are the shortest one and how many; lanes whose stem does not work like a valve
+    (least reversals and least spread, ``works``) come last.
     """
+    costs = costs_of_stems(stems, processes, judged, dead_times[0], dead_times[1], stride)
+    told = tells(stems, works[0], works[1])
     lanes, wide = table.shape
     of_lane = np.full(lanes, np.inf)
     for j in range(lanes):
@@ -194,9 +207,16 @@ class Descent:
             stems = LAWS[self.law](case.rows.u, valves)
             shortest = max(0, self.late - 1)
             count = min(3, case.max_dead_time + 1 - shortest)
-            costs = self.design.paired(stems, processes, shortest, count, self.stride)
             least, top, late, middle, root = _learn(
-                table, costs, case.tells(stems), self.middle, self.root
+                stems,
+                processes,
+                self.design.judged,
+                (shortest, count),
+                self.stride,
+                case.works,
+                table,
+                self.middle,
+                self.root,
             )
             if not np.isfinite(least):
                 return
@@ -243,10 +263,10 @@ def refine_valve(
     return best
 
 
-_SWEPT_JUMPS = np.linspace(0.0, 1.0, 25)
-_SWEPT_BANDS = np.linspace(-0.06, 0.06, 25)
+_SWEPT_JUMPS = np.linspace(0.0, 1.0, 17)
+_SWEPT_BANDS = np.linspace(-0.06, 0.06, 13)
 """Slip jumps over S, and steps in log S, of the sweep."""
-_SWEPT_BLOCK = 25
+_SWEPT_BLOCK = 17
 _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 """Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import filter_rows, orthonormal, project_out
+from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array, Index
 from estimator.rows import Rows
 
@@ -20,6 +20,9 @@ __all__ = ["OneStep", "one_step_costs"]
 
 BLOCK = 8
 """Samples that a walk skips at once where they stay inside the stick band."""
+
+_AT_ONCE = 4
+"""Slips that one pass adds to a sum, one after the other."""
 
 LATEST = 32
 """Longest dead time and coefficients of the stem, in samples, that the sums leave room for."""
@@ -33,6 +36,7 @@ def one_step_costs(
     valves: Array,
     sums: Array,
     counts: Array,
+    judged: Array,
     rest: float,
     shortest: int,
     shifts: int,
@@ -43,9 +47,9 @@ def one_step_costs(
 
     ``top`` and ``bottom`` are OP's extremes in blocks of eight samples, by which a walk skips.
     ``sums`` ``(n + p, c)`` holds, of PV (first) and the columns beside the stem, the sums from a
-    row to the end; ``counts`` ``(n + p,)`` the judged rows from a row to the end. Both are zero
-    from row ``n`` on, for the longest dead time. ``shifts`` dead times are tried from ``shortest``
-    on.
+    row to the end; ``counts`` ``(n + p,)`` the judged rows from a row to the end, ``judged`` 1 for
+    each of them. All are zero from row ``n`` on, for the longest dead time. ``shifts`` dead times
+    are tried from ``shortest`` on.
     """
     n, m, columns = op.size, valves.shape[0], sums.shape[1]
     cost, best = np.full(m, np.inf), np.full(m, shortest)
@@ -55,6 +59,8 @@ def one_step_costs(
     share = np.empty((wide, columns))
     shared = share.ravel()
     own, next_, second = np.empty(wide), np.empty(wide), np.empty(wide)
+    step, more, after = np.empty(n), np.empty(n), np.empty(n)
+    twice, alone = np.empty(n), np.empty(n)
     for v in range(m):
         static = 0.5 * (valves[v, 0] + valves[v, 1])
         dynamic = 0.5 * (valves[v, 0] - valves[v, 1])
@@ -84,24 +90,49 @@ def one_step_costs(
                 share[w, c] = level[0] * sums[0, c]
         for j in range(slips):
             new, old = level[j + 1], level[j]
-            step = new - old
-            row = at[j] + shortest
-            # the rows of all dead times stand one after the other
-            part = flat[row * columns : (row + wide) * columns]
-            for i in range(part.size):
-                shared[i] += step * part[i]
-            more = new * new - old * old
+            step[j] = new - old
+            more[j] = new * new - old * old
             # products with the stem one and two samples earlier differ only after a slip
             older = level[j - 1] if j > 0 and at[j] == at[j - 1] + 1 else old
-            alone = 0.0 if j + 1 < slips and at[j + 1] == at[j] + 1 else 1.0
-            after, twice = new * step, new * (new - older)
+            after[j] = new * step[j]
+            twice[j] = new * (new - older)
+            alone[j] = 0.0 if j + 1 < slips and at[j + 1] == at[j] + 1 else after[j]
+        j = 0
+        while j + _AT_ONCE <= slips:
+            k0, k1 = at[j] + shortest, at[j + 1] + shortest
+            k2, k3 = at[j + 2] + shortest, at[j + 3] + shortest
+            s0, s1, s2, s3 = step[j], step[j + 1], step[j + 2], step[j + 3]
+            # the rows of all dead times stand one after the other
+            p0, p1 = flat[k0 * columns :], flat[k1 * columns :]
+            p2, p3 = flat[k2 * columns :], flat[k3 * columns :]
+            for i in range(shared.size):
+                shared[i] = shared[i] + s0 * p0[i] + s1 * p1[i] + s2 * p2[i] + s3 * p3[i]
+            s0, s1, s2, s3 = more[j], more[j + 1], more[j + 2], more[j + 3]
+            p0, p1, p2, p3 = counts[k0:], counts[k1:], counts[k2:], counts[k3:]
             for w in range(wide):
-                here = counts[row + w] - counts[row + w + 1]
-                then = counts[row + w + 1] - counts[row + w + 2]
-                own[w] += more * counts[row + w]
-                next_[w] += after * here
-                second[w] += twice * here
-                second[w] += alone * after * then
+                own[w] = own[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
+            s0, s1, s2, s3 = after[j], after[j + 1], after[j + 2], after[j + 3]
+            p0, p1, p2, p3 = judged[k0:], judged[k1:], judged[k2:], judged[k3:]
+            for w in range(wide):
+                next_[w] = next_[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
+            s0, s1, s2, s3 = twice[j], twice[j + 1], twice[j + 2], twice[j + 3]
+            for w in range(wide):
+                second[w] = second[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
+            s0, s1, s2, s3 = alone[j], alone[j + 1], alone[j + 2], alone[j + 3]
+            p0, p1, p2, p3 = judged[k0 + 1 :], judged[k1 + 1 :], judged[k2 + 1 :], judged[k3 + 1 :]
+            for w in range(wide):
+                second[w] = second[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
+            j += _AT_ONCE
+        while j < slips:
+            k = at[j] + shortest
+            part = flat[k * columns :]
+            for i in range(shared.size):
+                shared[i] += step[j] * part[i]
+            for w in range(wide):
+                own[w] += more[j] * counts[k + w]
+                next_[w] += after[j] * judged[k + w]
+                second[w] += twice[j] * judged[k + w] + alone[j] * judged[k + w + 1]
+            j += 1
         for w in range(wide):
             next_[w] = own[w] - next_[w]
             second[w] = own[w] - second[w]
@@ -158,7 +189,8 @@ class OneStep:
         beyond = LATEST + 1
         self.sums = np.ascontiguousarray(np.vstack([tail.T, np.zeros((beyond, len(signals)))]))
         self.counts = np.append(np.cumsum(rows.weight[::-1])[::-1], np.zeros(beyond))
-        self.rest = float(target @ target)
+        self.judged = np.append(rows.weight, np.zeros(beyond))
+        self.rest = dot(target, target)
         self.rows = rows
         blocks = -(-n // BLOCK)
         padded = np.concatenate([rows.u, np.full(blocks * BLOCK - n, rows.u[-1])])
@@ -183,6 +215,7 @@ class OneStep:
             np.ascontiguousarray(valves),
             self.sums,
             self.counts,
+            self.judged,
             self.rest,
             shortest,
             shifts,

@@ -132,7 +132,7 @@ def _starts() -> dict[Shape, tuple[Poles, ...]]:
 
 POLE_REACH, POLE_NARROWER = 0.6, 0.4
 """First reach of a refinement in logs of time constants, and its factor from round to round."""
-POLE_LANES, POLE_ROUNDS = 24, 4
+POLE_LANES, POLE_ROUNDS = 16, 3
 """Processes of a round, and rounds."""
 
 

@@ -8,9 +8,10 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.noise import DRIFT_AND_NOISE, LOOKS
 from estimator.hypotheses.nuisances import Nuisance, Sinusoid
 from estimator.processes.poles import Poles, Shape
-from estimator.search.coarse import Look, first_apart, one_step_starts, simulated_starts
+from estimator.search.coarse import Look, first_apart, one_step_starts, ranking_of, simulated_starts
 from estimator.search.descent import refine_valve
 from estimator.search.processes import polish
+from estimator.search.ranking import Ranking
 
 __all__ = ["find_valves"]
 
@@ -32,8 +33,9 @@ def find_valves(
     if not nuisances:
         looks += _looks_at_wave(case)
     ended: list[Hypothesis] = []
+    ranking = ranking_of(case, near, looks)
     for law in searching.laws:
-        starts = _starts(case, near, looks, law)
+        starts = _starts(case, near, ranking, looks, law)
         found = [
             polish(case, one.valve, one, one.nuisances, one.taps, passes=2, wide=False)
             for one in _best_apart(starts, searching.polished)
@@ -48,11 +50,13 @@ def _looks_at_wave(case: Case) -> tuple[Look, ...]:
     return () if cycles is None else (Look((Sinusoid(cycles),), DRIFT_AND_NOISE),)
 
 
-def _starts(case: Case, near: Hypothesis, looks: tuple[Look, ...], law: str) -> list[Hypothesis]:
+def _starts(
+    case: Case, near: Hypothesis, ranking: Ranking, looks: tuple[Look, ...], law: str
+) -> list[Hypothesis]:
     """The valves of one law that one of the looks takes for likely."""
     starts = [
         case.fit(start.valve, start.poles, start.dead_time, look.nuisances, look.taps)
-        for start, look in simulated_starts(case, near, looks, law)
+        for start, look in simulated_starts(case, ranking, looks, law)
     ]
     if law == "he":
         nuisances = looks[0].nuisances

@@ -215,10 +215,9 @@ def _judge(
 def _engine(job: Job, choice: EngineChoice, scout: WatchedWorker) -> Any:
     """The chosen engine, as a context manager."""
     if choice.kind == "dask":
-        scout.close()
         from fieldlink.assess.engines.dask_cluster import DaskEngine
 
-        engine: Engine = DaskEngine(job, choice.scheduler, choice.workers)
+        engine: Engine = DaskEngine(job, choice.scheduler, choice.workers, scout)
     else:
         from fieldlink.assess.engines.local import LocalEngine
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from datetime import datetime, timedelta
 from typing import Annotated, Any
 
 import typer
@@ -58,25 +57,18 @@ def events(
     """Show what happened to the daemon, its devices, loops and store, oldest first."""
     from fieldlink.daemon.reporting.status_documents import event_document
     from fieldlink.site import load_site
-    from fieldlink.store import read_events
+    from fieldlink.store import EventStream
 
-    loaded = load_site(site)
-    since: datetime | None = None
-    shown: set[tuple[Any, ...]] = set()
+    stream = EventStream(load_site(site).historian_url)
+    found = stream.begin(last)
     while True:
-        found = read_events(loaded.historian_url, since=since)
-        rows = [{str(k): value for k, value in row.items()} for row in found.to_dict("records")]
-        new = [row for row in rows if _key(row) not in shown]
-        for row in new if since is not None else new[-last:] if last else []:
-            document = event_document(row)
+        for event in found:
+            document = event_document(event)
             typer.echo(json.dumps(document) if as_json else _event_line(document))
         if not follow:
             return
-        if rows:
-            # Rows are stored a moment after they happen, and not always in their order.
-            since = rows[-1]["time"].to_pydatetime() - timedelta(seconds=10.0)
-            shown = {_key(row) for row in rows if row["time"] >= since}
         time.sleep(FOLLOW_EVERY)
+        found = stream.follow()
 
 
 def withdraw(
@@ -109,10 +101,6 @@ def withdraw(
     typer.echo(f"{loop}: {found}")
 
 
-def _key(row: dict[str, Any]) -> tuple[Any, ...]:
-    return row["time"], row["kind"], row["source"], row["message"]
-
-
 def _event_line(document: dict[str, Any]) -> str:
     words = (document[key] for key in ("time", "event", "source", "message"))
     return "  ".join(_printable(str(word)) for word in words)
@@ -123,10 +111,11 @@ def _lines(found: dict[str, Any]) -> list[str]:
     state = "running since" if daemon["alive"] else "not running; last seen"
     lines = [f"daemon {state} {daemon['since']}"]
     for device in found["devices"]:
-        reason = f"; {device['reason']}" if device["reason"] else ""
+        own = f"device {device['name']}: "
+        reason = f"; {device['reason'].removeprefix(own)}" if device["reason"] else ""
         lines.append(
-            f"device {device['name']}: {device['state']}, {device['requests']} requests, "
-            f"{device['exceptions']} exceptions, {device['late']} late, "
+            f"{own}{device['state']}, {device['requests']} requests, "
+            f"{device['exceptions']} failures, {device['late']} late, "
             f"{device['missed']} missed{reason}"
         )
     for loop in found["loops"]:

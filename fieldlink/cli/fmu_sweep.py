@@ -32,7 +32,9 @@ def sweep(
     latin: Annotated[
         bool, typer.Option("--latin", help="Draw --random as a Latin hypercube.")
     ] = False,
-    runs: Annotated[int, typer.Option(min=1, help="For each combination.")] = 1,
+    runs: Annotated[
+        int, typer.Option(min=1, help="Runs of each combination, each with other noise.")
+    ] = 1,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Samples of a run; else 2000, or the experiment's.")
     ] = None,

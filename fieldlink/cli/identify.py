@@ -53,7 +53,12 @@ def identify(
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
     period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
-    criterion: Annotated[str, typer.Option(help="auto (coloured noise), oe or arx.")] = "auto",
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="auto (coloured noise), oe or arx.", autocompletion=lambda: ["auto", "oe", "arx"]
+        ),
+    ] = "auto",
     confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
     window: Annotated[str | None, typer.Option(help="START:STOP in rows.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,

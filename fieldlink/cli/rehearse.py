@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,10 +18,20 @@ if TYPE_CHECKING:
 __all__ = ["rehearse"]
 
 
+def _complete_scenario(incomplete: str) -> list[str]:
+    # The package itself would be imported at every tabulator key.
+    shipped = files("fieldlink.lab") / "rehearse" / "scenarios"
+    names = (entry.name for entry in shipped.iterdir())
+    return sorted(n.removesuffix(".toml") for n in names if n.startswith(incomplete))
+
+
 def rehearse(
     scenarios: Annotated[
         list[str] | None,
-        typer.Argument(help="Names of shipped scenarios or paths of your own; none lists them."),
+        typer.Argument(
+            help="Names of shipped scenarios or paths of your own; none lists them.",
+            autocompletion=_complete_scenario,
+        ),
     ] = None,
     run_all: Annotated[bool, typer.Option("--all", help="Run every shipped scenario.")] = False,
     inject: Annotated[

@@ -50,9 +50,9 @@ class RecordedTags:
 def propose_roles(
     loop: LoopProposal, recorded: RecordedTags, say: Callable[[str], None]
 ) -> dict[str, str]:
-    """Show what the data say of a loop with a question; return the roles that they speak for.
+    """Show which roles the data of an unclear loop support; return them.
 
-    They speak for a pair of tags when no other pair agrees with the data as well.
+    A pair of tags is supported when no other pair agrees with the data as well.
     """
     from fieldlink.site.role_evidence import Roles as Found
 

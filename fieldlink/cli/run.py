@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
@@ -118,6 +119,10 @@ async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonSt
             opcua_server(site, daemon, source),
             supervised(daemon),
         ):
+            # What is loaded by now stays to the end. Looking through it for garbage again and again
+            # would hold up every poll for tens of milliseconds.
+            gc.collect()
+            gc.freeze()
             return await daemon.run(duration, stop)
 
 

@@ -60,8 +60,8 @@ def simulate(
         int, typer.Option(help="Sample at which the controllers under study take over.")
     ] = 600,
     samples: Annotated[int, typer.Option(help="Length of a run.")] = 1200,
-    setpoint: Annotated[str | None, typer.Option(help="SAMPLE:VALUE,... of the set-point.")] = None,
-    load: Annotated[str | None, typer.Option(help="SAMPLE:VALUE,... of the load.")] = None,
+    setpoint: Annotated[str | None, typer.Option(help="Set-point: SAMPLE:VALUE,...")] = None,
+    load: Annotated[str | None, typer.Option(help="Load: SAMPLE:VALUE,...")] = None,
     parameter: Annotated[
         list[str] | None,
         typer.Option("--parameter", "-p", help="NAME=VALUE of a parameter of the plant."),

@@ -14,7 +14,7 @@ from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.device import DeviceRunner
-from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import Clock, Link, LinkState, open_link

@@ -118,12 +118,13 @@ class Scan:
     @property
     def answered(self) -> bool:
         """Whether any tag was read in this scan, well or badly, or none had to be."""
-        asked = [
-            reading
-            for reading in self.readings.values()
-            if reading.monotonic >= self.monotonic and reading.quality is not Quality.NOT_DUE
-        ]
-        return not asked or any(reading.quality is not Quality.NOT_READ for reading in asked)
+        asked = False
+        for reading in self.readings.values():
+            if reading.monotonic >= self.monotonic and reading.quality is not Quality.NOT_DUE:
+                if reading.quality is not Quality.NOT_READ:
+                    return True
+                asked = True
+        return not asked
 
 
 class LinkState(Enum):

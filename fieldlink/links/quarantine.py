@@ -87,7 +87,7 @@ class Quarantine:
     def trials(self, now: float) -> list[Trial]:
         """Return the tags to ask for at ``now``.
 
-        Of a request whose tags are all refused one is asked for, another one each time.
+        Where all tags of a request are refused, one is asked for, a different one each time.
         """
         found: list[Trial] = []
         if not self._refused:

@@ -5,6 +5,7 @@ Nothing here asks a device or decides what is recorded; records come in, queries
 
 from fieldlink.store.backup import Backup, back_up
 from fieldlink.store.errors import StoreError
+from fieldlink.store.event_stream import EventStream
 from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.fleet_reader import FleetReader
 from fieldlink.store.historian import Historian
@@ -45,6 +46,7 @@ __all__ = [
     "DiagnosisRecord",
     "EstimateRecord",
     "EventRecord",
+    "EventStream",
     "Export",
     "FindingRecord",
     "FleetReader",

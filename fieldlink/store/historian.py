@@ -119,10 +119,12 @@ class Historian:
     def _run(self) -> None:
         try:
             while True:
+                # Asked first: what was put before `stop` is in the queue then.
+                stopping = self._stopping.is_set()
                 batch = self._next_batch()
                 if batch:
                     self._write(batch)
-                elif self._stopping.is_set():
+                elif stopping:
                     return
                 self._tidy()
         finally:

@@ -50,17 +50,19 @@ class RecordQueue:
         With ``wait`` it waits for room instead, for runs that are faster than any disk.
         """
         room_for = self._samples_stop_at if isinstance(record, SampleRecord) else self._size
-        while wait and len(self) >= room_for:
+        # Not by `len`, which is a call more for every sample.
+        waiting = self._queue.qsize
+        while wait and waiting() >= room_for:
             time.sleep(0.001)
-        if len(self) >= room_for:
+        if waiting() >= room_for:
             self._counts.add(dropped=1)
             if self._overflowing_since is None:
                 self._overflowing_since = self._counts.dropped - 1
-                _log.error("store.overflow", waiting=len(self), error=self._counts.last_error)
+                _log.error("store.overflow", waiting=waiting(), error=self._counts.last_error)
             return False
         self._queue.put(record)
         since = self._overflowing_since
-        if since is not None and len(self) < 0.5 * self._samples_stop_at:
+        if since is not None and waiting() < 0.5 * self._samples_stop_at:
             self._overflowing_since = None
             self._note_loss(self._counts.dropped - since)
         return True

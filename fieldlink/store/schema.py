@@ -39,7 +39,7 @@ __all__ = [
     "upgrade",
 ]
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 METADATA = MetaData()
 
@@ -134,6 +134,7 @@ ESTIMATES = Table(
     Column("message", Text, nullable=False),
     Column("document", JSON),
     Index("estimates_by_loop", "loop", "utc_ms"),
+    Index("estimates_by_stick_band", "loop", "stick_band"),
 )
 
 WRITEBACKS = Table(
@@ -153,6 +154,7 @@ WRITEBACKS = Table(
     Column("bank_before", JSON),
     Column("active_before", JSON),
     Index("writebacks_by_loop", "loop", "utc_ms"),
+    Index("writebacks_by_outcome", "loop", "outcome", "utc_ms"),
 )
 
 EVENTS = Table(
@@ -226,4 +228,7 @@ def upgrade(connection: Connection, version: int) -> None:
         for column in ("late_ms", "clock_steps"):
             if column not in present:
                 connection.execute(text(f"ALTER TABLE samples ADD COLUMN {column} INTEGER"))
+    if version < 5:
+        for index in ESTIMATES.indexes | WRITEBACKS.indexes:
+            index.create(connection, checkfirst=True)
     connection.execute(META.update().where(META.c.key == "schema"), {"value": str(SCHEMA_VERSION)})

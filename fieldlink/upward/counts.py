@@ -1,4 +1,4 @@
-"""Counts of the way upward, for health, metrics and tests."""
+"""Counts of messages to the broker, for health, metrics and tests."""
 
 from __future__ import annotations
 

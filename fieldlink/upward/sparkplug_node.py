@@ -103,7 +103,7 @@ class EdgeNode:
             self._node_board.update(self._of_node(message))
 
     def death(self, bdseq: int) -> Outgoing:
-        """Return the NDEATH of the session to come, which is the will too."""
+        """Return the NDEATH of the next session; the broker gets it as the will."""
         self._bdseq = bdseq
         metric = Metric(BDSEQ, None, DataType.INT64, bdseq, _now())
         data = encode(Payload((metric,), _now(), None))

@@ -93,18 +93,23 @@ class Analyst:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        # Of its own: no request waits while the process is started.
+        self._pool_lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
         self._hands = ThreadPoolExecutor(1, thread_name_prefix="analyst")
         self._waiting: deque[tuple[str, list[Point], float | None]] = deque()
         self._courses: dict[str, Course | None] = {}
         self._at_work = False
+        self._is_closing = False
         self._explained: dict[tuple[str, int], Future[Explanation]] = {}
 
     def close(self) -> None:
         """End the process; what it is doing is lost."""
         self._hands.shutdown(wait=False, cancel_futures=True)
-        with self._lock:
+        with self._pool_lock:
+            self._is_closing = True
             pool = self._pool
+        with self._lock:
             self._waiting.clear()
         if pool is not None:
             for process in dict(getattr(pool, "_processes", None) or {}).values():
@@ -153,7 +158,14 @@ class Analyst:
         try:
             found = self._run(follow_valves, batch)
         except Exception as error:  # noqa: BLE001  (told; the table goes on without these trends)
-            _log.warning("web.course_failed", error=str(error) or "the process ended")
+            if self._is_closing:
+                return
+            _log.warning(
+                "web.course_failed",
+                loops=[key.partition("\0")[0] for key, _, _ in batch],
+                error=_cause_of(error),
+                advice="the trends of these loops stay empty until their next estimate",
+            )
             found = {}
         with self._lock:
             self._courses |= {key: value for key, value in found.items() if key in self._courses}
@@ -164,12 +176,17 @@ class Analyst:
 
     def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a task in the process, which is replaced when it has ended."""
-        if self._pool is None:
-            self._pool = _new_pool()
         try:
-            return self._pool.submit(_bounded, LIMIT, function, *arguments).result()
+            with self._pool_lock:
+                if self._is_closing:
+                    raise BrokenProcessPool("the server is ending")
+                if self._pool is None:
+                    self._pool = _new_pool()
+                task = self._pool.submit(_bounded, LIMIT, function, *arguments)
+            return task.result()
         except BrokenProcessPool:
-            self._pool = _new_pool()
+            with self._pool_lock:
+                self._pool = None
             raise
 
 
@@ -177,6 +194,15 @@ def _new_pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(
         1, mp_context=worker_context(), initializer=begin_worker, initargs=(_nothing, MEMORY)
     )
+
+
+def _cause_of(error: Exception) -> str:
+    if isinstance(error, BrokenProcessPool):
+        return (
+            f"the process that computes trends ended: over {LIMIT:g} s, over "
+            f"{MEMORY / 1e9:g} GB of memory, or stopped from outside"
+        )
+    return str(error) or "no cause given"
 
 
 def _nothing() -> None:

@@ -1,7 +1,7 @@
 """What the daemon's diagnoses and findings say for the work list.
 
-The valve has one word: the verdict of the estimator's newest window. Where it does not say that the
-valve sticks, the newest diagnosis says why the loop swings.
+Whether the valve sticks is the verdict of the estimator's newest window. Where it does not stick,
+the newest diagnosis says why the loop swings.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -128,11 +129,23 @@ def test_memory_does_not_grow_with_the_number_of_loops(
     assert max(watching.megabytes[early:]) - watching.megabytes[early] < 3.6
 
 
-def test_dask_gives_the_rows_of_the_local_pool(judged: Path, tmp_path: Path) -> None:
+def test_dask_gives_the_rows_of_the_local_pool(
+    judged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed")
+    started: list[list[str]] = []
+    start = subprocess.Popen.__init__
+
+    def note_start(*given: Any, **options: Any) -> None:
+        started.append(given[1])
+        start(*given, **options)
+
+    monkeypatch.setattr(subprocess.Popen, "__init__", note_start)
     job = Job((place_of(str(judged)),))
     outcome = assess(job, tmp_path / "dask", EngineChoice("dask", workers=1), Quiet())
     assert (outcome.rows, outcome.errors) == (4, 1)
+    # The process that listed the files judges them, too.
+    assert sum("fieldlink.assess.workers.worker" in command for command in started) == 1
     texts = []
     for folder in (judged / "out", tmp_path / "dask"):
         lines = (folder / "loops.csv").read_text().splitlines()
@@ -150,7 +163,9 @@ def test_a_scheduler_that_is_lost_at_any_moment_is_one_sentence(
     job = Job((place_of(str(tmp_path)),))
 
     def run(port: int) -> None:
-        with dask_cluster.DaskEngine(job, f"tcp://127.0.0.1:{port}", 1) as engine:
+        with dask_cluster.DaskEngine(
+            job, f"tcp://127.0.0.1:{port}", 1, WatchedWorker(job)
+        ) as engine:
             assert list(engine.run(lambda: ())) == []
 
     with distributed.LocalCluster(

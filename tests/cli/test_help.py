@@ -55,3 +55,21 @@ def test_the_first_help_says_what_to_type_next() -> None:
     shown = CliRunner().invoke(app, ["--help"]).stdout
     for step in ("fieldlink demo", "fieldlink scan", "--install-completion", "Judge loops"):
         assert step in shown
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("fieldlink serv", ["service"]),
+        ("fieldlink report --for t", ["technician"]),
+        ("fieldlink identify --criterion o", ["oe"]),
+        ("fieldlink rehearse wrong-", ["wrong-model", "wrong-sign"]),
+    ],
+)
+def test_the_shell_completes_commands_options_and_scenarios(
+    typed: str, completed: list[str]
+) -> None:
+    asked = {"_FIELDLINK_COMPLETE": "complete_bash", "COMP_WORDS": typed}
+    asked["COMP_CWORD"] = str(len(typed.split()) - 1)
+    shown = CliRunner().invoke(app, [], env=asked, prog_name="fieldlink").stdout
+    assert shown.split() == completed

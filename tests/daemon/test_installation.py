@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from fieldlink.daemon import Daemon
 from fieldlink.daemon.installation import InUseError, is_in_use, writer_identity
 from fieldlink.registers import Fallback
 from fieldlink.store import read_events, read_writebacks
-from tests.daemon.live import POOL, STORE, plant_on, running, site_for, until
+from tests.daemon.live import PATIENCE, POOL, STORE, plant_on, running, site_for, until
 
 WRITEBACK = """
 [loops.LOOP.writeback]
@@ -33,6 +35,12 @@ async def command(*arguments: str) -> str:
     result = await asyncio.to_thread(CliRunner().invoke, app, list(arguments))
     assert result.exit_code == 0, result.output + repr(result.exception)
     return result.stdout
+
+
+async def next_event(following: asyncio.subprocess.Process) -> str:
+    assert following.stdout is not None
+    line = await asyncio.wait_for(following.stdout.readline(), PATIENCE)
+    return str(json.loads(line)["event"])
 
 
 async def test_a_second_daemon_on_a_data_directory_is_refused(device: Any, tmp_path: Path) -> None:
@@ -66,6 +74,11 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
                 return last is not None and last.block is not None and last.block.model is not None
 
             await until(has_valid_block, "a valid block on record")
+            following = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "fieldlink.cli", "events", file, "--follow", "--json"),
+                stdout=asyncio.subprocess.PIPE,
+            )
+            followed = [await next_event(following)]
             found = json.loads(await command("status", file, "--json", "--must-run"))
             await command("withdraw", file, "PLC", "--reason", "the valve is repaired")
             await until(lambda: plc.state.fallback is Fallback.WITHDRAWN, "the withdrawal")
@@ -73,6 +86,13 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
                 lambda: "accepted" in daemon.status().loops["PLC"].last_attempt.outcome.code,  # type: ignore[union-attr]
                 "its acknowledgement",
             )
+            while followed[-1] != "writeback.withdrawal_asked":
+                followed.append(await next_event(following))
+        while followed[-1] != "daemon.stop":
+            # The daemon is gone: the store tells.
+            followed.append(await next_event(following))
+        following.send_signal(signal.SIGINT)
+        assert await following.wait() == 130
         assert found["daemon"]["alive"] is True
         (one,) = found["devices"]
         assert {"name", "state", "requests", "exceptions", "late", "missed", "reason"} <= set(one)
@@ -93,6 +113,7 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
             if line
         ]
         kinds = [line["event"] for line in lines]
+        assert kinds == followed
         assert kinds[0] == "daemon.start"
         assert kinds[-1] == "daemon.stop"
         assert "writeback.withdrawal_asked" in kinds

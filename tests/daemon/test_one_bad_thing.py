@@ -13,7 +13,8 @@ import pytest
 from fieldlink.daemon.estimation.pool import EstimatorPool
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.sampling.slot_placing import CounterPlacer, Place
-from fieldlink.daemon.windows.pipeline import LoopCounts, LoopPipeline
+from fieldlink.daemon.windows.loop_counts import LoopCounts
+from fieldlink.daemon.windows.pipeline import LoopPipeline
 from fieldlink.links import LinkState, Quality, Reading, Scan, VirtualClock
 from fieldlink.links.modbus import ModbusLink
 from fieldlink.registers import DataType, Table, Tag

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldlink.daemon.windows.pipeline import LoopCounts, LoopPipeline
+from fieldlink.daemon.windows.loop_counts import LoopCounts
+from fieldlink.daemon.windows.pipeline import LoopPipeline
 from fieldlink.links import Quality, Reading, Scan
 from fieldlink.registers import DataType, Table, Tag
 from fieldlink.site import Loop

@@ -9,7 +9,8 @@ import pytest
 
 from fieldlink.daemon.sampling.lateness import BOUNDS, Lateness
 from fieldlink.daemon.sampling.slot_accounts import SlotAccounts
-from fieldlink.daemon.windows.pipeline import LoopCounts, LoopPipeline
+from fieldlink.daemon.windows.loop_counts import LoopCounts
+from fieldlink.daemon.windows.pipeline import LoopPipeline
 from fieldlink.links import Quality, Reading, Scan, VirtualClock
 from fieldlink.site import Loop
 from fieldlink.store import Record, SlotRecord, read_samples, read_slots

@@ -25,7 +25,7 @@ from fieldlink.daemon import (
     LoopStatus,
     WritebackOutcome,
 )
-from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.links import LinkState
 from fieldlink.store import StoreReport
 from fieldlink.web import render_metrics

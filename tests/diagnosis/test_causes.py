@@ -25,8 +25,14 @@ def test_a_sticky_valve() -> None:
     assert "sticks" in answer.tuning["note"]
 
 
+def test_a_sticky_valve_under_a_wave_from_outside_has_both() -> None:
+    answer = found(run(band=6.0, jump=4.0, load=WAVE), advice=False)
+    assert [cause.name for cause in answer.causes] == ["sticky_valve", "external_oscillation"]
+    assert "a wave of 70" in answer.causes[1].evidence[0]
+
+
 def test_a_wave_from_outside() -> None:
-    answer = found(run(load=WAVE))
+    answer = found(run(load=WAVE), advice=False)
     assert answer.first.name == "external_oscillation"
     assert answer.oscillation.period_s == pytest.approx(70.0, rel=0.05)
 
@@ -38,10 +44,24 @@ def test_a_loop_tuned_too_tight() -> None:
     assert abs(answer.tuning["gain"]) < 3.4
 
 
+def test_a_loop_at_the_limit_of_stability_swings_by_itself() -> None:
+    answer = found(run(gain=3.35, integral_time=10.0, limits=(-1e3, 1e3)), advice=False)
+    assert answer.first.name == "tight_tuning"
+
+
+def test_a_steady_wave_is_not_taken_for_the_resonance_of_the_loop() -> None:
+    wave = 2.0 * np.sin(2.0 * np.pi * np.arange(1500) / 90.0)
+    answer = found(run(gain=1.4, load=wave), advice=False)
+    # a process that is fitted to the wave itself may take it for the loop's own
+    assert answer.indices["amplification_beside_wave"] < 1.6
+    assert answer.first.name == "external_oscillation"
+
+
 def test_a_limit() -> None:
     load = -12.0 - 8.0 * np.sin(2.0 * np.pi * np.arange(1500) / 700.0)
     answer = found(run(load=load, limits=(0.0, 60.0)))
     assert answer.first.name == "saturation"
+    assert answer.tuning is None
     assert answer.indices["time_at_limits_share"] > 0.2
 
 
@@ -56,7 +76,9 @@ def test_a_frozen_sensor() -> None:
     loop = run(noise=0.1)
     pv = loop.pv.copy()
     pv[500:900] = pv[500]
-    assert diagnose(loop.op, pv, loop.sp).first.name == "sensor"
+    answer = diagnose(loop.op, pv, loop.sp)
+    assert answer.first.name == "sensor"
+    assert answer.tuning is None
 
 
 def test_a_quiet_loop_has_a_json_form_of_the_contract() -> None:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from estimator.algebra import cholesky, filter_rows, orthonormal, solve_spd
+from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import Design, delay, fit_linear
 from estimator.hypotheses.noise import fit_noise
-from estimator.lanes import respond, whiten_lanes
-from estimator.processes.poles import Poles, Shape, coefficients
+from estimator.lanes import respond, tells, whiten_lanes
+from estimator.processes.poles import COARSE, Poles, Shape, coefficients
 from estimator.rows import Rows
 from estimator.search.one_step import OneStep
+from estimator.search.ranking import Ranking
 from estimator.settings import SETTINGS, Modelling
+from estimator.valves.laws import stem_of
 from loop_model import ValveModel
 
 Array = NDArray[np.float64]
@@ -37,16 +42,18 @@ def _rows(n: int = 300, sign: float = 0.0) -> Rows:
     u = np.cumsum(rng.normal(size=n))
     weight = (rng.random(n) > 0.1).astype(np.float64)
     weight[:FIRST] = 0.0
+    shared = np.stack([np.ones(n), 0.97 ** np.arange(n)])
     return Rows(
         u=(u - u.mean()) / np.ptp(u),
+        spread=float(u.var() * n / np.ptp(u) ** 2),
         y=rng.normal(size=n),
         weight=weight,
         first=FIRST,
         count=float(weight.sum()),
         floor=0.0,
         sign=sign,
-        shared=np.stack([np.ones(n), 0.97 ** np.arange(n)]),
-        slope=(np.arange(n) / n)[None],
+        shared=shared,
+        sloping=np.vstack([shared, np.arange(n) / n]),
     )
 
 
@@ -108,8 +115,7 @@ def test_a_noise_model_whitens_as_a_filter_does() -> None:
     signals = np.random.default_rng(3).normal(size=(2, 90))
     taps = np.array([0.7, -0.2])
     expected = lfilter([1.0, *-taps], [1.0], signals, axis=1)
-    lanes = signals.T.copy()
-    whiten_lanes(lanes, taps)
+    lanes = whiten_lanes(signals.T.copy(), taps)
     np.testing.assert_allclose(lanes[2:], expected.T[2:], atol=1e-12)
     weight = np.random.default_rng(4).random(90)
     np.testing.assert_allclose(filter_rows(signals, taps, weight), expected * weight, atol=1e-12)
@@ -168,18 +174,69 @@ def test_many_candidates_cost_what_each_costs_alone(taps: Array) -> None:
     table = np.array([[6.0, 0.0, 0.0], [12.0, 3.0, 0.8], [0.7, 0.0, 0.0]])
     process = coefficients(Shape.LAGS, table)
     paired = design.paired(stems, process, 2, 4)
-    single = design.single(respond(stems, *process), np.array([0, 5]))
-    target = _whitened(rows.y, taps, rows)
-    columns = [_whitened(c, taps, rows) for c in rows.shared]
     for lane in range(3):
         response = Poles(Shape.LAGS, *table[lane]).response(stems[:, lane])
         for i in range(4):
             fit = fit_linear(rows, response, 2 + i, rows.shared, taps)
             # the first rows of a lane are not whitened: they are past only
             assert paired[i, lane] == pytest.approx(fit.squares, rel=1e-6)
-        for i, d in enumerate((0, 5)):
-            one = _whitened(delay(response, d), taps, rows)
-            assert single[i, lane] == pytest.approx(_squares([one, *columns], target), rel=1e-6)
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("share", [1.0, 0.9, 0.3], ids=["all", "most", "few"])
+def test_costs_at_many_dead_times_are_those_of_each_alone(stride: int, share: float) -> None:
+    rng = np.random.default_rng(11)
+    rows = _rows()
+    weight = np.where(rng.random(300) < share, 1.0, 0.0)
+    weight[:FIRST] = 0.0
+    design = Design(replace(rows, weight=weight), TAPS[1], rows.shared)
+    stems = rng.normal(size=(300, 5))
+    process = coefficients(Shape.LAGS, np.tile([6.0, 2.0, 0.0], (5, 1)))
+    together = design.paired(stems, process, 0, 20, stride)
+    for d in range(20):
+        alone = design.paired(stems, process, d, 1, stride)[0]
+        np.testing.assert_allclose(together[d], alone, rtol=1e-10)
+
+
+@pytest.mark.parametrize("taps", TAPS, ids=["white", "coloured"])
+@pytest.mark.parametrize("law", ["he", "sliding", "steps"])
+@pytest.mark.parametrize("sign", [0.0, 1.0])
+def test_valves_are_ranked_by_the_least_squares_of_their_responses(
+    taps: Array, law: str, sign: float
+) -> None:
+    rows = _rows(sign=sign)
+    case = Case(rows, SETTINGS)
+    pairs = [(Design(rows, taps, rows.shared), Design(rows, taps, rows.columns(integrating=True)))]
+    delays = np.array([0, 1, 4])
+    valves = np.array([[0.3, 0.1, 0.05], [0.15, 0.0, 0.0], [0.1, 0.1, -0.05], [0.2, 0.02, 0.1]])
+    (rank,) = Ranking(case, pairs, delays).of(law, valves)
+    target = _whitened(rows.y, taps, rows)
+    for number, valve in enumerate(valves):
+        stem = stem_of(rows.u, law, tuple(valve))
+        found = {}
+        for process, poles in enumerate(COARSE):
+            own = rows.columns(integrating=poles.integrating)
+            columns = [_whitened(c, taps, rows) for c in own]
+            for d in delays:
+                one = _whitened(delay(poles.response(stem), int(d)), taps, rows)
+                gain = np.linalg.lstsq(np.stack([one, *columns], axis=1), target)[0][0]
+                used = [one, *columns] if sign * gain >= 0.0 else columns
+                found[process, int(d)] = _squares(used, target)
+        best = min(found, key=lambda key: found[key])
+        assert rank.cost[number] == pytest.approx(found[best], rel=1e-7)
+        assert found[int(rank.process[number]), int(rank.late[number])] == pytest.approx(
+            found[best], rel=1e-7
+        )
+
+
+def test_a_stem_that_turns_late_or_hardly_moves_is_told_from_one_that_works() -> None:
+    n = 350
+    turns = np.where(np.arange(n) < 340, 0.1 * np.arange(n), 34.0 - 0.1 * np.arange(n))
+    rises, still = np.arange(n) / 10.0, np.zeros(n)
+    swings = 1e-3 * np.sin(np.arange(n) / 3.0)
+    stems = np.stack([turns, rises, still, swings, 1e3 * swings], axis=1)
+    assert tells(stems, 1, 1.0).tolist() == [True, False, False, False, True]
+    assert tells(stems, 2, 1.0).tolist() == [False, False, False, False, True]
 
 
 def test_noise_is_the_autoregression_of_least_squares_with_the_least_bic() -> None:

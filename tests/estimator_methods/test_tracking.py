@@ -163,7 +163,7 @@ def test_two_windows_have_no_trend():
         ([0.0, 0.0], [Interval(1, 0, 2)] * 2, "increasing"),
         ([0.0], [Interval(1, 0, 2)] * 2, "one length"),
         ([0.0, 1.0], [Interval.unknown()] * 2, "nothing to follow"),
-        ([0.0, 1.0], [Interval(1, 2, 0)] * 2, "upside down"),
+        ([0.0, 1.0], [Interval(1, 2, 0)] * 2, "low end is above its high end"),
     ],
 )
 def test_bad_input_is_refused_with_its_name(times, windows, part):

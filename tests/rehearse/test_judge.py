@@ -10,7 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from estimator import Interval
-from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.lab.rehearse.expected import Expectation
 from fieldlink.lab.rehearse.judge import judge
 from fieldlink.lab.rehearse.outcome import RunCourse, Window, track_of

@@ -62,6 +62,16 @@ def test_everything_that_was_put_is_there_after_stop(url: str) -> None:
     assert read_samples(url)["slot"].tolist() == list(range(5000))
 
 
+def test_what_is_put_in_the_last_moment_is_stored(url: str) -> None:
+    for slot in range(8):
+        # It looks into the queue all the time, so that the stop comes between two looks.
+        historian = Historian(url, replace(QUICK, linger=0.0))
+        historian.start(OPENED)
+        assert historian.put(sample(slot))
+        assert historian.stop().written == 2
+    assert len(read_samples(url)) == 8
+
+
 def test_rows_come_back_as_they_went_in(url: str) -> None:
     historian = Historian(url, QUICK)
     historian.start(OPENED)

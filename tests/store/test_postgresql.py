@@ -30,6 +30,7 @@ from fieldlink.store import (
     read_samples,
     read_writebacks,
 )
+from tests.web.test_newest_rows import check_newest, fill_windows
 
 pytest.importorskip("psycopg", reason="the driver is an extra: pip install 'fieldlink[postgresql]'")
 
@@ -263,3 +264,8 @@ def test_a_fleet_is_read_from_the_historian_and_from_a_table_of_another(
         with engine.begin() as connection:
             connection.execute(sqlalchemy.text("DROP SCHEMA plant CASCADE"))
         engine.dispose()
+
+
+def test_the_pages_find_the_newest_rows_there_as_well(url: str) -> None:
+    fill_windows(url)
+    check_newest(url)

@@ -54,6 +54,12 @@ def columns(file: Path) -> dict[str, set[str]]:
         }
 
 
+def indexes(file: Path) -> set[str]:
+    with closing(sqlite3.connect(f"file:{file}?mode=ro", uri=True)) as read:
+        found = read.execute("SELECT name FROM sqlite_master WHERE type = 'index' AND sql NOT NULL")
+        return {name for (name,) in found}
+
+
 def test_the_first_release_s_store_is_upgraded_and_keeps_its_data(old: Path) -> None:
     url, before = f"sqlite:///{old}", contents(old)
     back_up(url, old.with_name("before.sqlite"))
@@ -72,6 +78,8 @@ def test_the_first_release_s_store_is_upgraded_and_keeps_its_data(old: Path) -> 
     assert columns(old) == {
         name: {column.name for column in table.columns} for name, table in METADATA.tables.items()
     }
+    made = {index.name for table in METADATA.tables.values() for index in table.indexes}
+    assert indexes(old) == made
     samples = read_samples(url, "FC101")
     assert list(samples["pv"].dropna()) == [51.25, 52.25, 53.25]
     assert list(samples["late_ms"].dropna()) == [3.0]

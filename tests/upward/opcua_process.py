@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -86,15 +87,20 @@ class Served:
 
 @asynccontextmanager
 async def served(**settings: Any) -> AsyncIterator[Served]:
-    process = await asyncio.create_subprocess_exec(
-        *_PROCESS, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
-    )
-    try:
-        answer = await _exchange(process, SETTINGS | settings)
-        assert "port" in answer, answer
-        yield Served(process, answer["port"])
-    finally:
-        await _end(process)
+    """Run the process; whatever its clients do, it writes nothing into the daemon's log."""
+    pipe = asyncio.subprocess.PIPE
+    with tempfile.TemporaryFile() as log:
+        process = await asyncio.create_subprocess_exec(
+            *_PROCESS, stdin=pipe, stdout=pipe, stderr=log
+        )
+        try:
+            answer = await _exchange(process, SETTINGS | settings)
+            assert "port" in answer, answer
+            yield Served(process, answer["port"])
+        finally:
+            await _end(process)
+        log.seek(0)
+        assert log.read().decode() == ""
 
 
 async def look_from_outside(address: str, nodes: list[str]) -> dict[str, Any]:

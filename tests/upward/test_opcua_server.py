@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -174,6 +175,36 @@ async def test_a_certificate_that_cannot_be_used_is_one_sentence(tmp_path: Path)
     ):
         with pytest.raises(SettingError, match=said):
             await check_keys(*given)
+
+
+class Taker:
+    """Part of asyncua's interface."""
+
+    def __init__(self) -> None:
+        self.taken = asyncio.Event()
+
+    def datachange_notification(self, *_: object) -> None:
+        self.taken.set()
+
+    def status_change_notification(self, _: object) -> None:
+        pass
+
+
+async def test_clients_that_leave_without_a_word_write_nothing_into_the_log() -> None:
+    async with served() as server:
+        for _ in range(2):
+            await server.show({"FC101": LOOP})
+            client, taker = Client(server.address, timeout=60.0), Taker()
+            await client.connect()
+            subscription = await client.create_subscription(10.0, taker)
+            node = client.get_node("ns=1;s=Loops/FC101/StickBand")
+            await subscription.subscribe_data_change(node)
+            await asyncio.wait_for(taker.taken.wait(), 300.0)
+            # Its socket is gone, with a publish request still open at the server.
+            client.uaclient.protocol.transport.abort()
+            with contextlib.suppress(ConnectionError, TimeoutError, UaError):
+                await client.disconnect()
+            await server.show({"FC101": LOOP | {"StickBand": 3.0}})
 
 
 async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() -> None:

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -45,10 +46,11 @@ class Program:
     """A ``fieldlink`` command that runs until it is ended."""
 
     def __init__(self, *arguments: object) -> None:
+        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by end)
         self.process = subprocess.Popen(
             [sys.executable, "-m", "fieldlink.cli", *map(str, arguments)],
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=self._log,
             text=True,
             env=os.environ | {"PYTHONUNBUFFERED": "1"},
         )
@@ -60,10 +62,14 @@ class Program:
         assert ready, "the program printed nothing"
         return self.process.stdout.readline()
 
-    def end(self, how: signal.Signals = signal.SIGTERM) -> None:
+    def end(self, how: signal.Signals = signal.SIGTERM) -> str:
+        """End it; return what it has logged."""
         if self.process.poll() is None:
             self.process.send_signal(how)
         self.process.communicate(timeout=PATIENCE)
+        with self._log:
+            self._log.seek(0)
+            return self._log.read()
 
 
 class LiveSite:

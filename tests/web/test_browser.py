@@ -44,7 +44,8 @@ def store_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     try:
         yield program.line().split()[-1].rstrip("/")
     finally:
-        program.end()
+        # Trends of its forty sticky loops are still being computed: an end is no failure of theirs.
+        assert "course_failed" not in program.end()
 
 
 @pytest.fixture(scope="module")

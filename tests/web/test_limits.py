@@ -37,7 +37,8 @@ async def send(port: int, data: bytes) -> tuple[asyncio.StreamReader, asyncio.St
 
 async def end(reader: asyncio.StreamReader) -> bytes:
     with contextlib.suppress(ConnectionError):
-        return await reader.read()
+        async with asyncio.timeout(60.0):
+            return await reader.read()
     return b""
 
 

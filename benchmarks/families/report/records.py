@@ -64,7 +64,7 @@ def store_swinging_door(signal: Array, band: float, longest: int) -> tuple[Array
 
 @kernel
 def store_box_car(signal: Array, band: float, longest: int) -> tuple[Array, Flags]:
-    """Box-car compression: store when the value leaves the last stored one by ``band``; lines back.
+    """Store a value that differs from the last stored one by ``band``; draw lines between them.
 
     The value before the exception is stored too, as most historians do.
     """

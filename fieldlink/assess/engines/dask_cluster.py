@@ -1,24 +1,22 @@
 """A Dask cluster: the same batches and the same workers, on any number of machines.
 
-A task starts a watched worker process on its machine, once for each of the machine's Dask threads,
-so that a window that kills its process never kills a Dask worker. What the cluster loses is asked
-again: a Dask worker that died, or all of it when the scheduler was started again.
+What the cluster loses is asked again: a Dask worker that died, or all of it when the scheduler was
+started again.
 """
 
 from __future__ import annotations
 
 import logging
-import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
-from fieldlink.assess.engines.base import Answer, Batch, NextBatch, judge_batch
+from fieldlink.assess.engines.base import Answer, Batch, NextBatch
+from fieldlink.assess.engines.dask_task import end_workers, hand_over, judge_remotely
 from fieldlink.assess.errors import AssessError
-from fieldlink.assess.job import Job, Piece
-from fieldlink.assess.run_file import Task
+from fieldlink.assess.job import Job
 from fieldlink.assess.workers.watched import WatchedWorker, WorkerClosedError
 
 __all__ = ["DaskEngine"]
@@ -29,9 +27,6 @@ CONNECT = 30.0
 TRIES = 10
 """Times a batch is asked for again. Windows cannot kill a Dask worker, so each loss is a machine's
 or an operator's doing, and ten in a row are a cluster that does not work."""
-
-IDLE = 120.0
-"""Seconds after its last batch until a worker process on a cluster ends; its client may be gone."""
 
 QUIET = {
     "distributed.worker.profile.enabled": False,
@@ -58,12 +53,16 @@ class DaskEngine:
         job: what is assessed.
         scheduler: address such as ``tcp://10.0.0.5:8786``; None starts a cluster here, on loopback.
         workers: processes of a cluster here.
+        started: a worker process that runs already; a cluster here goes on with it, one elsewhere
+            has no use for it, and it is ended.
 
     Raises:
         AssessError: `distributed` is not installed, or no scheduler or worker answers.
     """
 
-    def __init__(self, job: Job, scheduler: str | None, workers: int) -> None:
+    def __init__(
+        self, job: Job, scheduler: str | None, workers: int, started: WatchedWorker
+    ) -> None:
         try:
             import dask
             import distributed
@@ -111,6 +110,11 @@ class DaskEngine:
             self._client.close(timeout=2.0)  # type: ignore[no-untyped-call]
             self._close_cluster()
             raise
+        self._started = started
+        if scheduler is None:
+            hand_over(self._job, started)
+        else:
+            started.close()
 
     def __enter__(self) -> Self:
         return self
@@ -121,10 +125,14 @@ class DaskEngine:
         error: BaseException | None,
         _traceback: TracebackType | None,
     ) -> None:
-        if error is None and self._client.status == "running":
+        if error is not None:
+            # A thread of a cluster here may wait for it.
+            self._started.interrupt()
+            end_workers()
+        elif self._client.status == "running":
             # Without the scheduler, idle worker processes end by themselves.
             with suppress(OSError, TimeoutError):
-                self._client.run(_end_workers, on_error="ignore")
+                self._client.run(end_workers, on_error="ignore")
         self._client.close(timeout=2.0)
         self._close_cluster()
 
@@ -238,54 +246,3 @@ def _said(error: BaseException) -> str:
     """What an error of Dask says, without the objects that it names before it."""
     text = " ".join(str(error).split())
     return text.rpartition(">: ")[2] or "it ended the connection"
-
-
-def judge_remotely(job: str, batch: Sequence[tuple[int, dict[str, Any]]]) -> Answer:
-    """The task: judge a batch in this thread's worker process."""
-    tasks = [Task(number, Piece.of(plain)) for number, plain in batch]
-    key = threading.get_ident()
-    with _lock:
-        known, worker, timer = _own.pop(key, (job, None, None))
-    if timer is not None:
-        timer.cancel()
-    if worker is not None and known != job:
-        worker.close()
-        worker = None
-    if worker is None:
-        worker = WatchedWorker(Job.from_json(job))
-    try:
-        answer = judge_batch(worker, tasks)
-    except BaseException:
-        worker.close()
-        raise
-    timer = threading.Timer(IDLE, _end_worker, (key, worker))
-    timer.daemon = True
-    with _lock:
-        _own[key] = (job, worker, timer)
-    timer.start()
-    return answer
-
-
-_own: dict[int, tuple[str, WatchedWorker, threading.Timer]] = {}
-"""In a Dask worker: the idle worker process of each thread, for the next batch."""
-
-_lock = threading.Lock()
-
-
-def _end_worker(key: int, worker: WatchedWorker) -> None:
-    """End a thread's worker process unless it was taken for a batch meanwhile."""
-    with _lock:
-        if key not in _own or _own[key][1] is not worker:
-            return
-        del _own[key]
-    worker.close()
-
-
-def _end_workers() -> None:
-    """End all idle worker processes: the client is done."""
-    with _lock:
-        idle = list(_own.values())
-        _own.clear()
-    for _, worker, timer in idle:
-        timer.cancel()
-        worker.close()

@@ -184,7 +184,7 @@ class WatchedWorker:
                 return
 
     def _next(self, process: subprocess.Popen[str]) -> Message | None:
-        """The next answer, None when the process has ended; half a line is none."""
+        """The next answer, None when the process has ended; an unfinished line does not count."""
         assert process.stdout is not None
         line = process.stdout.readline()
         if not line.endswith("\n"):

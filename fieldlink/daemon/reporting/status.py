@@ -9,7 +9,7 @@ from fieldlink.daemon.diagnosis.report import FindingsReport
 from fieldlink.daemon.estimation.estimating import Estimate
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.sampling.lateness import LatenessReport
-from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.links import LinkState
 from fieldlink.notices import NoticesReport

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopSt
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.findings import describe_finding
 from fieldlink.site import Site
-from fieldlink.store import FindingRecord
+from fieldlink.store import EventRecord, FindingRecord
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -181,13 +180,13 @@ def finding_document(found: FindingRecord) -> Document:
     }
 
 
-def event_document(row: Mapping[str, Any]) -> Document:
-    """Return a row of the events as ``fieldlink events --json`` prints it."""
+def event_document(record: EventRecord) -> Document:
+    """Return an event as ``fieldlink events --json`` prints it."""
     return {
-        "time": time_text(row["time"].timestamp()),
-        "event": row["kind"],
-        "source": row["source"],
-        "message": row["message"],
+        "time": time_text(0.001 * record.utc_ms),
+        "event": record.kind,
+        "source": record.source,
+        "message": record.message,
     }
 
 

@@ -21,7 +21,7 @@ from fieldlink.errors import FieldlinkError
 from fieldlink.site import Site, check, load_site
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.toml_source import LARGEST
-from fieldlink.store import read_events
+from fieldlink.store import EventStream
 from fieldlink.versions import find_versions
 
 __all__ = ["EVENTS_KEPT", "BundleError", "write_bundle"]
@@ -96,8 +96,8 @@ def _site_parts(path: Path) -> dict[str, str]:
 
 
 def _events(site: Site) -> str:
-    rows = read_events(site.historian_url).tail(EVENTS_KEPT).to_dict("records")
-    return _as_json([event_document({str(k): v for k, v in row.items()}) for row in rows])
+    events = EventStream(site.historian_url).begin(EVENTS_KEPT)
+    return _as_json([event_document(event) for event in events])
 
 
 def _text(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Scans of a device on monotonic deadlines: a slot for every reading, an account of every slot.
+"""A device's two tasks: scans on monotonic deadlines, with a slot for every reading; write-backs.
 
-Nothing here writes to a device or looks at what a sample means.
+What a sample means (`windows`) and what is written (`writeback`) are not decided here.
 """

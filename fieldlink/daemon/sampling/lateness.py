@@ -32,7 +32,8 @@ class Lateness:
         """Count one reply."""
         self._counts[bisect_left(BOUNDS, seconds)] += 1
         self._total += seconds
-        self._largest = max(self._largest, seconds)
+        if seconds > self._largest:
+            self._largest = seconds
 
     def report(self) -> LatenessReport:
         """Return the counts so far."""

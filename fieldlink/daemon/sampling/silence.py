@@ -36,19 +36,17 @@ class SilenceWatch:
 
     def look(self, now: float, *, sampled: bool, answers: bool) -> None:
         """Tell when the loop has no new samples although its device answers, and when it has."""
+        if sampled and not self._silent:
+            self._sampled_at = now
+            return
         since = now if self._sampled_at is None else self._sampled_at
         self._sampled_at = now if sampled else since
-        if sampled and self._silent:
+        if sampled:
             self._silent = False
             self._journal.event(
                 "loop.sampled", self._name, f"new samples after {now - since:.0f} s"
             )
-        elif (
-            not sampled
-            and now - since > SILENT_AFTER * self._period
-            and not self._silent
-            and answers
-        ):
+        elif now - since > SILENT_AFTER * self._period and not self._silent and answers:
             self._silent = True
             self._journal.event(
                 "loop.silent",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.links import Clock
 from fieldlink.store import Record, SlotRecord
 

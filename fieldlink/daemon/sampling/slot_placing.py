@@ -8,9 +8,8 @@ is a gap of known length. Without one, a sample belongs to the beat in which it 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 __all__ = ["BeatPlacer", "CounterPlacer", "Place", "Placed", "Placer"]
 
@@ -36,8 +35,7 @@ class Place(Enum):
     NO_COUNT = "a sample whose counter holds no count: placed by the clock, to be marked bad"
 
 
-@dataclass(frozen=True, slots=True)
-class Placed:
+class Placed(NamedTuple):
     """A sample's slot and how it was found."""
 
     slot: int

@@ -6,18 +6,18 @@ Nothing here waits or knows the time of day, so the live daemon and the lockstep
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.daemon.windows.window import LoopSample, Window, WindowData
-from fieldlink.links import Quality, Scan
+from fieldlink.links import Quality, Reading, Scan
 from fieldlink.registers import Tag
 from fieldlink.site import Loop, Site
 from fieldlink.store import SampleRecord
 
-__all__ = ["LoopCounts", "LoopPipeline"]
+__all__ = ["LoopPipeline"]
 
 LATE_SHARE = 0.1
 """Share of a period by which a reply may come later than due and still be in time."""
@@ -30,36 +30,15 @@ GRACE = 3.0
 """Periods without a sample after which its open slots count as missed: a controller whose cycles
 are a little longer than the period of the site file misses none of its own."""
 
+# By code: hashing a member of an enumeration is a call, and both are asked for every sample.
 _NOT_THERE = frozenset(
-    {Quality.NOT_READ, Quality.NOT_DUE, Quality.QUARANTINED, Quality.UNKNOWN_TAG}
+    quality.code
+    for quality in (Quality.NOT_READ, Quality.NOT_DUE, Quality.QUARANTINED, Quality.UNKNOWN_TAG)
 )
 
-_MISPLACED = frozenset({Quality.NO_COUNT, Quality.RESTARTED, Quality.LATE})
-
-
-@dataclass(frozen=True, slots=True)
-class LoopCounts:
-    """The counts of a loop's samples; ``expected = read + bad + missed``.
-
-    Attributes:
-        expected: slots from the first poll on, by the controller's count where there is one, and
-            by the clock while no samples come.
-        read: slots filled with good OP and PV.
-        bad: slots filled with a value of bad quality.
-        missed: slots left empty.
-        late: slots read (good or bad) whose reply came more than a tenth of a period after it was
-            due.
-        duplicates: readings of a sample that was there already.
-        restarts: times the controller's cycle counter started again.
-    """
-
-    expected: int = 0
-    read: int = 0
-    bad: int = 0
-    missed: int = 0
-    late: int = 0
-    duplicates: int = 0
-    restarts: int = 0
+_MISPLACED = frozenset(
+    quality.code for quality in (Quality.NO_COUNT, Quality.RESTARTED, Quality.LATE)
+)
 
 
 class LoopPipeline:
@@ -95,7 +74,8 @@ class LoopPipeline:
         self._latest_start = LATEST_START * loop.period / speed
         self._sampled_at: float | None = None
         self._open = 0
-        self.counts = LoopCounts()
+        self._read = self._bad = self._missed = 0
+        self._late = self._duplicates = self._restarts = 0
         self.latest: SampleRecord | None = None
 
     @classmethod
@@ -118,6 +98,14 @@ class LoopPipeline:
         if again:
             self._estimated_at = None
         self._every = max(1, round(loop.estimate_period / loop.period))
+
+    @property
+    def counts(self) -> LoopCounts:
+        """The counts of the loop's samples up to now."""
+        read, bad, missed = self._read, self._bad, self._missed
+        return LoopCounts(
+            read + bad + missed, read, bad, missed, self._late, self._duplicates, self._restarts
+        )
 
     @property
     def filled(self) -> float:
@@ -146,30 +134,37 @@ class LoopPipeline:
         Returns:
             What to store; None when the scan has nothing new of this loop.
         """
-        moment = self._moment(scan, now, due)
-        placed = self._place(scan, moment)
+        loop = self.loop
+        # Each is looked up once: this runs for every sample of every loop.
+        op, pv = scan[loop.op], scan[loop.pv]
+        counter, moment = None, now
+        if loop.scan is not None:
+            counter = scan[loop.scan]
+            if due is not None:
+                # A count is of the moment it was read, which a daemon that stood still may be late
+                # for; a sample without one belongs to the beat it was due in.
+                moment += self._speed * max(0.0, counter.monotonic - due)
+        placed = self._place(op, pv, counter, moment)
         if placed is None:
             if due is not None:
                 self.pass_by(now)
             return None
-        sample = self._sample(scan, self._worst(scan, placed.place, due))
+        begun = None if due is None or counter is not None else scan.monotonic - due
+        sample = self._sample(scan, op, pv, self._worst(op, pv, placed.place, begun))
         # What the clock has counted as missed already is not counted again.
-        skipped = max(0, self._window.put(placed.slot, sample) - self._open)
+        self._missed += max(0, self._window.put(placed.slot, sample) - self._open)
         self._sampled_at, self._open = moment, 0
-        good = sample.quality == 0
-        pv = scan[self.loop.pv]
-        late = None if due is None else max(0.0, pv.monotonic - due)
-        # Written out: it runs for every sample of every loop.
-        counts = self.counts
-        self.counts = LoopCounts(
-            counts.expected + skipped + 1,
-            counts.read + good,
-            counts.bad + (not good),
-            counts.missed + skipped,
-            counts.late + (late is not None and late > self._late_after),
-            counts.duplicates,
-            counts.restarts + (placed.place is Place.RESTARTED),
-        )
+        if sample.quality == 0:
+            self._read += 1
+        else:
+            self._bad += 1
+        if placed.place is Place.RESTARTED:
+            self._restarts += 1
+        late = None
+        if due is not None:
+            late = max(0.0, pv.monotonic - due)
+            if late > self._late_after:
+                self._late += 1
         steps = 0 if self._watch is None else self._watch.stretch_of(pv.utc - pv.monotonic)
         self.latest = self._record(placed.slot, sample, late, steps)
         return self.latest
@@ -187,11 +182,8 @@ class LoopPipeline:
         # A slot counts when it is overdue: by half a period at the end, before that by a whole one.
         overdue = math.floor(periods - (1.0 if grace else 0.5) + 1e-3)
         if periods > grace and overdue > self._open:
-            more, self._open = overdue - self._open, overdue
-            counts = self.counts
-            self.counts = replace(
-                counts, expected=counts.expected + more, missed=counts.missed + more
-            )
+            self._missed += overdue - self._open
+            self._open = overdue
 
     def restart_window(self) -> None:
         """Begin a new window: the loop's controller is another one from here on.
@@ -235,57 +227,51 @@ class LoopPipeline:
         """Return a copy of the window for a diagnosis; None before it is full."""
         return self._window.data() if self._window.is_full else None
 
-    def _moment(self, scan: Scan, now: float, due: float | None) -> float:
-        """Return the plant second that places a scan.
-
-        A count is of the moment it was read, which a daemon that stood still may be late for; a
-        sample without one belongs to the beat it was due in.
-        """
-        if due is None or self.loop.scan is None:
-            return now
-        return now + self._speed * max(0.0, scan[self.loop.scan].monotonic - due)
-
-    def _place(self, scan: Scan, now: float) -> Placed | None:
+    def _place(
+        self, op: Reading, pv: Reading, counter: Reading | None, now: float
+    ) -> Placed | None:
         """Return the slot of what a scan has of the loop; None when it has nothing new."""
         if self._sampled_at is None:
             self._sampled_at = now - self.loop.period
-        op, pv = scan[self.loop.op], scan[self.loop.pv]
-        if op.quality in _NOT_THERE or pv.quality in _NOT_THERE:
+        if op.quality.code in _NOT_THERE or pv.quality.code in _NOT_THERE:
             return None
-        counter = 0.0
-        if self.loop.scan is not None:
-            reading = scan[self.loop.scan]
-            if not reading.good:
-                return None
-            counter = reading.value
-        placed = self._placer.place(now, counter)
+        if counter is not None and not counter.good:
+            return None
+        placed = self._placer.place(now, 0.0 if counter is None else counter.value)
         if placed.place is Place.DUPLICATE:
-            self.counts = replace(self.counts, duplicates=self.counts.duplicates + 1)
+            self._duplicates += 1
             return None
         return placed
 
-    def _worst(self, scan: Scan, place: Place, due: float | None) -> Quality:
-        """Return what the sample is worth: a moment that is not its slot's is as bad as a value."""
-        if place is Place.NO_COUNT:
-            return Quality.NO_COUNT
-        if place is Place.RESTARTED:
-            # A PLC that starts again may show zeros before it has measured anything.
-            return Quality.RESTARTED
-        if due is not None and self.loop.scan is None and scan.monotonic - due > self._latest_start:
-            return Quality.LATE
-        op, pv = scan[self.loop.op].quality, scan[self.loop.pv].quality
-        return op if op.code > pv.code else pv
+    def _worst(self, op: Reading, pv: Reading, place: Place, begun: float | None) -> int:
+        """Return the code of the sample's quality.
 
-    def _sample(self, scan: Scan, worst: Quality) -> LoopSample:
-        sp = math.nan if self.loop.sp is None else scan[self.loop.sp].value
-        auto = math.nan
-        if self.loop.mode is not None:
-            mode = scan[self.loop.mode]
-            auto = float(mode.value in self.loop.auto_values) if mode.good else math.nan
-        op, pv = scan[self.loop.op], scan[self.loop.pv]
-        misplaced = worst in _MISPLACED
-        values = (math.nan, math.nan) if misplaced else (op.value, pv.value)
-        return LoopSample(*values, sp, auto, pv.utc, worst.code)
+        A moment that is not its slot's is as bad as a value.
+
+        Args:
+            op, pv: the readings.
+            place: how the slot was found.
+            begun: seconds by which the poll began late; None where a count places the sample.
+        """
+        if place is Place.NEXT:
+            if begun is not None and begun > self._latest_start:
+                return Quality.LATE.code
+            return max(op.quality.code, pv.quality.code)
+        if place is Place.NO_COUNT:
+            return Quality.NO_COUNT.code
+        # A PLC that starts again may show zeros before it has measured anything.
+        return Quality.RESTARTED.code
+
+    def _sample(self, scan: Scan, op: Reading, pv: Reading, quality: int) -> LoopSample:
+        loop, nan = self.loop, math.nan
+        sp = nan if loop.sp is None else scan[loop.sp].value
+        auto = nan
+        if loop.mode is not None:
+            mode = scan[loop.mode]
+            auto = float(mode.value in loop.auto_values) if mode.good else nan
+        if quality in _MISPLACED:
+            return LoopSample(nan, nan, sp, auto, pv.utc, quality)
+        return LoopSample(op.value, pv.value, sp, auto, pv.utc, quality)
 
     def _record(
         self, slot: int, sample: LoopSample, late: float | None, clock_steps: int

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,10 @@ __all__ = ["LoopSample", "Window", "WindowData"]
 Floats = NDArray[np.float64]
 
 _SIGNALS = ("op", "pv", "sp", "auto", "utc")
-_OP, _PV, _SP, _AUTO, _UTC = range(len(_SIGNALS))
+"""The first fields of a `LoopSample`, in their order."""
 
 
-@dataclass(frozen=True, slots=True)
-class LoopSample:
+class LoopSample(NamedTuple):
     """The signals of a loop from one scan; NaN where bad or absent.
 
     Attributes:
@@ -72,7 +72,8 @@ class Window:
         self._size = size
         self._has_sp = has_sp
         self._has_auto = has_auto
-        self._ring = np.full((len(_SIGNALS), size), np.nan)
+        # A row a slot: a sample is written in one piece.
+        self._ring = np.full((size, len(_SIGNALS)), np.nan)
         self._first: int | None = None
         self._last = -1
 
@@ -111,14 +112,8 @@ class Window:
             raise ValueError(f"slot {slot} is not after slot {self._last}")
         if skipped:
             gap = np.arange(max(self._last + 1, slot - self._size), slot) % self._size
-            self._ring[:, gap] = np.nan
-        self._ring[:, slot % self._size] = (
-            sample.op,
-            sample.pv,
-            sample.sp,
-            sample.auto,
-            sample.utc,
-        )
+            self._ring[gap] = np.nan
+        self._ring[slot % self._size] = sample[: len(_SIGNALS)]
         self._last = slot
         return skipped
 
@@ -136,15 +131,15 @@ class Window:
         if self.span == 0:
             raise ValueError("the window is empty")
         first = self._last - self.span + 1
-        ordered = self._ring[:, np.arange(first, self._last + 1) % self._size]
+        op, pv, sp, auto, utc = self._ring[np.arange(first, self._last + 1) % self._size].T.copy()
         return WindowData(
-            op=ordered[_OP],
-            pv=ordered[_PV],
-            sp=ordered[_SP] if self._has_sp else None,
-            auto=ordered[_AUTO] if self._has_auto else None,
+            op=op,
+            pv=pv,
+            sp=sp if self._has_sp else None,
+            auto=auto if self._has_auto else None,
             first_slot=first,
             last_slot=self._last,
-            end_utc=float(ordered[_UTC, -1]),
+            end_utc=float(utc[-1]),
         )
 
     def good_share(self) -> float:

@@ -59,7 +59,7 @@ class ControlWords:
     def filler(self) -> int | None:
         """The number that every word holds, as from a gateway that has lost its PLC; else None.
 
-        No area is so: no bank has the number of the enable bit, of a commit and of an answer to it.
+        A real area never looks so: enable bit, commit word and answers have different values.
         """
         return self.enable if self.enable and len(set(self._there)) == 1 else None
 

@@ -227,7 +227,10 @@ class _Director:
     def _why_not(self) -> str:
         status = self._daemon.status()
         loop = status.loops[self._scene.loop]
-        said = [f"no parameter block was accepted within {PATIENCE:g} s"]
+        missing = "no parameter block was accepted"
+        if self.accepted is not None:
+            missing = "the loop under compensation was not watched to the end"
+        said = [f"{missing} within {PATIENCE:g} s"]
         if failure := status.devices[DEVICE].last_failure:
             said.append(f"last failure of the device: {failure}")
         if (estimate := loop.last_estimate) is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimator import Interval, Track, track
-from fieldlink.daemon.windows.pipeline import LoopCounts
+from fieldlink.daemon.windows.loop_counts import LoopCounts
 from fieldlink.lab.rehearse.simulated_site import Trend
 from fieldlink.store import EstimateRecord, EventRecord, WritebackRecord
 

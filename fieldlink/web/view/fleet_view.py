@@ -261,7 +261,7 @@ class FleetView:
 
 
 def _since(known: StoredLoop, judged: Row | None) -> int | None:
-    """End of the first window of the run of windows with the verdict, up to the judged one."""
+    """Return the end of the first of the consecutive windows that agree with the judged one."""
     begin: int | None = None
     if judged is None:
         return None

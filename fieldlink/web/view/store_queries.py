@@ -6,10 +6,20 @@ site is answered in a fraction of a second. Times are UTC milliseconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sqlalchemy import ColumnElement, Engine, Select, Table, and_, func, inspect, select
+from sqlalchemy import (
+    ColumnElement,
+    Engine,
+    Select,
+    Subquery,
+    Table,
+    and_,
+    func,
+    inspect,
+    select,
+)
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store import StoreError
@@ -24,6 +34,7 @@ from fieldlink.store.schema import (
     SLOTS,
     WRITEBACKS,
 )
+from fieldlink.web.view.newest_rows import ids_behind_blocks, newest_ids, stored_loops
 
 __all__ = ["DAY_MS", "Row", "StoreQueries"]
 
@@ -47,8 +58,6 @@ _PLAIN = [
     )
 ]
 """What a trend needs of an estimate."""
-_CHUNK = 500
-"""Keys in one IN list: SQLite takes 32,766, older ones 999."""
 
 
 class StoreQueries:
@@ -74,32 +83,25 @@ class StoreQueries:
         """Return every loop that has samples or estimates, by name."""
         names: set[str] = set()
         for table in (ESTIMATES, SAMPLES):
-            # One step of the index for each name; DISTINCT would visit every row.
-            last: str | None = None
-            while True:
-                query = select(func.min(table.c.loop))
-                if last is not None:
-                    query = query.where(table.c.loop > last)
-                found = self._rows(query)[0]
-                last = next(iter(found.values()))
-                if last is None:
-                    break
-                names.add(last)
+            stored = stored_loops(table)
+            found = self._rows(select(stored.c.loop).where(stored.c.loop.is_not(None)))
+            names.update(row["loop"] for row in found)
         return sorted(names)
 
     def last_of(
-        self, table: Table, loops: Iterable[str], *conditions: ColumnElement[bool]
+        self, table: Table, loops: Sequence[str], *conditions: ColumnElement[bool]
     ) -> dict[str, Row]:
         """Return the last row of each loop that has one, by loop."""
-        found: dict[str, Row] = {}
-        order = (table.c.utc_ms.desc(), table.c.id.desc())
-        with self._connection() as connection:
-            for loop in loops:
-                query = select(table).where(table.c.loop == loop, *conditions).order_by(*order)
-                row = connection.execute(query.limit(1)).mappings().first()
-                if row is not None:
-                    found[loop] = dict(row)
-        return found
+        return self._rows_by_loop(table, newest_ids(table, loops, *conditions), loops)
+
+    def last_accepted(self, loops: Sequence[str], since_ms: int) -> dict[str, Row]:
+        """Return the last block of each loop that the PLC acknowledged since a moment."""
+        return self.last_of(WRITEBACKS, loops, *_accepted(since_ms))
+
+    def estimates_behind(self, loops: Sequence[str], since_ms: int) -> dict[str, Row]:
+        """Return the estimate behind each loop's last block that the PLC acknowledged."""
+        wanted = ids_behind_blocks(newest_ids(WRITEBACKS, loops, *_accepted(since_ms)))
+        return self._rows_by_loop(ESTIMATES, wanted, loops)
 
     def last_estimates(self, loops: Sequence[str]) -> dict[str, Row]:
         """Return the last estimate of each loop, with its document."""
@@ -278,6 +280,13 @@ class StoreQueries:
         )
         return self._rows(query.limit(row["last_slot"] - row["first_slot"] + 1))[::-1]
 
+    def _rows_by_loop(self, table: Table, wanted: Subquery, loops: Sequence[str]) -> dict[str, Row]:
+        if not loops:
+            return {}
+        asked, found = set(loops), table.alias()
+        rows = self._rows(select(found).join(wanted, found.c.id == wanted.c.id))
+        return {row["loop"]: row for row in rows if row["loop"] in asked}
+
     def _connection(self) -> Any:
         return self._engine.connect()
 
@@ -296,6 +305,10 @@ class StoreQueries:
             f"the historian {shown(self._url)} cannot be read: {cause_of(error)}; check that "
             "it is a historian of Fieldlink"
         )
+
+
+def _accepted(since_ms: int) -> tuple[ColumnElement[bool], ...]:
+    return WRITEBACKS.c.outcome == "accepted", WRITEBACKS.c.utc_ms > since_ms
 
 
 def _within(loop: str, since_ms: int, until_ms: int) -> ColumnElement[bool]:

@@ -33,9 +33,6 @@ NEWEST = 40
 ACCEPTED_MS = 35 * DAY_MS
 """How far back an accepted block is looked for: blocks are valid for a day and renewed before."""
 
-SAME = 1e-5
-"""Relative difference of two stick bands that are one: a block holds them as single floats."""
-
 
 @dataclass(slots=True)
 class StoredLoop:
@@ -101,13 +98,11 @@ class StoredLoops:
         for name in names:
             self._loops[name] = StoredLoop()
         last = self._queries.last_estimates(names)
-        recent = WRITEBACKS.c.utc_ms > now_ms - ACCEPTED_MS
-        accepted = self._queries.last_of(
-            WRITEBACKS, names, WRITEBACKS.c.outcome == "accepted", recent
-        )
-        for name, row in accepted.items():
+        since_ms = now_ms - ACCEPTED_MS
+        for name, row in self._queries.last_accepted(names, since_ms).items():
             self._loops[name].accepted = row
-            self._loops[name].sticky = self._behind(row)
+        for name, row in self._queries.estimates_behind(names, since_ms).items():
+            self._loops[name].sticky = row
         doubtful = [name for name, row in last.items() if row["verdict"] is None]
         judged = {**last, **self._queries.last_judged(doubtful)}
         for name, row in self._queries.last_attempts(names).items():
@@ -161,20 +156,12 @@ class StoredLoops:
                     continue
                 known.attempt = row
                 if row["outcome"] == "accepted":
+                    name, since_ms = row["loop"], now_ms - ACCEPTED_MS
                     known.accepted = row
-                    known.sticky = self._behind(row)
+                    known.sticky = self._queries.estimates_behind([name], since_ms).get(name)
         for event in self._queries.events("operator.annotate", now_ms - 60_000, 1000)[::-1]:
             if (known := self._loops.get(event["source"])) is not None:
                 known.annotated_ms = event["utc_ms"]
-
-    def _behind(self, accepted: Row) -> Row | None:
-        """Return the estimate that an accepted block says: a block that is renewed keeps its S."""
-        c, S = ESTIMATES.c, accepted["stick_band"]
-        if accepted["status"] != "valid" or S is None:
-            return None
-        same = c.stick_band.between(S * (1.0 - SAME), S * (1.0 + SAME))
-        found = self._queries.last_of(ESTIMATES, [accepted["loop"]], c.verdict == "stiction", same)
-        return found.get(accepted["loop"])
 
     def _add_point(self, row: Row) -> None:
         known = self._loops.get(row["loop"])

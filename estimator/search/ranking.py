@@ -1,0 +1,241 @@
+"""The first look's costs: many valves, a few processes and dead times, several noise models.
+
+What a stem has in common with PV needs no response: a sum of PV times the response is a sum of the
+stem's moves times what PV, filtered backwards through noise model and process, holds from the move
+to the end (the adjoint filter). A stem is a few slips and a few slides along OP, so that a valve
+costs a few products at each dead time. Only the energy of a response needs the response itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compiled import kernel
+from estimator.arrays import Array, Index
+from estimator.hypotheses.hypothesis import Case
+from estimator.hypotheses.linear_fit import Design
+from estimator.lane_costs import NOTHING, energies_at
+from estimator.lanes import respond, whiten_lanes
+from estimator.processes.poles import COARSE
+from estimator.valves.laws import LAWS
+
+__all__ = ["Rank", "Ranking"]
+
+_BLOCK = 32
+"""Valves whose responses are computed side by side: their signals stay in the cache."""
+_ALONG = 1e-9
+"""Difference between a step of the stem and one of OP (span 1) below which the stem follows OP."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rank:
+    """The least cost of every valve under one look, and where; all ``(m,)``."""
+
+    cost: Array
+    process: Index
+    late: Index
+
+
+class Ranking:
+    """Several looks at many valves.
+
+    Args:
+        case: the window.
+        looks: of each look, the design for processes that do not integrate, and for those that do.
+        delays: dead times that are tried, rising.
+    """
+
+    def __init__(self, case: Case, looks: list[tuple[Design, Design]], delays: Index) -> None:
+        self._case, self._delays = case, delays
+        self.looks = looks
+        self._noises = {design.taps.tobytes(): design.taps for design, _ in looks}
+        """The different noise models of the looks."""
+        self._tables = [
+            [self._table(pair, number) for number in range(len(COARSE))] for pair in looks
+        ]
+
+    def _design(self, pair: tuple[Design, Design], process: int) -> Design:
+        return pair[int(COARSE[process].integrating)]
+
+    def _table(self, pair: tuple[Design, Design], process: int) -> Array:
+        design = self._design(pair, process)
+        found: Array = _tails(
+            design.signals,
+            design.taps,
+            np.array(COARSE[process].coefficients),
+            self._case.rows.u,
+            self._delays,
+        )
+        return found
+
+    def of(self, law: str, valves: Array) -> list[Rank]:
+        """Rank valves ``(m, 3)`` of a law under each look."""
+        rows = self._case.rows
+        count, late = len(valves), self._delays.size
+        energies = {key: np.empty((len(COARSE), late, count)) for key in self._noises}
+        useless = np.zeros(count, dtype=np.bool_)
+        moves = []
+        for begin in range(0, count, _BLOCK):
+            block = slice(begin, min(begin + _BLOCK, count))
+            stems = LAWS[law](rows.u, np.ascontiguousarray(valves[block]))
+            useless[block] = ~self._case.tells(stems)
+            moves.append(_moves(stems, rows.u))
+            for number, poles in enumerate(COARSE):
+                lanes = np.repeat(np.array([poles.coefficients]).T, stems.shape[1], axis=1)
+                responses = respond(stems, *lanes)
+                for key, taps in self._noises.items():
+                    white = whiten_lanes(responses, taps) if taps.size else responses
+                    energies[key][number, :, block] = energies_at(
+                        white, rows.weight, rows.first, self._delays
+                    )
+        counts = np.concatenate([found[0] for found in moves])
+        begins = np.append(0, np.cumsum(counts))
+        places = np.concatenate([found[1] for found in moves])
+        sizes = np.concatenate([found[2] for found in moves])
+        ranks = []
+        for pair, tables in zip(self.looks, self._tables, strict=True):
+            own = energies[pair[0].taps.tobytes()]
+            cost, process = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
+            delay = np.zeros(count, dtype=np.int64)
+            for number, table in enumerate(tables):
+                _rank(
+                    begins,
+                    places,
+                    sizes,
+                    table,
+                    own[number],
+                    self._design(pair, number).rest,
+                    rows.sign,
+                    number,
+                    cost,
+                    process,
+                    delay,
+                )
+            cost[useless] = np.inf
+            ranks.append(Rank(cost, process, self._delays[delay]))
+        return ranks
+
+
+@kernel
+def _tails(signals: Array, taps: Array, process: Array, op: Array, delays: Index) -> Array:
+    """Sums of filtered signals from every row to the end, ``(2 n, D m)``.
+
+    Signals ``(n, m)`` go backwards through the noise model and the process. Row ``k`` holds, for
+    each of the ``delays``, what a stem that steps by one at row ``k`` has in common with each
+    signal; row ``n + k`` that of a stem that follows OP from the first row to row ``k``.
+    """
+    n, m = signals.shape
+    late = delays.size
+    white = signals.copy()
+    for k in range(n):
+        for i in range(min(taps.size, n - 1 - k)):
+            for c in range(m):
+                white[k, c] -= taps[i] * signals[k + 1 + i, c]
+    tails = np.zeros((n + delays[late - 1] + 1, m))
+    v1, v2, w = np.zeros(m), np.zeros(m), np.zeros(m)
+    c1, c2, third, gain = process[0], process[1], process[2], process[3]
+    for k in range(n - 1, -1, -1):
+        for c in range(m):
+            w[c] = third * w[c] + (1.0 - third) * white[k, c]
+            v = c1 * v1[c] + c2 * v2[c] + w[c]
+            v2[c] = v1[c]
+            v1[c] = v
+            tails[k, c] = tails[k + 1, c] + gain * v
+    out = np.empty((2 * n, late * m))
+    for k in range(n):
+        step = op[k] - op[k - 1] if k > 0 else 0.0
+        for d in range(late):
+            for c in range(m):
+                now = tails[k + delays[d], c]
+                out[k, d * m + c] = now
+                before = out[n + k - 1, d * m + c] if k > 0 else 0.0
+                out[n + k, d * m + c] = before + step * now
+    return out
+
+
+@kernel
+def _moves(stems: Array, op: Array) -> tuple[Index, Index, Array]:
+    """Number of moves of each stem ``(n, L)``; rows of `_tails` of all, and their factors.
+
+    A slip is one row. A slide along OP is two: all that OP went until its end, less all that it
+    went before its begin.
+    """
+    n, lanes = stems.shape
+    counts = np.zeros(lanes, dtype=np.int64)
+    places = np.empty(n * lanes, dtype=np.int64)
+    sizes = np.empty(n * lanes)
+    at = 0
+    for j in range(lanes):
+        begin, k = at, 1
+        while k < n:
+            step = stems[k, j] - stems[k - 1, j]
+            if step == 0.0:
+                k += 1
+                continue
+            end = k
+            while (
+                end < n and abs(stems[end, j] - stems[end - 1, j] - op[end] + op[end - 1]) < _ALONG
+            ):
+                end += 1
+            if end > k + 2:
+                places[at], sizes[at] = n + end - 1, 1.0
+                places[at + 1], sizes[at + 1] = n + k - 1, -1.0
+                at += 2
+                k = end
+            else:
+                places[at], sizes[at] = k, step
+                at += 1
+                k += 1
+        counts[j] = at - begin
+    return counts, places[:at].copy(), sizes[:at].copy()
+
+
+@kernel
+def _rank(
+    begins: Index,
+    places: Index,
+    sizes: Array,
+    table: Array,
+    energies: Array,
+    rest: float,
+    sign: float,
+    number: int,
+    cost: Array,
+    process: Index,
+    delay: Index,
+) -> None:
+    """Costs of all valves with one process under one look; what is less is kept in place.
+
+    ``table`` is that of `_tails`, ``energies`` ``(D, m)``. A gain of the wrong ``sign`` counts as
+    none.
+    """
+    late, count = energies.shape
+    wide = table.shape[1]
+    columns = wide // late
+    sums = np.empty(wide)
+    for v in range(count):
+        sums[:] = 0.0
+        i = begins[v]
+        while i + 4 <= begins[v + 1]:
+            s0, s1, s2, s3 = sizes[i], sizes[i + 1], sizes[i + 2], sizes[i + 3]
+            r0, r1 = table[places[i]], table[places[i + 1]]
+            r2, r3 = table[places[i + 2]], table[places[i + 3]]
+            for c in range(wide):
+                sums[c] = sums[c] + s0 * r0[c] + s1 * r1[c] + s2 * r2[c] + s3 * r3[c]
+            i += 4
+        while i < begins[v + 1]:
+            size, row = sizes[i], table[places[i]]
+            for c in range(wide):
+                sums[c] += size * row[c]
+            i += 1
+        for d in range(late):
+            energy, found = energies[d, v], rest
+            with_pv = sums[d * columns]
+            for c in range(1, columns):
+                energy -= sums[d * columns + c] * sums[d * columns + c]
+            if energy > NOTHING * energies[d, v] and sign * with_pv >= 0.0:
+                found = rest - with_pv * with_pv / energy
+            if found < cost[v]:
+                cost[v], process[v], delay[v] = found, number, d

@@ -1,0 +1,64 @@
+"""Events in the order in which they were stored: the newest ones, then those that are added.
+
+A row's number tells what is new, not its time: the wall clock may have been set back meanwhile.
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import func, select
+from sqlalchemy.exc import SQLAlchemyError
+
+from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.errors import StoreError
+from fieldlink.store.records import EventRecord
+from fieldlink.store.schema import EVENTS
+
+__all__ = ["EventStream"]
+
+
+class EventStream:
+    """Reads the events of the historian at ``url``, each once."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._seen = 0
+
+    def begin(self, count: int) -> tuple[EventRecord, ...]:
+        """Return at most ``count`` of the newest events, oldest first; `follow` goes on from there.
+
+        Raises:
+            StoreError: the historian cannot be read.
+        """
+        return self._read(count)
+
+    def follow(self) -> tuple[EventRecord, ...]:
+        """Return the events stored since the last call, oldest first.
+
+        Raises:
+            StoreError: the historian cannot be read.
+        """
+        return self._read(None)
+
+    def _read(self, count: int | None) -> tuple[EventRecord, ...]:
+        c = EVENTS.c
+        engine = open_for_reading(self._url)
+        try:
+            with engine.connect() as connection:
+                newest = connection.scalar(select(func.max(c.id))) or 0
+                if newest < self._seen:
+                    # Another file has taken the place of a damaged one, and counts from 1.
+                    self._seen = 0
+                query = select(EVENTS).where(c.id > self._seen, c.id <= newest)
+                rows = connection.execute(query.order_by(c.id.desc()).limit(count)).mappings().all()
+        except SQLAlchemyError as error:
+            raise StoreError(
+                f"the events in {shown(self._url)} cannot be read: {cause_of(error)}; "
+                "check that it is a Fieldlink historian"
+            ) from error
+        finally:
+            engine.dispose()
+        self._seen = newest
+        return tuple(
+            EventRecord(row["utc_ms"], row["kind"], row["source"], row["message"])
+            for row in reversed(rows)
+        )
