@@ -66,8 +66,7 @@ class HybridMpc:
             )
         s = self.settings
         self.planner, self._ramp_planner = (
-            MovePlanner(self.prediction, s.horizon, lasting, s.level_horizon)
-            for lasting in (s.lasting, 0.0)
+            MovePlanner(self.prediction, s, on_ramp=on_ramp) for on_ramp in (False, True)
         )
         noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
         tracking = TrackerSettings(
@@ -82,7 +81,7 @@ class HybridMpc:
         self._pv_bad = False
         self._tolerated = 0.0
         self._moving = self.stem_moved = False
-        self._dwells = 0
+        self._dwells = self._lingers = 0
         self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
         self._thrift: Thrift | None = None
         self._way = 0.0
@@ -177,8 +176,10 @@ class HybridMpc:
         self.stem_moved = self._moving = self.stem != before
         self._way = abs(self.stem - before) if self.ready and math.isfinite(before) else 0.0
         self._dwells = max(0, self._dwells - 1)
+        self._lingers = max(0, self._lingers - 1)
         if self.ready and self.stem_moved and self.tracker.best.way:
             self._dwells = self.settings.dwell - 1
+            self._lingers = self.settings.linger - 1
         self._op = op
 
     def decide(self, sp: float) -> Action:
@@ -213,7 +214,7 @@ class HybridMpc:
         else:
             position = belief.stem
             status = ActionStatus.LIMITED if limited else ActionStatus.HOLDING
-            op = moves.strokes.hold()
+            op = moves.strokes.dwell() if self._lingers else moves.strokes.hold()
         return Action(op, status, target, plan.final_pv + sp, position, self._words(plan))
 
     def plan(self, sp: float) -> MovePlan:
@@ -242,6 +243,9 @@ class HybridMpc:
             max(moves.change_for(self._reach[0], -1.0), lowest),
             min(moves.change_for(self._reach[1], 1.0), highest),
         )
+        if self._trend.turns:
+            # What comes next tells whether a way there and back is needed.
+            ramp = replace(ramp, opposite=self.horizon)
         if not self._trend.is_ramp or self.prediction.process.is_integrating:
             return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
         # The set-point passes by each position of the stem: a way there and back gains nothing.
@@ -253,7 +257,7 @@ class HybridMpc:
 
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""
-        tracker, s, valve = self.tracker, self.settings, self.model.valve
+        tracker, s, valve = self.tracker, self.settings, self.tracker.valve
         smallest = self._moves().smallest
         # An offset not yet known well is no reason to move: waiting will tell.
         # A level drifts away from a wrong position, so that there a move cannot wait.
@@ -274,7 +278,7 @@ class HybridMpc:
         """Return the OP, scan by scan, that carries out the present plan, shape ``(samples,)``."""
         plan, sure = self.plan(sp), self._moves()
         low, high = self._reach
-        fd = self.model.valve.dynamic_friction
+        fd = self.tracker.valve.dynamic_friction
         path = np.empty(samples)
         stem, before = sure.belief.stem, self._op
         moves = dict(zip(plan.times, plan.changes, strict=True))
@@ -292,9 +296,7 @@ class HybridMpc:
         """Return what moves there are from the present belief."""
         tracker = self.tracker
         stems = plausible_stems(tracker.beliefs, tracker.chances)
-        return SureMoves(
-            self.settings, self.model.valve, tracker.best, stems, self._reach, self._op
-        )
+        return SureMoves(self.settings, tracker.valve, tracker.best, stems, self._reach, self._op)
 
     def _begins_at(self, ramp: Ramp, change: float) -> int:
         """Return the first move time of a plan that OP, set off now, can keep."""

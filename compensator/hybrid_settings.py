@@ -44,6 +44,8 @@ class HybridSettings:
             the stem slips: fewer sizes leave no choice where the stem lands.
         dwell: scans that OP stays where it moved the stem to: an actuator lags, and a stem slides
             for a while. A command of one scan would leave such a stem short of its goal.
+        linger: scans after a move before OP returns to the middle of the band, if no other move is
+            wanted: a slow stem may still be on its way.
         unknown: weight of what is not yet known of the lasting offset, beside noise, in the price
             of a move: waiting will tell.
         unseen: factor of the noise's variance in that price until the stem was seen to slip: its
@@ -73,6 +75,7 @@ class HybridSettings:
     edge: float = 0.85
     room: float = 1.5
     dwell: int = 2
+    linger: int = 3
     unknown: float = 3.0
     unseen: float = 9.0
     tolerated: float = 0.25
@@ -102,7 +105,9 @@ class HybridSettings:
             gain_spread=self.gain_spread,
             lasting=self.lasting,
         )
-        require_whole("HybridSettings", 0, horizon=self.horizon, dwell=self.dwell)
+        require_whole(
+            "HybridSettings", 0, horizon=self.horizon, dwell=self.dwell, linger=self.linger
+        )
         require_whole("HybridSettings", 1, level_horizon=self.level_horizon)
         require_positive(
             "HybridSettings",

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compensator.hybrid_settings import HybridSettings
 from compensator.kernels import correlate, gram_of, held_course, multiplied
 from compensator.move_kernels import best_moves
 from compensator.prediction import Prediction, settling_samples
@@ -105,23 +106,23 @@ class MovePlanner:
 
     Args:
         prediction: the process.
-        horizon: samples; 0 chooses twice the settling time beyond the dead time, for a level
-            ``level_horizon``.
-        lasting: horizons that the error at the horizon's end counts for beyond it; 0 where the
-            set-point goes on, so that nothing lasts.
-        level_horizon: samples for a level, beyond the dead time.
+        settings: ``horizon`` (0 chooses twice the settling time beyond the dead time, for a level
+            ``level_horizon``) and ``lasting``.
+        on_ramp: whether the set-point goes on, so that no error lasts.
     """
 
     def __init__(
         self,
         prediction: Prediction,
-        horizon: int = 0,
-        lasting: float = 1.0,
-        level_horizon: int = 120,
+        settings: HybridSettings | None = None,
+        *,
+        on_ramp: bool = False,
     ) -> None:
+        s = settings or HybridSettings()
+        horizon, lasting = s.horizon, 0.0 if on_ramp else s.lasting
         self.prediction = prediction
         self.settling = settle = settling_samples(prediction)
-        beyond = level_horizon if prediction.process.is_integrating else max(30, 2 * settle)
+        beyond = s.level_horizon if prediction.process.is_integrating else max(30, 2 * settle)
         self.horizon = horizon or min(1500, prediction.dead_time + beyond)
         points = _spread(1, 24, self.horizon, 0.06)
         latest = max(1, self.horizon - prediction.dead_time) * 2 // 3

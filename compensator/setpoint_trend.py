@@ -24,7 +24,8 @@ class SetpointTrendSettings:
     """Settings of `SetpointTrend`.
 
     Attributes:
-        scans: changes of the set-point in a row, of one sign and of like size, that make a ramp.
+        scans: changes of the set-point in a row, of one sign and of like size, that make a ramp;
+            where one ends or turns, as many pass before it is known how the set-point goes on.
         alike: factor between the changes of one ramp: a historian's or a register's rounding
             varies them.
         response: settling times of the process that a plan on a ramp looks ahead, beside the dead
@@ -59,15 +60,21 @@ class SetpointTrend:
         self._longest = longest
         self._last = math.nan
         self._slope = 0.0
-        self._run = 0
+        self._run = self._unknown = 0
 
     def push(self, sp: float) -> None:
         """Take in the set-point of this scan."""
         change, self._last = sp - self._last, sp
+        self._unknown = max(0, self._unknown - 1)
         if math.isfinite(change) and change != 0.0 and self._goes_on(change):
             self._run += 1
             self._slope += (change - self._slope) / min(self._run, 2 * self.settings.scans)
         else:
+            stepped = abs(change) > self.settings.alike * abs(self._slope)
+            if stepped:
+                self._unknown = 0
+            elif self.is_ramp:
+                self._unknown = self.settings.scans
             self._slope = change if math.isfinite(change) else 0.0
             self._run = int(self._slope != 0.0)
 
@@ -75,6 +82,14 @@ class SetpointTrend:
     def is_ramp(self) -> bool:
         """Whether the set-point ramps."""
         return self._run >= self.settings.scans
+
+    @property
+    def turns(self) -> bool:
+        """Whether a ramp ended or turned just now, so that nothing tells where the set-point goes.
+
+        A plan that takes it for lasting there makes a move back to it, and the next one forth.
+        """
+        return self._unknown > 0 and not self.is_ramp
 
     def ahead(self, points: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return how far the set-point is expected to go by ``points`` scans from now.

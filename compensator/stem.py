@@ -14,8 +14,8 @@ What is wrong in the parameters is learnt with the state, as three more unknowns
 What drives the process is ``x + m``, with ``m`` the load (the offset-free disturbance). A slip of
 the stem by ``s`` changes ``m`` by ``w t + g s``: ``w`` is the error of fD, which counts where the
 direction turns by ``t`` (without it a wrong fD makes the loop hunt between two positions), ``g``
-the relative error of the process gain. At rest they cannot be seen and stay what they are. Their
-covariance is followed in time; it is that of the best hypothesis, the others share it.
+the relative error of the process gain. At rest they cannot be seen and stay what they are
+(`SharedCovariance`).
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
+from compensator.belief import FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
 from compensator.fluctuation import RestFluctuation, held_correlations
 from compensator.innovations import InnovationStatistics
-from compensator.kernels import carried_covariance, coloured_power, multiplied
-from compensator.load_steps import LoadStepDetector, load_signature
+from compensator.kernels import coloured_power, multiplied
+from compensator.load_steps import LoadStepDetector
 from compensator.prediction import Prediction, settling_samples
 from compensator.resolution import PvResolution
+from compensator.shared_covariance import SharedCovariance
 from compensator.stem_hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
 from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
@@ -64,26 +65,8 @@ class StemTracker:
         self, prediction: Prediction, valve: ValveModel, settings: TrackerSettings
     ) -> None:
         self.prediction, self.valve, self.settings = prediction, valve, settings
-        n = prediction.order
-        noise = settings.noise
-        enters = np.append(prediction.equation_gain, np.zeros(ERRORS))
-        self._cross = noise.equation**2 * enters
-        self._q = noise.equation**2 * np.outer(enters, enters)
-        # The load's drift per scan that makes the filter average over ``offset_memory``.
-        density = (
-            noise.equation**2 / float(prediction.B.sum()) ** 2
-            + (noise.measurement / prediction.scale) ** 2
-        )
         settle = settling_samples(prediction)
-        lasts = settings.level_memory if prediction.process.is_integrating else settle
-        self._load_drift = density / (settings.offset_memory * lasts) ** 2
-        self._error_memory = 1.0 - 1.0 / (20.0 * lasts)
-        self._transition = np.eye(n + ERRORS)
-        self._transition[:n, :n] = prediction.A
-        self._transition[:n, n + LOAD] = prediction.B
-        for error in (FRICTION, GAIN):
-            self._transition[n + error, n + error] = self._error_memory
-        self._r = noise.equation**2 + noise.measurement**2
+        self._covariance = SharedCovariance(prediction, settings, settle)
         self._correlations = held_correlations(prediction)
         self._settle = settle
         self._resolution = PvResolution()
@@ -92,8 +75,7 @@ class StemTracker:
 
     def _begin(self, innovations: InnovationStatistics) -> None:
         """Believe nothing yet but what is known of the noise."""
-        prediction, valve, settle = self.prediction, self.valve, self._settle
-        n = prediction.order
+        prediction, settle = self.prediction, self._settle
         self.beliefs: list[Belief] = []
         self.innovations = innovations
         self._fluctuation = RestFluctuation(settle + prediction.dead_time, max(40, 2 * settle))
@@ -102,17 +84,7 @@ class StemTracker:
         self.load_stepped = False
         self._unsettled = 0
         self._op = math.nan
-        self._innovation = 1.0
-        self._noise_now = self._scale_now = 0.0
-        self._gain = np.zeros(n + ERRORS)
-        self._covariance = np.zeros((n + ERRORS, n + ERRORS))
-        # The first PV may come from the middle of a move: the state is as uncertain as moves of
-        # the stem band's size make it.
-        reach = prediction.B * max(valve.stick_band, 1e-3)
-        for _ in range(settle):
-            self._covariance[:n, :n] += np.outer(reach, reach)
-            reach = prediction.A @ reach
-        self._forget_errors()
+        self._covariance.begin(self.valve)
 
     @property
     def ready(self) -> bool:
@@ -141,8 +113,7 @@ class StemTracker:
     @property
     def offset_variance(self) -> float:
         """Variance of the lasting PV offset that is still unknown (PV squared)."""
-        n = self.prediction.order
-        return float(self._covariance[n, n]) * self.prediction.scale**2
+        return self._covariance.load_variance * self.prediction.scale**2
 
     def drive(self, belief: Belief) -> float:
         """Return what drives the process while the stem rests where ``belief`` has it."""
@@ -203,33 +174,15 @@ class StemTracker:
             moved += outcomes
         merged, spreads = merge_alike(moved)
         self.beliefs = likely_ones(merged, self.settings)
-        self._spread_out()
+        self._covariance.carry_over(self.best, self.valve, self.innovations.colour)
         if self.best.stem in spreads:
-            self._covariance += spreads[self.best.stem]
+            self._covariance.add(spreads[self.best.stem])
         if self.best.way:
-            self._doubt_response(self.best.way)
+            self._covariance.doubt_response(self.best.way)
         self._op = op
         here = (self.best.stem, self.best.direction)
         if not self._rests or self._rests[-1][0] != here[0]:
             self._rests.append(here)
-
-    def _spread_out(self) -> None:
-        """Carry the covariance over to the next scan, by Joseph's form (right for any gain)."""
-        n = self.prediction.order
-        A, keep, errors = self._transition, self._error_memory, self._prior_errors()
-        for error, change in ((FRICTION, self.best.turn), (GAIN, self.best.way)):
-            A[:n, n + error] = self.prediction.B * change
-            A[n + LOAD, n + error] = change
-        gain = multiplied(A, self._gain)
-        if self._gain.any():
-            gain += self._scale_now * self._cross / self._innovation
-        self._covariance = carried_covariance(
-            self._covariance, A, gain, self._q, self._cross, self._scale_now, self._noise_now
-        )
-        colour = self.innovations.colour
-        drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
-        self._covariance[n + LOAD, n + LOAD] += drift
-        self._covariance[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * errors[1:, 1:]
 
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
@@ -240,34 +193,28 @@ class StemTracker:
 
     def _correct(self, pv: float) -> None:
         if not math.isfinite(pv):
-            self._gain = np.zeros_like(self._gain)
+            self._covariance.skip()
             return
-        n = self.prediction.order
-        self._scale_now = variance = max(self.innovations.variance, self._floor)
-        self._noise_now = variance * self._r
-        self._innovation = max(float(self._covariance[0, 0]), 0.0) + self._noise_now
-        self._gain = self._covariance[:, 0] / self._innovation
-        # Innovations that a model of too low an order leaves correlated count for fewer in what is
-        # learnt of lasting errors; Joseph's form allows any gain.
-        colour = self.innovations.colour
-        self._gain[n:] *= (1.0 - colour) / (1.0 + colour)
-        if self._unsettled > 0:
-            # What the load makes of PV must not be learnt as an error of fD or of the gain.
-            self._unsettled -= 1
-            self._gain[n + FRICTION] = self._gain[n + GAIN] = 0.0
-        keep = 1.0 - 1.0 / self.settings.memory
-        carried = variance * self.settings.noise.equation**2 / self._innovation
+        n, settings = self.prediction.order, self.settings
+        variance = max(self.innovations.variance, self._floor)
+        # What the load makes of PV must not be learnt as an error of fD or of the gain.
+        unsettled = self._unsettled > 0
+        self._unsettled = max(0, self._unsettled - 1)
+        gain = self._covariance.gain(variance, self.innovations.colour, load_only=unsettled)
+        innovation = self._covariance.innovation
+        keep = 1.0 - 1.0 / settings.memory
+        carried = variance * settings.noise.equation**2 / innovation
         surprises = {}
         for h in self.beliefs:
             surprise = pv - float(h.state[0])
             surprises[id(h)] = surprise
-            h.state = h.state + self._gain[:n] * surprise
-            h.errors = h.errors + self._gain[n:] * surprise
+            h.state = h.state + gain[:n] * surprise
+            h.errors = h.errors + gain[n:] * surprise
             h.noise = carried * surprise
             self._keep_believable(h)
             # Heavy tails: one wild sample must not decide between two positions.
-            h.see(-0.5 * min(surprise**2 / self._innovation, 9.0), keep)
-        self.beliefs = likely_ones(self.beliefs, self.settings)
+            h.see(-0.5 * min(surprise**2 / innovation, 9.0), keep)
+        self.beliefs = likely_ones(self.beliefs, settings)
         self._watch(surprises[id(self.best)])
 
     @property
@@ -277,52 +224,24 @@ class StemTracker:
 
     def _watch(self, surprise: float) -> None:
         """Follow the noise; learn afresh when innovations keep one sign too long."""
-        n, seen = self.prediction.order, self.innovations
-        seen.push(surprise, self._innovation, self._floor)
+        seen, innovation = self.innovations, self._covariance.innovation
+        seen.push(surprise, innovation, self._floor)
         if seen.is_learning:  # what was learnt before the noise was known is not worth much
-            self._forget_errors()
+            self._covariance.forget_errors(self.valve)
             for h in self.beliefs:
                 h.errors[FRICTION] = h.errors[GAIN] = 0.0
             seen.restart_trend()
-        normal = surprise / math.sqrt(max(self._innovation, 1e-300))
+        normal = surprise / math.sqrt(max(innovation, 1e-300))
         since = self._load_steps.push(normal, is_biased=seen.is_biased)
         self.load_stepped = since > 0
         if since:
-            self._expect_load(since)
+            size = self._load_steps.settings.size * max(self.valve.static_friction, 1e-3)
+            self._covariance.expect_load(since, size)
             self._unsettled = self.prediction.dead_time + self._settle
         if seen.is_biased:
             seen.restart_trend(colour=0.5)
             self._recall()
-            self._covariance[n, n] += 4.0 * self.held_variance / self.prediction.scale**2
-
-    def _doubt_response(self, way: float) -> None:
-        """Widen the belief of the state for a response that comes a little early or late."""
-        n = self.prediction.order
-        pulse = self.settings.delay_spread * way * self.prediction.B
-        self._covariance[:n, :n] += np.outer(pulse, pulse)
-
-    def _expect_load(self, scans: int) -> None:
-        """Widen the belief for a load step that came ``scans`` ago."""
-        n = self.prediction.order
-        signature = np.zeros(n + ERRORS)
-        signature[:n], signature[n + LOAD] = load_signature(self.prediction, scans), 1.0
-        size = self._load_steps.settings.size * max(self.valve.static_friction, 1e-3)
-        self._covariance += size**2 * np.outer(signature, signature)
-
-    def _prior_errors(self) -> Array:
-        """Return the covariance that the settings give the errors ``(m, w, g)``."""
-        prior = np.zeros((ERRORS, ERRORS))
-        prior[LOAD, LOAD] = (0.5 * self.valve.static_friction + 1e-3) ** 2
-        prior[FRICTION:, FRICTION:] = self.settings.friction.error_covariance(
-            self.valve, self.settings.gain_spread
-        )
-        return prior
-
-    def _forget_errors(self) -> None:
-        """Go back to what the settings say of the errors' size."""
-        n = self.prediction.order
-        self._covariance[n:, :] = self._covariance[:, n:] = 0.0
-        self._covariance[n:, n:] = self._prior_errors()
+            self._covariance.doubt_load(4.0 * self.held_variance / self.prediction.scale**2)
 
     def _keep_believable(self, h: Belief) -> None:
         """Limit the errors of fD and of the gain to plausible values."""

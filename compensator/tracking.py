@@ -1,9 +1,13 @@
-"""Which kind of noise the loop has: one tracker for each kind, of which the likelier one counts.
+"""Which noise and which friction the loop has: a tracker for each, of which the likeliest counts.
 
 Noise that passes through the process (equation noise, as in (7)) is carried on in the prediction;
 white noise of the measurement is not. A filter made for the one chases the other or lags behind
 it, and no block says which it is. So a `StemTracker` runs for each of a few `NoiseModel`s, each
 scales its noise itself, and the densities they gave to the PV that came decide between them.
+
+The same is asked of the friction. A valve that sticks a quarter more than its block says misses
+moves that are sure to slip, and one tracker explains each miss by load, by gain, by fD: it never
+learns from all of them together. A tracker that has had the larger friction from the start does.
 """
 
 from __future__ import annotations
@@ -25,8 +29,16 @@ NOISE_KINDS = (
 model of too low an order). The filter's ``disturbance`` is set by `TrackerSettings.offset_memory`.
 """
 
+FRICTIONS = (1.0, 1.3, 0.75)
+"""Factors of the model's friction: a tracker covers some 15 % to either side of its own
+(`FrictionPrior.spread`), and what is beyond 1.7 the record before tells
+(`RecordCheckSettings.larger`).
+"""
+
 _MEMORY = 120.0
 _LEAD = 4.0
+_CLAIM = 6.0
+"""Log-odds against another friction than the block's: one in four hundred."""
 _LEARNING = 60
 """Scans in which a tracker still learns how much noise there is: what it expects counts nothing."""
 
@@ -37,7 +49,7 @@ def noise_kinds(prediction: Prediction) -> tuple[NoiseModel, ...]:
 
 
 class TrackerBank:
-    """One tracker a noise model; `chosen` is the one to believe.
+    """One tracker a noise model and friction; `chosen` is the one to believe.
 
     Args:
         prediction: the process with its disturbance at the input.
@@ -52,11 +64,16 @@ class TrackerBank:
         valve: ValveModel,
         settings: TrackerSettings,
         noises: tuple[NoiseModel, ...],
+        frictions: tuple[float, ...] = FRICTIONS,
     ) -> None:
+        self._frictions = [factor for factor in frictions for _ in noises]
         self._trackers = [
-            StemTracker(prediction, valve, replace(settings, noise=noise)) for noise in noises
+            StemTracker(prediction, _scaled(valve, factor), replace(settings, noise=noise))
+            for factor in frictions
+            for noise in noises
         ]
-        self._scores = [0.0] * len(noises)
+        self._scores = [0.0] * len(self._trackers)
+        self._claims = [0.0 if factor == 1.0 else _CLAIM for factor in self._frictions]
         self._chosen = 0
         self._count = 0
 
@@ -72,8 +89,8 @@ class TrackerBank:
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters."""
-        for tracker in self._trackers:
-            tracker.valve = valve
+        for tracker, factor in zip(self._trackers, self._frictions, strict=True):
+            tracker.valve = _scaled(valve, factor)
 
     def observe(self, pv: float, op: float) -> None:
         """Take in one scan; see `StemTracker.observe`."""
@@ -84,6 +101,17 @@ class TrackerBank:
         self._count += 1
         if self._count <= _LEARNING:
             self._scores = [0.0] * len(self._trackers)
-        best = max(range(len(self._scores)), key=self._scores.__getitem__)
-        if self._scores[best] > self._scores[self._chosen] + _LEAD:
+        # Where a model of too low an order leaves innovations correlated, each tells less.
+        colour = self.chosen.innovations.colour
+        worth = (1.0 - colour) / (1.0 + colour)
+        scores = [
+            worth * score - claim for score, claim in zip(self._scores, self._claims, strict=True)
+        ]
+        best = max(range(len(scores)), key=scores.__getitem__)
+        if scores[best] > scores[self._chosen] + _LEAD:
             self._chosen = best
+
+
+def _scaled(valve: ValveModel, factor: float) -> ValveModel:
+    """Return a valve with ``factor`` times the friction."""
+    return ValveModel(factor * valve.stick_band, factor * valve.slip_jump)

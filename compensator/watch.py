@@ -5,7 +5,7 @@ Four questions, from the quickest to the slowest:
 * does PV run away: is the error far beyond all that was known, or OP at a limit with PV leaving,
   for longer than the dead time explains (`RunAway`)?
 * does it overshoot a set-point step by as much as the step, or grow from cycle to cycle?
-* is PV worse **and** the stem's travel more than before, over one and a half periods?
+* is PV worse **and** the stem's travel more than before (`HarmWatch`)?
 * is PV worse, or travel over its budget, over periods enough for the figures to be fair?
 
 Nothing that noise with the stem held explains is held against the compensator; nor is a set-point
@@ -21,6 +21,7 @@ from enum import Enum
 
 from compensator.cycles import GrowingCycles
 from compensator.figures import LoopFigures
+from compensator.harm import HarmWatch
 from compensator.watch_settings import WatchSettings
 
 __all__ = ["LoopWatch", "RunAway", "WatchVerdict", "Watched"]
@@ -143,6 +144,8 @@ class LoopWatch:
         # The peaks of a cycle count once they are larger than before, and than such a step.
         peaks = max(before.mean_square, 0.5 * step**2)
         self._cycles = GrowingCycles(peaks, self.settings.cycles)
+        square = max(before.mean_square, self._finest)
+        self._harm = HarmWatch(square, before.travel, stroke, self.settings.harm)
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
@@ -183,6 +186,12 @@ class LoopWatch:
             return WatchVerdict.LEFT_RANGE
         if self._overshoots(seen.error, noise):
             return WatchVerdict.GROWING
+        unexplained = max(0.0, abs(seen.error) - expected)
+        unasked = max(0.0, seen.travel - self._asked)
+        if not seen.limited and self._harm.push(
+            unexplained, unasked, self.settings.quiet * self._quietest
+        ):
+            return WatchVerdict.HUNTING
         if self._still_settling(seen.error) or seen.limited:
             return WatchVerdict.FINE
         self._squares.append(seen.error**2)
@@ -223,8 +232,6 @@ class LoopWatch:
         if len(self._squares) < self._quick:
             return WatchVerdict.FINE
         square, travel = self._means(self._quick)
-        if square > s.both[0] * known and travel > s.both[1] * usual + allowance:
-            return WatchVerdict.HUNTING
         if travel > 3.0 * s.travel_budget * usual + 6.0 * self._stroke / self._quick:
             return WatchVerdict.TRAVEL
         if len(self._squares) < self._short:

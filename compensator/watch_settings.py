@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from compensator.action import CompensatorError, require_not_negative, require_positive
 from compensator.cycles import CycleSettings
+from compensator.harm import HarmSettings
 
 __all__ = ["WatchSettings"]
 
@@ -27,8 +28,7 @@ class WatchSettings:
         hunting: factor of the stem's travel that is too much while PV is no better than
             ``hunting_share`` of its mean square before.
         hunting_share: see ``hunting``.
-        both: factors of PV's mean square error and of travel that together are too much over
-            the quick window.
+        harm: what is too much of both, PV's deviation and travel.
         pv_trip: multiple of the largest error known beyond which PV must return at once.
         trip_scans: scans beside the dead time that PV may be beyond it: an error that grows for so
             long is none that the last move has yet to answer.
@@ -48,7 +48,7 @@ class WatchSettings:
     travel_budget: float = 2.0
     hunting: float = 1.5
     hunting_share: float = 0.8
-    both: tuple[float, float] = (1.21, 2.0)
+    harm: HarmSettings = field(default_factory=HarmSettings)
     pv_trip: float = 3.0
     trip_scans: int = 8
     limit_trip: float = 1.5

@@ -149,10 +149,13 @@ def test_a_ramp_is_expected_to_go_on_for_as_long_as_it_has_lasted() -> None:
     for k in range(3, 11):
         trend.push(0.1 * k)
     assert trend.ahead(points) == pytest.approx([0.1, 0.5, 1.0])
+    assert not trend.turns
     trend.push(1.0)  # it stays
     assert not trend.ahead(points).any()
+    assert trend.turns
     trend.push(9.0)  # a step is no ramp
     assert not trend.ahead(points).any()
+    assert not trend.turns
 
 
 def test_op_stays_until_a_slow_stem_has_arrived() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from compensator import Prediction
+from compensator import HybridSettings, Prediction
 from compensator.move_kernels import best_on_polygon
 from compensator.moves import LeastMoves, MovePlan, MovePlanner
 from fieldlink.lab.study.closed_loop import EXAMPLE_1
@@ -61,7 +61,7 @@ def solve(
 def test_no_plan_of_a_fine_lattice_is_better(
     process: ProcessModel, smallest: float, sp: float
 ) -> None:
-    planner = MovePlanner(Prediction.of(process, "input"), horizon=14)
+    planner = MovePlanner(Prediction.of(process, "input"), HybridSettings(horizon=14))
     prices = {"move_cost": 0.05, "travel_cost": 0.02}
     plan = solve(planner, process, 0.0, sp, low=-3.0, high=3.0, smallest=smallest, **prices)
     sizes = np.arange(-6.0, 6.01, 0.25)

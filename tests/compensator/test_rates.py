@@ -19,7 +19,7 @@ REST = EXAMPLE_1.process.gain * 50.0
 def test_no_sequence_of_op_does_better_with_two_moves(sp: float) -> None:
     """All OP sequences of a lattice over a horizon of six samples, through He's valve itself."""
     valve = ValveModel.from_friction(2.0, 1.0)
-    planner = MovePlanner(Prediction.of(LAG, "input"), horizon=6)
+    planner = MovePlanner(Prediction.of(LAG, "input"), HybridSettings(horizon=6))
     move_cost, travel_cost = 0.3, 0.05
     error = np.full(planner.points.size, -sp)
     plan = planner.plan(
@@ -49,7 +49,7 @@ def test_no_sequence_of_op_does_better_with_two_moves(sp: float) -> None:
 
 @pytest.mark.parametrize("sp", [-4.0, 2.0, 6.0])
 def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
-    planner = MovePlanner(Prediction.of(LAG, "input"), horizon=14)
+    planner = MovePlanner(Prediction.of(LAG, "input"), HybridSettings(horizon=14))
     ramp = Ramp(up=2, down=3, same=2, opposite=4, largest=2.5)
     error = np.full(planner.points.size, -sp)
     plan = planner.plan(error, (-8.0, 8.0), LeastMoves.alike(1.0), 0.1, 0.02, ramp)

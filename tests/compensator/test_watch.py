@@ -9,6 +9,7 @@ from compensator import (
     LoopFigures,
 )
 from compensator.figures import oscillation_period
+from compensator.harm import HarmWatch
 from compensator.watch import LoopWatch, Watched, WatchVerdict
 
 
@@ -137,3 +138,22 @@ def test_a_valve_at_rest_is_given_more_room() -> None:
         assert watch.push(Watched(error, 0.0, 0.2)) is WatchVerdict.FINE
     errors = [3.5 * math.sin(2.0 * math.pi * k / 40.0) for k in range(260)]
     assert any(watch.push(Watched(e, 0.0, 0.2)) is WatchVerdict.WORSE for e in errors)
+
+
+@pytest.mark.parametrize(
+    ("error", "way", "harmed"), [(1.2, 0.25, True), (0.9, 0.25, False), (1.2, 0.15, False)]
+)
+def test_only_more_deviation_and_more_travel_together_are_harm(
+    error: float, way: float, harmed: bool
+) -> None:
+    watch = HarmWatch(mean_square=1.0, travel=0.1, stroke=5.0)
+    verdicts = [watch.push(error, way, quiet=0.0) for _ in range(300)]
+    assert any(verdicts) is harmed
+    if harmed:
+        assert verdicts.index(True) < 120
+
+
+def test_a_loop_that_was_at_rest_may_make_a_correction() -> None:
+    watch = HarmWatch(mean_square=0.01, travel=0.0, stroke=5.0)
+    ways = [5.0 if k in (10, 14) else 0.0 for k in range(300)]
+    assert not any(watch.push(1.0, way, quiet=0.0) for way in ways)

@@ -1,0 +1,35 @@
+"""What the trackers make of a valve whose friction is not that of its block."""
+
+import math
+
+import numpy as np
+import pytest
+
+from compensator.prediction import Prediction
+from compensator.tracker_settings import TrackerSettings
+from compensator.tracking import NOISE_KINDS, TrackerBank
+from loop_model import ProcessModel, ValveModel
+
+POLE = math.exp(-1.0 / 9.0)
+PROCESS = ProcessModel((-POLE,), (1.3 * (1.0 - POLE),), 3, 0.0, 1.0)
+TOLD = ValveModel(6.0, 2.0)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.3, 0.75])
+def test_the_friction_that_a_record_shows_is_believed(factor: float) -> None:
+    valve = ValveModel(factor * TOLD.stick_band, factor * TOLD.slip_jump)
+    bank = TrackerBank(
+        Prediction.of(PROCESS, "input"), TOLD, TrackerSettings(NOISE_KINDS[0]), NOISE_KINDS
+    )
+    noise = np.random.default_rng(3).normal(0.0, 0.1, 600)
+    stem, pv = 0.0, 0.0
+    late = [0.0] * (PROCESS.dead_time - 1)
+    # A controller's integral sends OP to and fro beyond the stick band.
+    for k in range(600):
+        op = 6.5 * (abs((k % 120) - 60) / 30.0 - 1.0)
+        stem = valve.step(stem, op)
+        late.append(stem)
+        pv = POLE * pv + PROCESS.b[0] * late.pop(0)
+        bank.observe(pv + noise[k], op)
+    believed = bank.chosen.valve.static_friction
+    assert believed == pytest.approx(valve.static_friction, rel=0.1)
