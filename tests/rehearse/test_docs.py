@@ -21,14 +21,9 @@ def expected_scenarios() -> str:
     return "| scenario | what happens | turned red by |\n| --- | --- | --- |\n" + "".join(rows)
 
 
-def expected_defects() -> str:
-    rows = "".join(f"| `{defect}` | {defect.text} |\n" for defect in Defect)
-    return f"| defect | what it does |\n| --- | --- |\n{rows}"
-
-
 def test_every_scenario_and_defect_is_listed() -> None:
     assert expected_scenarios() in PAGE
-    assert expected_defects() in PAGE
+    assert all(f"`{defect}`" in PAGE for defect in Defect)
 
 
 def test_the_events_fit_the_scenario_of_the_tutorial(tmp_path: Path) -> None:
