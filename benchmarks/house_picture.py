@@ -39,7 +39,7 @@ WALKS: Mapping[str, Sequence[tuple[str, str]]] = {
         ("fieldlink.links.modbus", "ModbusLink"),
         ("fieldlink.links.plan_reader", "PlanReader"),
         ("fieldlink.registers.decoder", "BlockDecoder"),
-        ("fieldlink.daemon.sampling.slot_placing", "CounterPlacer"),
+        ("fieldlink.daemon.loop", "LoopRunner"),
         ("fieldlink.daemon.windows.window", "Window"),
         ("fieldlink.daemon.estimation.pool", "EstimatorPool"),
         ("estimator.identify", "identify"),

@@ -70,7 +70,7 @@ def _example(example: LoopModel, noise: float, seed: int) -> tuple[np.ndarray, n
 def test_examples_of_the_paper(example: LoopModel, noise: float) -> None:
     # (15) and (18) under the unaware MPC, windows that begin in mid-cycle
     errors = []
-    for seed in range(3):
+    for seed in range(20):
         result = identify(*_example(example, noise, seed))
         assert result.verdict is Verdict.STICTION
         errors.append(

@@ -24,6 +24,7 @@ from fieldlink.store import (
     read_events,
     read_samples,
 )
+from fieldlink.store.schema import SCHEMA_VERSION
 from fieldlink.web.access import Access
 from fieldlink.web.app import make_store_app
 from fieldlink.web.metrics import render_metrics
@@ -148,7 +149,7 @@ def test_a_store_of_schema_3_is_read_and_brought_up_without_a_loss(older: Path) 
     )
     assert historian.stop().dropped == 0
     with closing(sqlite3.connect(older)) as connection:
-        assert connection.execute("SELECT value FROM meta").fetchall() == [("4",)]
+        assert connection.execute("SELECT value FROM meta").fetchall() == [(str(SCHEMA_VERSION),)]
     after = {name: len(read(url)) for name, read in READERS.items()}
     assert after == before | {"events": before["events"] + 1}
     with FleetReader(url) as store:

@@ -132,9 +132,9 @@ def test_a_loop_shows_why_what_was_written_and_that_the_swing_is_gone(
     page.goto(site.address)
     row(page, "FC101").locator("a").press("Enter")
     page.wait_for_url("**/loops/FC101")
-    assert "sticky" in text_of(page, "[data-part=now]")
+    expect(page.locator("[data-part=now]")).to_contain_text("sticky", timeout=PATIENCE_MS)
     assert "sticky valve" in text_of(page, "[data-part=why]")
-    expect(page.locator("[data-part=written]")).to_contain_text("accepted")
+    expect(page.locator("[data-part=written]")).to_contain_text("accepted", timeout=PATIENCE_MS)
     for chart in ("#trend-op canvas", "#trend-pv canvas", "#course canvas", "#phase"):
         expect(page.locator(chart).first).to_be_visible()
     before = text_of(page, "#trend-values")

@@ -17,8 +17,9 @@ MOST = 5000
 SETTLE = 100
 """Samples after the take-over that are the way to the new state and not the state itself."""
 
-LEAST = 50
-"""Samples of each side that a standard deviation needs."""
+LEAST, SHARE = 50, 3
+"""Samples of each side that a standard deviation needs, and that part of a window: a window holds
+several swings, and less than one of them tells no deviation."""
 
 BLOCKS = 200
 """Blocks looked back for the one with which the compensator took over."""
@@ -51,7 +52,7 @@ def before_and_after(queries: StoreQueries, loop: str, window: int) -> dict[str,
     after = queries.samples(loop, at, 2**62, 2 * most + SETTLE)[SETTLE:][-most:]
     before = queries.samples(loop, 0, at, most)
     length = min(len(before), len(after))
-    if length < LEAST:
+    if length < max(LEAST, most // SHARE):
         return None
     one, other = _figures(before[-length:]), _figures(after[-length:])
     return {
