@@ -14,7 +14,7 @@ from compiled import kernel
 from estimator.arrays import Array, Index
 from estimator.lanes import respond, whiten_lanes
 
-__all__ = ["NOTHING", "Judged", "costs_of_stems", "energies_at", "paired_costs"]
+__all__ = ["NOTHING", "Judged", "costs_of_stems", "energies_at"]
 
 _AT_ONCE = 8
 """Rows that one pass adds to a sum, one after the other: the same bits as one a pass, and an eighth
@@ -162,7 +162,7 @@ def energies_at(responses: Array, weight: Array, first: int, delays: Index) -> A
 
 
 @kernel
-def paired_costs(
+def _paired_costs(
     responses: Array,
     weight: Array,
     signals: Array,
@@ -235,4 +235,4 @@ def costs_of_stems(
     taps, weight, signals, rest, first, sign = judged
     responses = respond(stems, processes[0], processes[1], processes[2], processes[3])
     white = whiten_lanes(responses, taps) if taps.size > 0 else responses
-    return paired_costs(white, weight, signals, rest, first, shortest, count, stride, sign)
+    return _paired_costs(white, weight, signals, rest, first, shortest, count, stride, sign)

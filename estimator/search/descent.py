@@ -266,7 +266,6 @@ def refine_valve(
 _SWEPT_JUMPS = np.linspace(0.0, 1.0, 17)
 _SWEPT_BANDS = np.linspace(-0.06, 0.06, 13)
 """Slip jumps over S, and steps in log S, of the sweep."""
-_SWEPT_BLOCK = 17
 _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 """Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
 
@@ -283,14 +282,14 @@ def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
     friction = 0.5 * (valve[0] + valve[1])
     design = case.design(start.nuisances, start.taps, start.stem, start.poles, start.dead_time)
     row = np.array([[start.poles.slow, start.poles.fast, start.poles.third]])
-    processes = np.repeat(coefficients(start.poles.shape, row), _SWEPT_BLOCK, axis=1)
+    processes = np.repeat(coefficients(start.poles.shape, row), _SWEPT_JUMPS.size, axis=1)
     shortest = max(0, start.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     tables, costs = [], []
     for log_band in _SWEPT_BANDS:
         # the first slip stays where it is, upwards or downwards
         for side in (-1.0, 0.0, 1.0):
-            steps = np.zeros((_SWEPT_BLOCK, 3))
+            steps = np.zeros((_SWEPT_JUMPS.size, 3))
             steps[:, 0] = log_band
             steps[:, 1] = _SWEPT_JUMPS - ratio
             table = moved_valves(valve, steps)
