@@ -44,6 +44,11 @@ class TrackerSettings:
         fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
             variance of some ten independent values is known to a factor of two.
         innovations: what PV's innovations tell of the noise.
+        frictions: factors of the model's friction, the model's own first, of which each has a
+            tracker in a `TrackerBank`: a tracker covers some 15 % to either side of its own
+            (`FrictionPrior.spread`), and what is beyond 1.7 the record before tells
+            (`RecordCheckSettings.larger`).
+        claim: log-odds against another friction than the model's: one in four hundred.
     """
 
     noise: NoiseModel
@@ -60,10 +65,15 @@ class TrackerSettings:
     recalled: float = 3.5
     fluctuation_margin: float = 2.0
     innovations: InnovationSettings = field(default_factory=InnovationSettings)
+    frictions: tuple[float, ...] = (1.0, 1.3, 0.75)
+    claim: float = 6.0
 
     def __post_init__(self) -> None:
         require_not_negative(
-            "TrackerSettings", gain_spread=self.gain_spread, delay_spread=self.delay_spread
+            "TrackerSettings",
+            gain_spread=self.gain_spread,
+            delay_spread=self.delay_spread,
+            claim=self.claim,
         )
         require_positive(
             "TrackerSettings",
@@ -80,6 +90,11 @@ class TrackerSettings:
         if not self.first or not all(-1.0 < share < 1.0 for share in self.first):
             raise CompensatorError(
                 f"TrackerSettings: first are shares between -1 and 1; got {self.first!r}"
+            )
+        if self.frictions[:1] != (1.0,) or not all(factor > 0.0 for factor in self.frictions):
+            raise CompensatorError(
+                "TrackerSettings: frictions are factors above 0, the first of them 1; got "
+                f"{self.frictions!r}"
             )
         require_whole(
             "TrackerSettings", 1, hypotheses=self.hypotheses, level_memory=self.level_memory

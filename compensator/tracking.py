@@ -29,16 +29,8 @@ NOISE_KINDS = (
 model of too low an order). The filter's ``disturbance`` is set by `TrackerSettings.offset_memory`.
 """
 
-FRICTIONS = (1.0, 1.3, 0.75)
-"""Factors of the model's friction: a tracker covers some 15 % to either side of its own
-(`FrictionPrior.spread`), and what is beyond 1.7 the record before tells
-(`RecordCheckSettings.larger`).
-"""
-
 _MEMORY = 120.0
 _LEAD = 4.0
-_CLAIM = 6.0
-"""Log-odds against another friction than the block's: one in four hundred."""
 _LEARNING = 60
 """Scans in which a tracker still learns how much noise there is: what it expects counts nothing."""
 
@@ -64,16 +56,15 @@ class TrackerBank:
         valve: ValveModel,
         settings: TrackerSettings,
         noises: tuple[NoiseModel, ...],
-        frictions: tuple[float, ...] = FRICTIONS,
     ) -> None:
-        self._frictions = [factor for factor in frictions for _ in noises]
+        self._frictions = [factor for factor in settings.frictions for _ in noises]
         self._trackers = [
             StemTracker(prediction, _scaled(valve, factor), replace(settings, noise=noise))
-            for factor in frictions
+            for factor in settings.frictions
             for noise in noises
         ]
         self._scores = [0.0] * len(self._trackers)
-        self._claims = [0.0 if factor == 1.0 else _CLAIM for factor in self._frictions]
+        self._claims = [0.0 if factor == 1.0 else settings.claim for factor in self._frictions]
         self._chosen = 0
         self._count = 0
 

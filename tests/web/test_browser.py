@@ -44,7 +44,7 @@ def store_page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     try:
         yield program.line().split()[-1].rstrip("/")
     finally:
-        # Trends of its forty sticky loops are still being computed: an end is no failure of theirs.
+        # Trends of its sticky loops are still computed: that the server ends is not their failure.
         assert "course_failed" not in program.end()
 
 
