@@ -244,7 +244,7 @@ def _unsure(loops: Sequence[dict[str, Any]]) -> str:
 
 
 def pairs(loops: Sequence[dict[str, Any]]) -> str:
-    """Whether one of two causes comes first, and both are named."""
+    """Count loops with two causes: those where one of them comes first, and both are named."""
     rows = []
     for kind in PAIRS:
         mine = [one for one in loops if one["causes"] == kind]

@@ -23,7 +23,7 @@ _SHORTEST = 0.02
 class Schedule:
     """Periodic jobs in the running event loop.
 
-    An error that a job lets out ends up in ``failed``, a future to be awaited beside all else.
+    An error that a job raises is set on ``failed``, a future to await beside everything else.
     """
 
     def __init__(self) -> None:

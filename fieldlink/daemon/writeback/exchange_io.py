@@ -75,7 +75,7 @@ class ControlWords:
 
     @property
     def inactive_bank(self) -> Bank:
-        """The bank whose content nobody uses: where the next block goes.
+        """The bank that is not in use: where the next block goes.
 
         It is the one that the PLC does not name as active; before the PLC has accepted anything,
         the one that the commit word does not name.
@@ -150,8 +150,8 @@ class Exchange:
         if found.filler is not None:
             raise NoAreaError(
                 self._device,
-                f"all words of the exchange area read {found.filler}, as no PLC's program has them",
-                "nothing is written meanwhile; look whether a gateway has lost its PLC",
+                f"all words of the exchange area read {found.filler}, which no PLC program gives",
+                "nothing is written meanwhile; check whether a gateway has lost its PLC",
             )
         return found
 
