@@ -113,9 +113,14 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for device in found["devices"]:
         own = f"device {device['name']}: "
         reason = f"; {device['reason'].removeprefix(own)}" if device["reason"] else ""
+        # The store keeps no counts of requests: only a running daemon has them.
+        counts = (
+            ""
+            if device["requests"] is None
+            else (f"{device['requests']} requests, {device['exceptions']} failures, ")
+        )
         lines.append(
-            f"{own}{device['state']}, {device['requests']} requests, "
-            f"{device['exceptions']} failures, {device['late']} late, "
+            f"{own}{device['state']}, {counts}{device['late']} late, "
             f"{device['missed']} missed{reason}"
         )
     for loop in found["loops"]:

@@ -50,7 +50,7 @@ class Schedule:
             self._scheduler.modify_job(name, next_run_time=due)
 
     def remove(self, name: str) -> None:
-        """Run a job no more; one that does not exist is no error."""
+        """Stop running a job; one that does not exist is not an error."""
         if self._scheduler.get_job(name) is not None:
             self._scheduler.remove_job(name)
 

@@ -33,7 +33,7 @@ _OPTIONAL = frozenset({"ack_refusal", "writer"})
 
 
 class NoAreaError(LinkError):
-    """What was read is no exchange area: nothing may be concluded from it, nothing written."""
+    """What was read is not an exchange area: conclude nothing from it, write nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class ControlWords:
         if self.ack_seq == 0:
             return ""
         if self.active_bank not in (Bank.A, Bank.B):
-            return f"active_bank is {self.active_bank}, which is no bank"
+            return f"active_bank is {self.active_bank}, which is not a bank"
         if self.ack_result != ACCEPTED or self.ack_commit != self.commit:
             return ""
         said = commit_word(Bank(self.active_bank), self.ack_seq)
