@@ -15,7 +15,7 @@ MOST_KINDS = 100
 
 
 class OnceAMinute:
-    """Decides which messages are told."""
+    """Limits the messages of a kind to one a minute."""
 
     def __init__(self) -> None:
         self._told: dict[Hashable, tuple[float, int]] = {}
