@@ -125,9 +125,11 @@ def _lines(found: dict[str, Any]) -> list[str]:
         )
     for loop in found["loops"]:
         block = loop["block"]
+        # A run in lockstep stores no counts of samples.
+        samples = f"{loop['read']} of {loop['expected']} samples, {loop['missed']} missed; "
         lines.append(
-            f"loop {loop['name']}: {loop['read']} of {loop['expected']} samples, "
-            f"{loop['missed']} missed; {loop['verdict'] or 'no estimate yet'}"
+            f"loop {loop['name']}: {samples if loop['expected'] else ''}"
+            f"{loop['verdict'] or 'no estimate yet'}"
             + ("" if loop["stick_band"] is None else f", S = {loop['stick_band']:.4g}")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )
