@@ -205,7 +205,7 @@ class CompensateService:
         return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
 
     def _must_keep(self) -> bool:
-        """Whether the memory has to be written now: a model was given up, or it is old and has changed.
+        """Whether the memory has to be written now: a model was given up, or it is old.
 
         Under the PLC's own controller the figures change a little with every scan.
         """
