@@ -62,8 +62,8 @@ class Admission:
             )
 
     def require_right_sign(self, model: LoopModel, seen: Sequence[Sample]) -> None:
-        """Raise `CompensatorError` if what the loop did, or did before a restart, contradicts the
-        sign of the model's gain.
+        """Raise `CompensatorError` if the record of the loop, also one from before a restart,
+        contradicts the sign of the model's gain.
         """
         sign = 1 if sum(model.process.b) > 0.0 else -1
         agrees = seen_agreement(

@@ -91,7 +91,7 @@ class GivenUpModels:
             ]
 
     def find(self, model: LoopModel) -> GivenUp | None:
-        """Return what was given up and is the same as ``model``; None if it is new."""
+        """Return the given-up model that counts as the same as ``model``; None if none does."""
         return next((known for known in self._known if self._alike(known, model)), None)
 
     def _alike(self, known: GivenUp, model: LoopModel) -> bool:

@@ -1,4 +1,4 @@
-"""Does what the loop did contradict a model? Asked once, before the model gets the loop.
+"""Whether the record of a loop contradicts a model; checked before the model gets the loop.
 
 A model of the wrong sign drives PV away, and the watch notices that only afterwards. But the record
 of the loop under its own controller holds the answer already: the stem that the valve model makes
@@ -31,27 +31,28 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class RecordCheckSettings:
-    """Settings of `seen_agreement`.
+    """Settings of `seen_agreement` and `seen_friction`.
 
     Attributes:
-        clear: size of a correlation that tells the sign. With the right sign none of 700 records of
-            the tuning family was below -0.4.
-        shares: of the friction that are tried: valves that are not of He's kind slip at less than
-            the stick band that describes them.
-        slips: of the stem that the record must hold at least.
-        shortest: samples of the record at least.
-        own_shortest: the same of a record under the compensator, whose moves are larger and on
-            purpose; farther: factor of the largest error known from which it is looked at; every:
-            how many scans.
-        larger: factors of the friction that the record is asked about. What is nearer to 1 the
-            belief about the friction covers (`FrictionPrior.farthest`); fewer frictions are not
-            asked about, because a valve that is not of He's kind looks like one of less friction.
-        first: positions of the stem that are tried at first, from OP, as shares of the static
-            friction: a limit cycle that fills just the band never moves a stem that begins in its
-            middle.
-        plainer: share of PV's variance left unexplained, over that with the model's own friction,
-            from which a larger one counts. On 70 records of the tuning family none of 210 models
-            with the right friction, or more, was told one.
+        clear: absolute correlation of the model's answer with PV from which the sign counts as
+            known. With the right sign none of 700 records of the tuning family was below -0.4.
+        shares: factors of the friction, each of which is tried: valves that do not follow He's
+            model slip before OP has gone their whole stick band.
+        slips: least number of slips of the stem in the record.
+        shortest: least number of samples of the record.
+        own_shortest: the same for a record under the compensator, whose moves are larger and made
+            on purpose.
+        farther: such a record is checked when the control error exceeds this factor of the largest
+            one before compensation.
+        every: scans from one such check to the next.
+        larger: larger frictions that are tried, as factors of the model's. Factors nearer to 1 are
+            covered by the prior (`FrictionPrior.farthest`). Smaller frictions are not tried: a
+            valve that does not follow He's model looks like one of less friction.
+        first: first positions of the stem that are tried, from OP, in units of the static friction:
+            in a limit cycle no wider than the band a stem that begins in its middle never moves.
+        plainer: a larger friction counts if it leaves at most this share of the variance of PV that
+            the model's own friction leaves unexplained. On 70 records of the tuning family none of
+            210 models with the right friction, or a larger one, was changed.
     """
 
     clear: float = 0.6

@@ -83,13 +83,14 @@ class SharedCovariance:
         return float(self._values[n, n])
 
     def gain(self, variance: float, colour: float, *, load_only: bool) -> Array:
-        """Return what a surprise of PV by one changes, shape ``(n + ERRORS,)``.
+        """Return the filter's gain: the correction of each state for an innovation of PV of one,
+        shape ``(n + ERRORS,)``.
 
         Args:
             variance: of the noise, in units of the noise's ratios.
-            colour: correlation of successive innovations. Those that a model of too low an order
-                leaves count for fewer in what is learnt of lasting errors.
-            load_only: whether neither the error of fD nor that of the gain is to be learnt.
+            colour: correlation of successive innovations. Correlated ones, which a model of too low
+                an order leaves, correct the lasting errors less.
+            load_only: whether the errors of fD and of the gain stay as they are.
         """
         n = self._prediction.order
         self._scale_now = variance

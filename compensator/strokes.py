@@ -32,8 +32,8 @@ class Strokes:
 
     @staticmethod
     def creeps(settings: HybridSettings, valve: ValveModel) -> bool:
-        """Whether OP is too slow to leap over the uncertainty of the static friction, or leaps to
-        sizes so near the least one that the stem's landing could not be chosen.
+        """Whether OP's rate limit is too low for moves of a chosen size: in one scan OP cannot
+        cross the uncertainty of the static friction, or only sizes near the least are possible.
         """
         leap = settings.edge * valve.static_friction + settings.limits.rate - valve.dynamic_friction
         least = valve.slip_jump + settings.slip_margin * valve.static_friction

@@ -159,10 +159,11 @@ def _tails(signals: Array, taps: Array, process: Array, op: Array, delays: Index
 
 @kernel
 def _moves(stems: Array, op: Array) -> tuple[Index, Index, Array]:
-    """Number of moves of each stem ``(n, L)``; rows of `_tails` of all, and their factors.
+    """Describe the moves of stems, shape ``(n, L)``, as sums of rows of `_tails`.
 
-    A slip is one row. A slide along OP is two: all that OP went until its end, less all that it
-    went before its begin.
+    Returns the number of rows for each stem, the rows of all stems one after the other, and a
+    factor for each row. A slip takes one row. A slide along OP takes two: OP's travel up to the
+    slide's end, less its travel before the slide's begin.
     """
     n, lanes = stems.shape
     counts = np.zeros(lanes, dtype=np.int64)

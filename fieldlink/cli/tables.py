@@ -10,8 +10,16 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from estimator import Identification, Interval
+    from estimator.result import Process
 
-__all__ = ["counted", "identification_table", "interval_text", "number", "verdict_text"]
+__all__ = [
+    "counted",
+    "identification_table",
+    "interval_text",
+    "number",
+    "process_text",
+    "verdict_text",
+]
 
 _COLOUR = {"stiction": "bold red", "no_stiction": "bold green", "not_assessable": "bold yellow"}
 _UNCERTAIN = "bold yellow"
@@ -57,6 +65,28 @@ def _runner_up_text(result: Identification) -> str:
     return f"{nearest.explanation}, {number(nearest.behind, 3)} nats less likely"
 
 
+def process_text(process: Process) -> str:
+    """Return the structure and its parameters with their units, without the dead time."""
+    parameters = [
+        _parameter_text(name, value)
+        for name, value in process.parameters.items()
+        if name != "dead_time"
+    ]
+    return f"{process.structure}: {', '.join(parameters)}" if parameters else process.structure
+
+
+def _parameter_text(name: str, value: float) -> str:
+    in_seconds = name == "swing_period" or name.startswith("time_constant")
+    return f"{name.replace('_', ' ')} {number(value)}" + (" s" if in_seconds else "")
+
+
+def _dead_time_text(process: Process) -> str:
+    """Return the dead time in seconds, where it is known, and in whole samples."""
+    samples = counted(process.dead_time_samples, "sample")
+    seconds = process.parameters.get("dead_time", math.nan)
+    return f"{number(seconds)} s ({samples})" if math.isfinite(seconds) else samples
+
+
 def identification_table(result: Identification) -> Table:
     """Return what was identified: valve, process, fit, and what speaks for another answer."""
     table = Table(show_header=True, header_style="bold", box=None, pad_edge=False)
@@ -66,11 +96,9 @@ def identification_table(result: Identification) -> Table:
     table.add_row("slip jump J", interval_text(result.slip_jump))
     table.add_row("static friction fS", interval_text(result.static_friction))
     table.add_row("dynamic friction fD", interval_text(result.dynamic_friction))
-    process = result.process
-    parameters = ", ".join(f"{name} {number(v)}" for name, v in process.parameters.items())
-    table.add_row("process", f"{process.structure}: {parameters}")
-    table.add_row("gain", interval_text(process.gain_interval))
-    table.add_row("dead time", counted(process.dead_time_samples, "sample"))
+    table.add_row("process", process_text(result.process))
+    table.add_row("gain", interval_text(result.process.gain_interval))
+    table.add_row("dead time", _dead_time_text(result.process))
     fit = f"{number(result.fit.r2)}; with a healthy valve {number(result.fit.r2_healthy_valve)}"
     table.add_row("share of PV explained", fit)
     if math.isfinite(result.evidence.effect):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from rich.console import Console
 
 from estimator import Identification, Verdict, identify
 from estimator.result import RunnerUp
-from fieldlink.cli.tables import identification_table, verdict_text
+from fieldlink.cli.tables import identification_table, process_text, verdict_text
 from fieldlink.pictures import identification_figure
 
 OP, PV = np.full(80, 40.0), np.linspace(49.0, 51.0, 80)
@@ -44,6 +45,20 @@ def test_the_table_names_the_next_explanation_and_what_cannot_be_told(
     rows = {line[:21].strip(): line[21:].strip() for line in printed.get().splitlines()}
     assert rows["next explanation"].endswith("healthy valve, 12.3 nats less likely")
     assert rows["cannot tell"].endswith("the slip jump is vague")
+
+
+def test_process_parameters_have_units_and_the_dead_time_is_shown_once(
+    sure: Identification,
+) -> None:
+    values = MappingProxyType({"time_constant_1": 8.0, "swing_period": 90.0, "dead_time": 3.0})
+    process = replace(sure.process, structure="lag", parameters=values, dead_time_samples=1)
+    assert process_text(process) == "lag: time constant 1 8 s, swing period 90 s"
+    console = Console(width=120)
+    with console.capture() as printed:
+        console.print(identification_table(replace(sure, process=process)))
+    rows = {line[:21].strip(): line[21:].strip() for line in printed.get().splitlines()}
+    assert rows["dead time"] == "3 s (1 sample)"
+    assert process_text(identify(OP, PV).process) == "none"
 
 
 def test_the_picture_names_an_uncertain_verdict(sure: Identification) -> None:

@@ -29,7 +29,7 @@ class Phase:
         valve_travel: sum of the stem's movements per 100 cycles, units of OP.
         reversals: changes of the stem's direction per 100 cycles.
 
-    The last two are NaN where nobody saw the stem.
+    The last two are NaN where the stem is unknown.
     """
 
     start: int
@@ -75,7 +75,7 @@ def phases(truth: Truth) -> tuple[Phase, Phase | None]:
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """A parameter as it is in truth (NaN when nobody knows) and as it was identified."""
+    """The true value of a parameter (NaN where unknown) and the identified one."""
 
     true: float
     value: float

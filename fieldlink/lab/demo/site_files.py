@@ -44,7 +44,7 @@ class Scene:
     Attributes:
         folder: where its files are.
         loop: the loop's name.
-        valve: the plant's true valve; None for a recording, whose stem nobody saw.
+        valve: the plant's true valve; None for a recording, whose stem is unknown.
         recording: the replayed file, None for a simulated plant.
         window: samples of the window.
     """

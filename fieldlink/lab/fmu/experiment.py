@@ -13,7 +13,7 @@ __all__ = ["MOST_STEPS", "Steps", "choose_step", "choose_stop", "divide", "round
 MOST_STEPS = 20_000_000
 """Of a run: the table of ten columns takes 1.6 GB of memory."""
 _MOST_BY_DEFAULT = 1_000_000
-"""Steps that nobody asked for: half a minute of a fast FMU."""
+"""Steps of a run whose step was not given: half a minute of a fast FMU."""
 _DEFAULT_STEPS = 500
 """Where the FMU recommends no step: enough for a smooth picture."""
 

@@ -60,7 +60,7 @@ class _PlantLoop:
 
     @property
     def stem(self) -> float:
-        """The stem after the step; NaN where nobody knows it, or not yet."""
+        """The stem after the step; NaN where unknown, or not known yet."""
         known = self.plant.is_fresh
         return self.plant.values.get(self._signals.stem, math.nan) if known else math.nan
 

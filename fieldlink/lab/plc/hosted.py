@@ -172,7 +172,7 @@ class HostedLoop:
         return math.isnan(written) or written in self._auto_values
 
     def _operators(self, role: str) -> float:
-        """What the operator wrote, NaN where the map lets nobody write."""
+        """The value the operator wrote; NaN where the map has no such writable tag."""
         port = self._tags.get(role)
         return port.value() if port is not None and port.writable else math.nan
 

@@ -12,8 +12,8 @@ range.
     image.read(Table.HOLDING, 100, 2)        # [1, 2]
     image.read(Table.HOLDING, 101, 2)        # RequestRefusedError, exception 2
 
-Coils and discrete inputs live in words of sixteen, as in most PLCs: a bit that nobody declared in a
-word that holds a declared one reads 0.
+Coils and discrete inputs live in words of sixteen, as in most PLCs: in a word with a declared bit,
+every undeclared bit reads 0.
 """
 
 from __future__ import annotations

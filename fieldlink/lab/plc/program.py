@@ -56,7 +56,7 @@ class LoopProgram(Protocol):
 
     @property
     def stem(self) -> float:
-        """Stem position that the last step led to; NaN where nobody knows it, or not yet."""
+        """Stem position that the last step led to; NaN where unknown, or not known yet."""
         ...
 
     @property

@@ -1,9 +1,9 @@
 """What a client reads after each of many scans, without a request between them.
 
-Between two scans of a batch nobody writes, so what the registers hold after each scan follows from
-what the loops did: the truth log has it, and `read_back` rounds it as the registers do. The
-registers themselves are brought up to date once, after the last scan. Where a loop looks at its own
-registers, because an operator may write there, each scan writes and reads them all the same.
+Between two scans of a batch no client writes, so the registers follow from the truth log of the
+loops alone; `read_back` rounds its values as the registers do. The registers themselves are brought
+up to date once, after the last scan. A loop that looks at its own registers, because an operator
+may write there, still writes and reads them in each scan.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ class ByClient:
 
 
 def _written(op: float, commands: Commands, limits: OpLimits) -> float:
-    """What stands in the OP tag, inside the limits; ``op`` where nobody may write it."""
+    """The OP tag's value, held inside the limits; ``op`` where the tag is not writable."""
     if not math.isfinite(commands.op):
         return op
     return min(max(commands.op, limits.low), limits.high)

@@ -21,7 +21,7 @@ class CycleRecord(NamedTuple):
 
     Attributes:
         op, pv, sp: as published, NaN where unknown.
-        stem: stem position while ``op`` was applied; NaN where nobody knows it.
+        stem: stem position while ``op`` was applied; NaN where unknown.
         automatic: whether a controller computed ``op``.
         compensated: whether the compensator did.
         status: of a controller outside, for its register; None without one.

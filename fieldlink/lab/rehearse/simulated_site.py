@@ -37,10 +37,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What really was in one scan of the loop; the signals are those of `CycleRecord`.
+    """The true values of one scan of the loop; the signals are those of `CycleRecord`.
 
     ``pv`` is the true one, ``measured`` what the transmitter made of it; ``stick_band`` and
-    ``slip_jump`` are the valve's. NaN where nobody knows.
+    ``slip_jump`` are the valve's. NaN where unknown.
     """
 
     time: float

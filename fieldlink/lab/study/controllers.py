@@ -133,7 +133,7 @@ class StagedRun:
 def staged(name: str, setup: Setup, at: int, *, watched: bool = True) -> StagedRun:
     """Return a controller by name that has the loop from sample ``at`` on.
 
-    Unless ``watched`` there is no supervisor: what a method does when nobody takes the loop back.
+    Unless ``watched`` there is no supervisor, so the loop is never given back to its controller.
 
     Raises:
         CompensatorError: there is no such controller, or it cannot be built for this model.

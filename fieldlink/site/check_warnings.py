@@ -1,0 +1,117 @@
+"""What a site file allows and what is yet unwise, one sentence each, for ``fieldlink check``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from fieldlink.registers import Apart, ReadRequest, find_apart
+from fieldlink.site.checked_site import Site
+from fieldlink.site.models import Loop
+
+__all__ = ["find_apart_tags", "find_warnings"]
+
+
+LINE_SHARE = 0.8
+"""The share of a serial line that scans may take; the rest is for writes and slow devices."""
+
+BITS_PER_BYTE = 11
+"""Start bit, eight data bits, parity or a second stop bit, stop bit."""
+
+
+def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
+    """Yield the warnings of devices, serial lines and loops; ``requests`` are by device."""
+    for name in site.devices:
+        yield from _device_warnings(site, name, requests[name])
+    yield from _line_warnings(site, requests)
+    for name, loop in site.loops.items():
+        yield from _loop_warnings(name, loop)
+
+
+def find_apart_tags(
+    site: Site, loop: Loop, requests: tuple[ReadRequest, ...], group: tuple[str, ...]
+) -> tuple[Apart, ...]:
+    """Return which tags of ``group`` no single request of the loop's device can bring, and why."""
+    device = site.devices[loop.device]
+    return find_apart(
+        requests,
+        [group],
+        device.max_registers,
+        device.ranges,
+        one_tag=device.quirks.one_request_per_tag,
+    )
+
+
+def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> list[str]:
+    warnings = []
+    loops = site.loops_of(name)
+    if not loops:
+        warnings.append(f"device {name}: no loop uses it")
+    for loop_name, loop in loops.items() if name in site.maps else ():
+        pair = (loop.op, loop.pv)
+        groups = [pair] if loop.scan is None else [pair, (*pair, loop.scan)]
+        for group in groups:
+            if reasons := find_apart_tags(site, loop, requests, group):
+                warnings.append(
+                    f"loop {loop_name}: {', '.join(group)} cannot come from one request: "
+                    f"{reasons[0].reason.value}"
+                )
+                break
+    views: dict[tuple[str, int], list[str]] = {}
+    for tag in site.maps.get(name, {}).values():
+        if tag.bit is not None:
+            # Bits of a status word are meant to share it.
+            continue
+        views.setdefault((tag.table.value, tag.address), []).append(tag.name)
+    warnings.extend(
+        f"device {name}: {', '.join(names)} are the same registers ({table} {address})"
+        for (table, address), names in views.items()
+        if len(names) > 1
+    )
+    return warnings
+
+
+def _line_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
+    """Say when a serial line cannot carry what its loops need."""
+    lines: dict[str, list[str]] = {}
+    for name, device in site.devices.items():
+        if device.serial_port is not None:
+            lines.setdefault(device.serial_port, []).append(name)
+    for port, names in lines.items():
+        baud = site.devices[names[0]].baud
+        share = sum(
+            _seconds_on_line(request, baud)
+            / max(site.poll_period(name) * request.polls, request.every)
+            for name in names
+            for request in requests[name]
+        )
+        if share > LINE_SHARE:
+            yield (
+                f"line {port}: the scans of {', '.join(names)} take {share:.0%} of the time at "
+                f"{baud} baud: raise baud, drop tags or give them a rate (column every), or "
+                "lengthen the periods"
+            )
+
+
+def _seconds_on_line(request: ReadRequest, baud: int) -> float:
+    """Return what a request, its reply and the pauses of the standard take, without the device."""
+    data = (request.count + 7) // 8 if request.table.is_bits else 2 * request.count
+    asked, answered, pauses = 8, 5 + data, 7.0
+    return (asked + answered + pauses) * BITS_PER_BYTE / baud
+
+
+def _loop_warnings(name: str, loop: Loop) -> list[str]:
+    warnings = []
+    span = loop.window * loop.period
+    if loop.mode is None and loop.plant is None:
+        warnings.append(f"loop {name}: without a mode tag, samples in manual cannot be recognised")
+    if loop.estimate_period > span:
+        warnings.append(
+            f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window "
+            f"of {span:g} s: samples between are never judged"
+        )
+    if loop.writeback.enabled and loop.writeback.valid_for < 2 * loop.estimate_period:
+        warnings.append(
+            f"loop {name}: a block is valid for {loop.writeback.valid_for} s, less than two "
+            f"estimates take ({2 * loop.estimate_period:g} s): it may expire while all is well"
+        )
+    return warnings
