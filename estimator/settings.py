@@ -183,8 +183,7 @@ class Spreading:
             one law is far ahead of the others, and where none is (tuning family).
         lead: nats by which a law is ahead that make it e times surer (tuning family).
         gains: likely valves over which the gain's spread is taken.
-        lanes, rounds: samples of one round of the sampler, and rounds; brief: rounds where the
-            valve is far from being called sticky.
+        lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
         wider, narrowest: factor on the deviations of the next round, and their least value.
     """
@@ -199,7 +198,6 @@ class Spreading:
     gains: int = 16
     lanes: int = 128
     rounds: int = 5
-    brief: int = 2
     reach: tuple[float, float, float] = (0.04, 0.1, 0.15)
     wider: float = 1.5
     narrowest: float = 1e-4

@@ -78,9 +78,7 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     found = []
     for at, wave in starts[:_SHARPENED]:
 
-        def tried(
-            nuisance: Nuisance, taps: Array | None = None, at: Hypothesis = at
-        ) -> Hypothesis:
+        def tried(nuisance: Nuisance, taps: Array | None = None, at: Hypothesis = at) -> Hypothesis:
             return _with(case, at, (nuisance,), taps)
 
         found.append(_sharpened(tried, wave, -math.inf, _ROUGH_STEPS))
