@@ -100,7 +100,7 @@ class Searching:
         seeds: valves of each law that a first look follows.
         wide, generations: first reach (share of S) and rounds of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
-        others: ``seeds`` and ``basins`` of the laws after the first.
+        others, other_starts: ``seeds`` and ``basins``, and ``starts``, of the laws after the first.
         polished, refined: of all looks, valves of each law whose process is fitted, and those
             refined last.
         lanes: candidates of a round of any refinement.
@@ -127,6 +127,7 @@ class Searching:
     generations: int = 7
     basins: int = 2
     others: tuple[int, int] = (2, 1)
+    other_starts: tuple[float, ...] = (-0.5, 0.5)
     apart: float = 0.15
     polished: int = 3
     refined: int = 2
@@ -183,8 +184,7 @@ class Spreading:
             one law is far ahead of the others, and where none is (tuning family).
         lead: nats by which a law is ahead that make it e times surer (tuning family).
         gains: likely valves over which the gain's spread is taken.
-        lanes, rounds: samples of one round of the sampler, and rounds; brief: rounds where the
-            valve is far from being called sticky.
+        lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
         wider, narrowest: factor on the deviations of the next round, and their least value.
     """
@@ -199,7 +199,6 @@ class Spreading:
     gains: int = 16
     lanes: int = 128
     rounds: int = 5
-    brief: int = 2
     reach: tuple[float, float, float] = (0.04, 0.1, 0.15)
     wider: float = 1.5
     narrowest: float = 1e-4

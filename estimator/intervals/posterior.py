@@ -93,14 +93,12 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     spreading = case.settings.spreading
     best = explanations[0]
     assert best.valve is not None
-    # other laws are tried where the valve is nearly likely enough to be called sticky
-    rounds = spreading.rounds if len(explanations) > 1 else spreading.brief
     valves, weights = [], []
     for one in explanations:
         behind = best.likelihood - one.likelihood
         if behind > spreading.law_nats:
             continue
-        found, log_weight = _sample(case, one, rounds)
+        found, log_weight = _sample(case, one)
         weight = np.exp(log_weight - log_weight.max())
         valves.append(found)
         # a law that is a little behind may still be that of the valve: no law is quite
@@ -154,7 +152,7 @@ def pole_derivatives(of: Hypothesis) -> Array:
     return np.stack(found) if found else np.empty((0, own.size))
 
 
-def _sample(case: Case, of: Hypothesis, rounds: int) -> tuple[Array, Array]:
+def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
     """Valves and log weights of one law's samples."""
     spreading = case.settings.spreading
     valve = of.valve
@@ -175,7 +173,7 @@ def _sample(case: Case, of: Hypothesis, rounds: int) -> tuple[Array, Array]:
     temper = spreading.temper * case.rows.informed
     middle, root = np.zeros(3), np.diag(np.array(spreading.reach))
     tables, likelihoods, proposals = [], [], []
-    for turn in range(rounds):
+    for turn in range(spreading.rounds):
         points = turned_points(spreading.lanes, 3, turn)
         table = middle + points @ root.T
         if turn == 0:
