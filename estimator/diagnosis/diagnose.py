@@ -102,7 +102,7 @@ def diagnose(
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
-    standing = open_loop_swing(record, by_hand | limits.where, settings)
+    standing = open_loop_swing(record, swing, by_hand | limits.where, settings)
     gathered = Gathered(
         swing=swing,
         signal=signal,

@@ -12,7 +12,12 @@ from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
-from estimator.diagnosis.oscillation import Oscillation, bridge, detect_oscillation
+from estimator.diagnosis.oscillation import (
+    Oscillation,
+    band_of,
+    bridge,
+    detect_oscillation,
+)
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.outcomes import EstimatorError
 
@@ -29,6 +34,10 @@ _AT_REST = 2.0
 """Robust deviations of the error below which the answer to a set-point step is over."""
 _STEP = 3.0
 """Robust deviations of the error above which a set-point step counts."""
+_HELD = 2.0
+"""Periods of the oscillation for which OP must stand still at a stretch."""
+_GOES_ON = 0.5
+"""Size of the oscillation in that time over its usual size, from which it goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,16 +174,25 @@ def without_setpoint_steps(error: Array, sp: Array | None) -> Array:
 
 
 def open_loop_swing(
-    record: LoopRecord, is_open: Mask, settings: DiagnosisSettings
+    record: LoopRecord, swing: Oscillation, is_open: Mask, settings: DiagnosisSettings
 ) -> Oscillation | None:
-    """The steady oscillation of the longest time in which OP stands still, None without one."""
+    """The steady oscillation that goes on in the longest time in which OP stands still, or None.
+
+    Either it is that of the whole record, or one that shows in that time alone.
+    """
     assert record.pv is not None
+    assert record.error is not None
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]]).astype(int)))
     runs = list(zip(edges[::2], edges[1::2], strict=True))
     start, stop = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
+    steady, samples = settings.judging.steady, swing.period_s / record.period
+    if swing.present and swing.regularity >= steady and stop - start >= _HELD * samples:
+        band = band_of(record.error, 1.0 / samples, settings.swinging)
+        if float(np.std(band[start:stop])) > _GOES_ON * float(np.std(band)):
+            return swing
     if stop - start < settings.swinging.least_samples:
         return None
     found = detect_oscillation(
         record.pv[start:stop], period=record.period, settings=settings.swinging
     )
-    return found if found.present and found.regularity >= settings.judging.steady else None
+    return found if found.present and found.regularity >= steady else None

@@ -108,8 +108,8 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             CauseName.EXTERNAL_OSCILLATION,
             found.open_share,
             (
-                f"PV oscillates with a period of {open_loop.period_s:.4g} s while OP stands still "
-                f"for {open_loop.cycles:.3g} periods: the loop does not make it",
+                f"PV oscillates with a period of {open_loop.period_s:.4g} s also while OP "
+                f"stands still: the loop does not make it",
             ),
         )
     if not swing.present or not found.has_pv or found.is_sticky:
