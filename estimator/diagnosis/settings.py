@@ -196,6 +196,9 @@ class Judging:
         steady: regularity from which an oscillation has a period: its periods scatter by 5 % then
             (tuning family: waves from outside have 5 to 100, noise through a well-tuned loop up to
             5).
+        kept: height of the autocorrelation two periods away that a wave of steady phase keeps
+            (tuning family: waves that the likelihood does not ask for keep 0.77 to 1, noise up to
+            0.69).
         slow: share of the error's variance that is predictable two integral times ahead, from
             which a tuning is slow.
         lingering: sum of the shares that are predictable one and two integral times ahead, from
@@ -228,6 +231,7 @@ class Judging:
     well: float = 1.6
     damping: float = 0.1
     steady: float = 6.7
+    kept: float = 0.75
     slow: float = 0.3
     lingering: float = 0.75
     removable: float = 0.25

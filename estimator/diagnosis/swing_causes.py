@@ -27,12 +27,16 @@ def is_aperiodic(found: Gathered, settings: DiagnosisSettings) -> bool:
     if one is None or found.loop is None or found.is_sticky or found.setpoint_swings:
         return False
     here, _ = found.amplification()
-    return (
-        found.swing.present
-        and found.swing.regularity < judging.steady
-        and here <= judging.tight
-        and one.outside < judging.unsure
-    )
+    if not found.swing.present or here > judging.tight or _keeps_phase(found, settings):
+        return False
+    # regular periods alone may be chance: they need evidence against a wave
+    limit = judging.unsure if found.swing.regularity < judging.steady else -judging.unsure
+    return one.outside < limit
+
+
+def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
+    judging = settings.judging
+    return found.swing.regularity >= judging.steady and found.swing.decay >= judging.kept
 
 
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
@@ -133,7 +137,7 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         if found.amplification_at_steepest() > judging.tight and one.curved >= judging.threshold:
             # where the characteristic is steepest the loop swings by itself
             return None
-        if one.outside < -judging.unsure and swing.regularity < judging.steady:
+        if one.outside < -judging.unsure and not _keeps_phase(found, settings):
             # the loop and smooth noise explain the hump: nothing steady is outside
             return None
     evidence = [
