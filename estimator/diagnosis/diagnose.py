@@ -231,9 +231,11 @@ def _advise(
     causes: tuple[Cause, ...],
     settings: DiagnosisSettings,
 ) -> Advice | None:
-    # one linear process does not hold for these, or it is not known what moves PV
+    # one linear process does not hold, PV is not the process's own, or it is not known what moves it
     names, first = [cause.name for cause in causes], causes[0].name
-    if CauseName.CHARACTERISTIC in names or first in (CauseName.SENSOR, CauseName.UNDETERMINED):
+    if CauseName.CHARACTERISTIC in names or CauseName.SENSOR in names:
+        return None
+    if first is CauseName.UNDETERMINED:
         return None
     # a tuning that swings drives OP to its limits; else they are what the load asks for
     if CauseName.SATURATION in names and first is not CauseName.TIGHT_TUNING:

@@ -82,6 +82,16 @@ def test_a_frozen_sensor() -> None:
     assert answer.tuning is None
 
 
+def test_nothing_is_proposed_while_the_sensor_is_faulty() -> None:
+    loop = run(gain=3.0, integral_time=10.0)
+    assert found(loop).tuning is not None
+    pv = loop.pv.copy()
+    pv[700:850] = pv[700]
+    answer = diagnose(loop.op, pv, loop.sp)
+    assert [cause.name for cause in answer.causes] == ["tight_tuning", "sensor"]
+    assert answer.tuning is None
+
+
 def test_a_loop_tuned_too_slow_beside_a_wave_has_both() -> None:
     load = np.repeat([0.0, 9.0, -6.0, 4.0, -9.0, 6.0], 250)
     slow = {"gain": 0.08, "noise": 0.05}
