@@ -190,7 +190,8 @@ def _explain(
     valve_is_healthy: bool,
     settings: DiagnosisSettings,
 ) -> Explained | None:
-    if manual > settings.judging.by_hand:
+    # a PV that stands still throughout has no row left
+    if manual > settings.judging.by_hand or not cut.good.any():
         return None
     assert cut.pv is not None
     cycles = cut.op.size * cut.period / swing.period_s if swing.present else math.nan

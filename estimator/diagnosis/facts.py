@@ -133,7 +133,7 @@ def sensor_of(
     """What PV itself tells about its sensor; only ``usable`` samples count."""
     y = pv[usable]
     if y.size < settings.least_run or float(np.ptp(y)) == 0.0:
-        return Sensor(1.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, usable)
+        return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable)
     e = error[usable]
     deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))
     still = _in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
