@@ -91,7 +91,8 @@ def test_nothing_is_proposed_while_the_sensor_is_faulty() -> None:
     pv = loop.pv.copy()
     pv[700:850] = pv[700]
     answer = diagnose(loop.op, pv, loop.sp)
-    assert [cause.name for cause in answer.causes] == ["tight_tuning", "sensor"]
+    assert answer.first.name == "tight_tuning"
+    assert "sensor" in [cause.name for cause in answer.causes]
     assert answer.tuning is None
 
 
