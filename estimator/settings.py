@@ -100,7 +100,7 @@ class Searching:
         seeds: valves of each law that a first look follows.
         wide, generations: first reach (share of S) and rounds of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
-        others: ``seeds`` and ``basins`` of the laws after the first.
+        others, other_starts: ``seeds`` and ``basins``, and ``starts``, of the laws after the first.
         polished, refined: of all looks, valves of each law whose process is fitted, and those
             refined last.
         lanes: candidates of a round of any refinement.
@@ -127,6 +127,7 @@ class Searching:
     generations: int = 7
     basins: int = 2
     others: tuple[int, int] = (2, 1)
+    other_starts: tuple[float, ...] = (-0.5, 0.5)
     apart: float = 0.15
     polished: int = 3
     refined: int = 2

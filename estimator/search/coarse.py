@@ -111,7 +111,8 @@ def simulated_starts(
     searching = case.settings.searching
     first = law == searching.laws[0]
     seeds, basins = (searching.seeds, searching.basins) if first else searching.others
-    valves = _placed(_table(searching.bands, searching.jumps, searching.starts), case.rows.u[0])
+    starts = searching.starts if first else searching.other_starts
+    valves = _placed(_table(searching.bands, searching.jumps, starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
     found = []
     for look, rank, designs in zip(looks, ranking.of(law, valves), ranking.looks, strict=True):

@@ -26,8 +26,8 @@ def find_valves(
 
     Empty where no valve moves often enough. Valves are looked at by simulation under several noise
     models, and those of the first law also by one-step errors: which of them shows the valve
-    depends on what else moves PV. Where a valve is clear under the first law, those of the others
-    are looked for around it only.
+    depends on what else moves PV. Where a valve is clear under the first law, or disturbances are
+    known already, those of the other laws are looked for around it only.
     """
     searching = case.settings.searching
     looks = tuple(Look(nuisances, taps) for taps in LOOKS)
@@ -36,10 +36,9 @@ def find_valves(
     ranking = ranking_of(case, near, looks)
     first, *others = searching.laws
     found = _refined(case, _starts(case, near, ranking, looks, first))
-    clear = found and found[0].likelihood > near.likelihood + searching.ahead
     ended = list(found)
     for law in others:
-        if clear or (found and nuisances):
+        if found and (nuisances or found[0].likelihood > near.likelihood + searching.ahead):
             ended += [refine_valve(case, one, searching.wide, law) for one in found]
         else:
             ended += _refined(case, _starts(case, near, ranking, looks, law))
