@@ -232,7 +232,7 @@ def _advise(
     causes: tuple[Cause, ...],
     settings: DiagnosisSettings,
 ) -> Advice | None:
-    # one linear process does not hold, PV is not the process's own, or it is not known what moves it
+    # not one linear process, PV is not the process's own, or it is not known what moves it
     names, first = [cause.name for cause in causes], causes[0].name
     if CauseName.CHARACTERISTIC in names or CauseName.SENSOR in names:
         return None
