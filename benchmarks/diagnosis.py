@@ -8,7 +8,6 @@ recorded loops, where they are present. "First" is the heaviest cause, or the li
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 from collections import Counter
@@ -24,8 +23,9 @@ import numpy as np
 
 from benchmarks.diagnosis_families import report, tuning
 from benchmarks.diagnosis_families.records import CAUSES, SOURCES
+from benchmarks.diagnosis_labels import recorded
 from benchmarks.report import heading, keep, table
-from fieldlink.diagnosis import LoopSignals, detect_oscillation, diagnose, find_groups
+from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
 from fieldlink.diagnosis import read_controller as read
 
 PAIRS = (
@@ -33,6 +33,17 @@ PAIRS = (
     ("external_oscillation", "slow_tuning"), ("saturation", "external_oscillation"),
     ("tight_tuning", "sensor"), ("slow_tuning", "saturation"),
 )  # fmt: skip
+PUBLISHED = """Of other loops, so not comparable.
+
+- [chemai](https://github.com/EngMtaleb/chemai), `projects/p02_control_loops/VALIDATION.md`: a
+  random forest names 83 % of five causes on its own simulated loops; stiction 67 %, 50 % with the
+  slip jump below the noise.
+- There too, on 31 loops of SACAC and ISDB: the shape of the oscillation (He 2007) finds 14 of 19
+  with 2 false alarms, at the threshold chosen there; the forest, on 22 of them, 11 of 14 with 3.
+- There too: the source of the Eastman plant's event comes first; a simulated source ties with its
+  neighbour.
+- [stictionanalyser](https://pypi.org/project/stictionanalyser) and
+  [xmci](https://pypi.org/project/xmci/) publish no figure."""
 FAMILIES: dict[str, Any] = {"report": report, "tuning": tuning}
 
 
@@ -147,6 +158,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         places(plant_wide),
         "## Recorded loops: oscillating or not",
         recorded(options.data),
+        "## What others publish",
+        PUBLISHED,
     ]
     text = "\n\n".join(parts)
     print(text)
@@ -275,25 +288,6 @@ def places(events: Sequence[dict[str, Any]]) -> str:
         later = len(mine) - third - missed
         rows.append([source, len(mine), first, third, later, missed])
     return table(["source", "events", "first", "first three", "later", "no group"], rows)
-
-
-def recorded(data: Path) -> str:
-    """The labelled recordings: how many labels agree, and those that do not."""
-    labels = data / "oscillation_labels.csv"
-    if not labels.is_file():
-        return f"Skipped: {labels.name} is absent."
-    rows, agree, count = [], 0, 0
-    with labels.open() as stream:
-        for row in csv.DictReader(stream):
-            op = np.genfromtxt(data / "oscillation" / row["file"], skip_header=1)
-            found = detect_oscillation(op, period=float(row["period_s"]))
-            same = found.present == (row["oscillating"] == "1")
-            count, agree = count + 1, agree + same
-            if not same:
-                rows.append([row["file"], row["oscillating"], int(found.present), found.period_s,
-                             found.regularity, found.cycles, found.share])  # fmt: skip
-    head = ["file", "label", "found", "period / s", "regularity", "periods", "share"]
-    return f"{agree} of {count} labels agree. The others:\n\n{table(head, rows)}"
 
 
 if __name__ == "__main__":

@@ -3,34 +3,53 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.diagnosis.swing_causes import find_outside, find_tight, is_aperiodic, sticky_weight
 from estimator.diagnosis.tuning import Advice
 
 __all__ = ["rank_causes"]
+
+_INFERRED = 0.9
+"""Weight of slow tuning beside a wave from outside, at the most: share of the wave's weight."""
 
 
 def rank_causes(
     found: Gathered, settings: DiagnosisSettings, proposal: Advice | None = None
 ) -> tuple[Cause, ...]:
     """The causes, the heaviest first; quiet or undetermined where none is told."""
-    tried = (
-        _manual(found, settings),
-        _sensor(found, settings),
-        _saturation(found, settings),
-        _sticky(found),
-        _tight(found, settings),
-        _outside(found, settings),
-        _characteristic(found, settings),
-        _slow(found, settings, proposal),
+    facts = _told(
+        (_manual(found, settings), _sensor(found, settings), _saturation(found, settings)), settings
     )
-    causes = [one for one in tried if one is not None and one.weight >= settings.judging.told]
+    if not facts and _may_stick(found, settings):
+        return (_unproven(found),)
+    outside, slow = find_outside(found, settings), _slow(found, settings, proposal)
+    if outside is not None and slow is not None:
+        # the wave shows itself; slow tuning is inferred from what is left of the error
+        slow = replace(slow, weight=min(slow.weight, _INFERRED * outside.weight))
+    causes = facts + _told(
+        (
+            _sticky(found),
+            find_tight(found, settings),
+            outside,
+            _characteristic(found, settings),
+            slow,
+        ),
+        settings,
+    )
     causes.sort(key=lambda one: -one.weight)
     if causes:
         return tuple(causes)
     return (_none(found, settings),)
+
+
+def _told(tried: Iterable[Cause | None], settings: DiagnosisSettings) -> list[Cause]:
+    least = settings.judging.told
+    return [one for one in tried if one is not None and one.weight >= least]
 
 
 def _manual(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -93,7 +112,7 @@ def _sticky(found: Gathered) -> Cause | None:
         return None
     return Cause(
         CauseName.STICKY_VALVE,
-        _stuck_weight(found),
+        sticky_weight(found),
         (
             f"a sticky valve explains PV better than any other explanation: log Bayes factor "
             f"{one.sticking:.0f}, {one.spread:.0f} without the quarter of the record that shows it "
@@ -103,110 +122,27 @@ def _sticky(found: Gathered) -> Cause | None:
     )
 
 
-def _stuck_weight(found: Gathered) -> float:
-    assert found.explained is not None
-    swings = found.swing.share if found.swing.present else 0.0
-    return min(1.0, max(found.explained.effect, swings, 0.3))
-
-
-def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
-    """Whether the loop's own resonance makes the oscillation."""
-    if found.loop is None or found.explained is None or not found.swing.present:
-        return False
-    judging = settings.judging
-    here, _ = found.amplification()
-    beside = found.amplification_beside_wave()
-    if here <= judging.tight or beside <= judging.well:
-        return False
-    if found.explained.outside >= -judging.unsure:
-        return False
-    # a swing that dies out more slowly than the record is long looks like a wave from outside
-    _, damping = found.loop.swing()
-    dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
-    at_limit = found.limits.share > settings.facts.least_limit
-    return dies > judging.dies or at_limit or beside > judging.endless
-
-
-def _tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
+def _may_stick(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether a sticky valve is the likeliest explanation, and too little for a verdict."""
     one, judging = found.explained, settings.judging
-    if one is None or found.loop is None or found.is_sticky:
-        return None
-    here, peak = found.amplification()
-    period, damping = found.loop.swing()
-    if found.swing.present:
-        if not _rings(found, settings):
-            return None
-        weight = found.swing.share * max(0.0, 1.0 - (judging.well / here) ** 2)
-        evidence = (
-            f"the loop itself amplifies disturbances {here:.3g} times at the period of the "
-            f"oscillation (well-tuned loops 1.4 to 2), and no wave from outside is needed (log "
-            f"Bayes factor {one.outside:.0f})",
-        )
-    elif (
-        damping < judging.damping
-        and peak > 2.0 * judging.tight
-        and one.process > 2.0 * judging.threshold
-        and 4.0 < period < 0.05 * found.samples
-    ):
-        weight = max(0.0, 1.0 - (judging.well / peak) ** 2) * 0.5
-        evidence = (
-            f"the closed loop swings with a period of {period * found.loop.period:.3g} s at a "
-            f"damping ratio of {damping:.2f}; Ms is {peak:.3g} (well-tuned loops 1.4 to 2)",
-        )
-    else:
-        return None
-    margins = found.loop.margins()
-    figures = f"gain margin {margins.gain:.2f}, phase margin {margins.phase_deg:.0f} degrees"
-    return Cause(CauseName.TIGHT_TUNING, min(1.0, weight), (*evidence, figures))
+    if one is None or one.sticks:
+        return False
+    return one.sticking >= judging.threshold and one.spread >= judging.unsure
 
 
-def _outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
-    one, swing = found.explained, found.swing
-    if one is not None and one.wave is not None:
-        # the valve's own cycle comes before it: the wave alone would leave the valve unexplained
-        return Cause(
-            CauseName.EXTERNAL_OSCILLATION,
-            min(found.wave_share, 0.99 * _stuck_weight(found)),
-            (
-                f"beside the sticky valve there is a wave of {one.wave.period_s:.4g} s from "
-                f"outside: log Bayes factor {one.wave.evidence:.0f}",
-            ),
-        )
-    if not swing.present or not found.has_pv or found.is_sticky:
-        return None
-    if found.setpoint_swings:
-        return Cause(
-            CauseName.EXTERNAL_OSCILLATION,
-            swing.share,
-            (f"the set-point itself oscillates with a period of {swing.period_s:.4g} s",),
-        )
-    if one is None or one.model is None:
-        return None
-    here, _ = found.amplification()
-    beside = found.amplification_beside_wave()
-    unsure = settings.judging.unsure
-    # a process that is fitted to a steady wave takes it for its own resonance
-    is_swung = here > settings.judging.tight and beside <= settings.judging.well
-    if not is_swung:
-        if one.outside < unsure and (here > settings.judging.tight or found.loop is None):
-            return None
-        if one.outside < -unsure:
-            # the loop and smooth noise explain the hump: nothing steady is outside
-            return None
-    evidence = [
-        f"a wave of {swing.period_s:.4g} s from outside explains PV better than the loop alone: "
-        f"log Bayes factor {one.outside:.0f}"
-        if one.outside > 0.0
-        else "neither valve nor tuning makes this oscillation",
-    ]
-    if is_swung:
-        evidence.append(
-            f"by what the record shows beside the oscillation the loop amplifies disturbances of "
-            f"this period only {beside:.2g} times"
-        )
-    elif math.isfinite(here):
-        evidence.append(f"the loop amplifies disturbances of this period only {here:.2g} times")
-    return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))
+def _unproven(found: Gathered) -> Cause:
+    one = found.explained
+    assert one is not None
+    return Cause(
+        CauseName.UNDETERMINED,
+        found.swing.share if found.swing.present else 0.0,
+        (
+            f"a sticky valve explains PV better than any other explanation (log Bayes factor "
+            f"{one.sticking:.0f}), but too few strokes of the record show it ({one.spread:.0f} "
+            f"without the quarter that shows it best)",
+        ),
+        "Record longer, or move OP in small steps in manual and see when PV follows.",
+    )
 
 
 def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -229,27 +165,46 @@ def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | Non
 
 
 def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None) -> Cause | None:
-    judging = settings.judging
-    one, two = found.predictable
-    if found.swing.present or not two > judging.slow or found.controller is None:
+    judging, controller = settings.judging, found.controller
+    if controller is None or (found.swing.present and find_tight(found, settings) is not None):
         return None
-    evidence = [
-        f"{one:.0%} of the control error could be told an integral time "
-        f"({found.controller.integral_time_s:.3g} s) before, {two:.0%} two: a loop that settles "
-        f"within its integral time would not have it",
-    ]
+    one, two = found.predictable
+    is_known = found.explained is not None and found.explained.process >= judging.threshold
+    removable = found.removable if is_known else math.nan
+    if math.isnan(one):
+        # a record of few integral times: only the process tells
+        is_long = controller.integral_time_s > judging.seen * found.duration_s
+        if not (is_long and removable > judging.lasting):
+            return None
+        evidence = [f"the integral time is {controller.integral_time_s:.4g} s"]
+        weight = removable
+    elif two > judging.slow or one + two > judging.lingering:
+        if removable < judging.removable:
+            return None
+        evidence = [
+            f"{one:.0%} of the control error could be told an integral time "
+            f"({controller.integral_time_s:.3g} s) before, {two:.0%} two: a loop that "
+            f"settles within its integral time would not have it",
+        ]
+        weight = min(1.0, max(one, two))
+    else:
+        return None
     if proposal is not None and proposal.integral_ratio > judging.slower:
         evidence.append(
             f"as robust settings have {proposal.integral_ratio:.2g} times the integral gain"
         )
-    weight = min(1.0, max(one, two)) * (1.0 - found.limits.cost)
-    return Cause(CauseName.SLOW_TUNING, weight, tuple(evidence))
+    if removable >= judging.removable:
+        evidence.append(f"they would remove {removable:.0%} of the squared error")
+    shared = found.limits.cost + (found.swing_share if found.swing.present else 0.0)
+    return Cause(CauseName.SLOW_TUNING, weight * max(0.0, 1.0 - shared), tuple(evidence))
 
 
 def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
     """No cause was told: the loop is quiet, or it swings and the record does not show why."""
     swing = found.swing
-    if not swing.present:
+    # the loop is only known not to make it where the process shows
+    shows = found.explained is not None and found.explained.process >= settings.judging.threshold
+    if not swing.present or (shows and is_aperiodic(found, settings)):
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
@@ -262,11 +217,14 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 CauseName.UNDETERMINED, 0.0, (text,),
                 "Give a record of ten integral times and more: it shows whether the loop is slow.",
             )  # fmt: skip
-        return Cause(
-            CauseName.QUIET,
-            1.0,
-            ("nothing oscillates, and no cause explains a twentieth of the control error",),
-        )
+        evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
+        if swing.present:
+            evidence = [
+                f"disturbances without a period make what looks like an oscillation of "
+                f"{swing.period_s:.4g} s (regularity {swing.regularity:.2g}); no cause explains a "
+                f"twentieth of the control error"
+            ]
+        return Cause(CauseName.QUIET, 1.0, tuple(evidence))
     evidence = [
         f"there is an oscillation with a period of {swing.period_s:.4g} s "
         f"({swing.cycles:.1f} periods, regularity {swing.regularity:.2g})"

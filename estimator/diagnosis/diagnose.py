@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,11 +25,14 @@ from estimator.diagnosis.loop_record import (
     LoopRecord,
     explained_rows,
     loop_record,
+    open_loop_swing,
     predictable_shares,
+    without_setpoint_steps,
 )
 from estimator.diagnosis.nonlinearity import largest_bicoherence
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
 from estimator.diagnosis.plausible import find_plausible
+from estimator.diagnosis.removable import removable_share
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
@@ -83,17 +87,22 @@ def diagnose(
             rank_causes(gathered, settings), swing, signal, figures, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
+    error = record.error
     by_hand = ~record.auto if record.auto is not None else np.zeros(record.op.size, dtype=bool)
     controller = read_controller(
         record.op, record.pv, record.sp, auto=record.auto, period=period, settings=settings.reading
     )
-    limits = limits_of(record.op, record.error, controller, by_hand, settings.facts)
-    sensor = sensor_of(record.pv, record.error, controller, record.good, settings.facts)
-    manual = share_by_hand(record.op, record.auto, record.error, settings.facts)
+    limits = limits_of(record.op, error, controller, by_hand, settings.facts)
+    sensor = sensor_of(record.pv, error, controller, record.good, settings.facts)
+    manual = share_by_hand(record.op, record.auto, error, settings.facts)
+    if sensor.frozen > settings.judging.frozen:
+        # a frozen PV says nothing of the process
+        record = replace(record, good=record.good & ~sensor.still)
     cut = explained_rows(record, swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
+    standing = open_loop_swing(record, swing, by_hand | limits.where, settings)
     gathered = Gathered(
         swing=swing,
         signal=signal,
@@ -111,13 +120,17 @@ def diagnose(
         samples=cut.op.size,
         duration_s=record.op.size * period,
         setpoint_swings=_setpoint_swings(record, swing, settings),
-        wave_share=_wave_share(record.error, explained, period),
+        wave_share=_wave_share(error, explained, period),
+        swing_share=share_around(error, swing.period_s / period) if swing.present else 0.0,
+        open_swing=standing,
+        open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
+        removable=removable_share(error, explained, loop, controller, period, settings),
     )
     dead = None
     if explained is not None and explained.model is not None:
         dead = max(1, round(explained.model.dead_time * explained.model.period / period))
     figures = figures_of(
-        record.op, record.pv, record.error, record.sp, record.auto, period, dead, swing, limits,
+        record.op, record.pv, error, record.sp, record.auto, period, dead, swing, limits,
         sensor,
     )  # fmt: skip
     proposal = None
@@ -145,7 +158,10 @@ def diagnose(
 def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
     """The main oscillation, of the error if it has one, else of PV, else of OP."""
     best: tuple[Oscillation, str] | None = None
-    for name, values in (("error", record.error), ("pv", record.pv), ("op", record.op)):
+    calm = record.error
+    if calm is not None:
+        calm = without_setpoint_steps(calm, record.sp)
+    for name, values in (("error", calm), ("pv", record.pv), ("op", record.op)):
         if values is None:
             continue
         found = detect_oscillation(values, period=record.period, settings=settings.swinging)
@@ -174,7 +190,8 @@ def _explain(
     valve_is_healthy: bool,
     settings: DiagnosisSettings,
 ) -> Explained | None:
-    if manual > settings.judging.by_hand:
+    # a PV that stands still throughout has no row left
+    if manual > settings.judging.by_hand or not cut.good.any():
         return None
     assert cut.pv is not None
     cycles = cut.op.size * cut.period / swing.period_s if swing.present else math.nan
@@ -215,9 +232,11 @@ def _advise(
     causes: tuple[Cause, ...],
     settings: DiagnosisSettings,
 ) -> Advice | None:
-    # one linear process does not hold for these, or it is not known what moves PV
+    # not one linear process, PV is not the process's own, or it is not known what moves it
     names, first = [cause.name for cause in causes], causes[0].name
-    if CauseName.CHARACTERISTIC in names or first in (CauseName.SENSOR, CauseName.UNDETERMINED):
+    if CauseName.CHARACTERISTIC in names or CauseName.SENSOR in names:
+        return None
+    if first is CauseName.UNDETERMINED:
         return None
     # a tuning that swings drives OP to its limits; else they are what the load asks for
     if CauseName.SATURATION in names and first is not CauseName.TIGHT_TUNING:

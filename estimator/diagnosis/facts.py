@@ -40,7 +40,7 @@ class Sensor:
     """What is wrong with PV.
 
     Attributes:
-        frozen: share of the samples in long runs of one value.
+        frozen: share of the samples in long runs of one value; still: which samples, ``(n,)``.
         step: resolution over the standard deviation of the control error.
         spikes: share of the samples that are spikes; spike_cost: their share of the squared error.
         noise: standard deviation of the noise, units of PV.
@@ -55,6 +55,7 @@ class Sensor:
     noise: float
     noise_share: float
     shaken: float
+    still: Mask
 
 
 def share_by_hand(op: Array, auto: Mask | None, error: Array, settings: Facts) -> float:
@@ -132,7 +133,7 @@ def sensor_of(
     """What PV itself tells about its sensor; only ``usable`` samples count."""
     y = pv[usable]
     if y.size < settings.least_run or float(np.ptp(y)) == 0.0:
-        return Sensor(1.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable)
     e = error[usable]
     deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))
     still = _in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
@@ -151,6 +152,8 @@ def sensor_of(
     lonely = spikes & ~np.roll(spikes, 2) & ~np.roll(spikes, -2)
     cost = float(np.sum(rest[lonely] ** 2)) / max(float(np.sum((e - e.mean()) ** 2)), 1e-300)
     noise = _noise(y)
+    where = np.zeros(pv.size, dtype=bool)
+    where[usable] = still
     gain = abs(controller.gain) if controller is not None else 0.0
     return Sensor(
         frozen=float(still.mean()),
@@ -160,6 +163,7 @@ def sensor_of(
         noise=noise,
         noise_share=min(1.0, (noise / deviation) ** 2),
         shaken=gain * noise / 100.0,
+        still=where,
     )
 
 

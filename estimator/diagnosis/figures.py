@@ -16,7 +16,14 @@ from estimator.diagnosis.oscillation import Oscillation
 from estimator.monitoring.indices import harris_index, valve_wear
 from estimator.outcomes import EstimatorError
 
-__all__ = ["figures_of", "predictable_share", "settling", "share_around"]
+__all__ = [
+    "few_steps",
+    "figures_of",
+    "predictable_share",
+    "settling",
+    "share_around",
+    "without_wave",
+]
 
 _HOUR = 3600.0
 _NEAR = 0.1
@@ -114,6 +121,11 @@ def predictable_share(error: Array, ahead: int) -> float:
     return 1.0 - index
 
 
+def few_steps(samples: int) -> int:
+    """Set-point moves beyond which it moves all the time: another loop's output."""
+    return samples // 20
+
+
 def settling(sp: Array | None, error: Array, period: float) -> dict[str, float]:
     """Settling time, overshoot and decay ratio after set-point steps: medians over the steps."""
     nothing = {
@@ -126,8 +138,7 @@ def settling(sp: Array | None, error: Array, period: float) -> dict[str, float]:
         return nothing
     moves = np.diff(sp)
     at = np.flatnonzero(np.abs(moves) > 0.0)
-    # a set-point that moves all the time is another loop's output
-    if at.size == 0 or at.size > sp.size // 20:
+    if at.size == 0 or at.size > few_steps(sp.size):
         return nothing
     noise = _noise_of(error)
     times, overshoots, decays = [], [], []
@@ -166,3 +177,13 @@ def share_around(signal: Array, period: float) -> float:
     near = (np.abs(cycles - 1.0) < _NEAR) | (np.abs(cycles - 1.0) * signal.size < 2.0 * period)
     whole = float(power.sum())
     return float(power[near].sum()) / whole if whole > 0.0 else 0.0
+
+
+def without_wave(signal: Array, period: float) -> Array:
+    """The signal ``(n,)`` without what is around a period given in samples, nor its harmonics."""
+    lines = np.fft.rfft(signal)
+    cycles = np.arange(lines.size) * period / signal.size
+    order = np.clip(np.round(cycles), 1.0, 3.0)
+    reach = np.maximum(_NEAR * order, 2.0 * period / signal.size)
+    lines[np.abs(cycles - order) < reach] = 0.0
+    return np.asarray(np.fft.irfft(lines, signal.size))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,11 @@ class Gathered:
         setpoint_swings: whether SP has the oscillation too.
         wave_share: share of the error's variance around the period of the wave that comes with a
             sticky valve.
+        swing_share: share of the error's variance around the period of the main oscillation.
+        open_swing, open_share: the oscillation of the longest time in which OP stands still, in
+            manual or at a limit, and its share of the error's variance; None without one.
+        removable: share of the squared error that robust settings would remove, by the identified
+            process; NaN where no such settings can be found.
         samples: of the window that was explained.
         duration_s: of the whole record.
     """
@@ -51,6 +56,10 @@ class Gathered:
     predictable: tuple[float, float] = (math.nan, math.nan)
     setpoint_swings: bool = False
     wave_share: float = 0.0
+    swing_share: float = 0.0
+    open_swing: Oscillation | None = None
+    open_share: float = 0.0
+    removable: float = math.nan
     samples: int = 0
     duration_s: float = math.inf
 
@@ -71,6 +80,14 @@ class Gathered:
         if self.loop_beside_wave is None or not self.swing.present:
             return math.nan
         return self._at_period(self.loop_beside_wave)
+
+    def amplification_at_steepest(self) -> float:
+        """The same where the characteristic is steepest within OP's middle nine tenths, or NaN."""
+        if self.loop is None or self.explained is None or not self.swing.present:
+            return math.nan
+        steeper = math.exp(min(5.0, 0.5 * abs(self.explained.bend) * self.op_middle))
+        loop = replace(self.loop, b=self.loop.b * steeper)
+        return self._at_period(loop) if loop.margins().stable else math.inf
 
     def _at_period(self, loop: LinearLoop) -> float:
         # the identified resonance and the measured period agree to some per cent

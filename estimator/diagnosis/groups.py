@@ -115,6 +115,8 @@ def find_groups(
         ):
             continue
         inside = tuple(one for one in cascades if one.master in members and one.slave in members)
+        if not _is_event(members - {one.slave for one in inside}, diagnoses):
+            continue
         those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
         candidates = rank_candidates(those, settings)
         if seed.irregular and candidates[0].loop != seed.loop:
@@ -146,6 +148,21 @@ def _swings_of(
                 for found in sorted(all_found, key=lambda found: -found.share)[:1]]  # fmt: skip
     regular = settings.grouping.regular
     return [_Swing(name, found, found.regularity < regular) for found in present]
+
+
+_NO_PERIOD = (
+    CauseName.QUIET, CauseName.SLOW_TUNING, CauseName.CHARACTERISTIC, CauseName.SENSOR
+)  # fmt: skip
+"""Causes that make no oscillation which other loops could follow."""
+
+
+def _is_event(names: set[str], diagnoses: Mapping[str, Diagnosis]) -> bool:
+    """Whether the diagnosis of one loop at least finds more than noise in its oscillation.
+
+    Coupled loops share their noise, and what it makes of similar loops may look like one wave. A
+    slave follows its master's and does not count.
+    """
+    return any(cause.name not in _NO_PERIOD for name in names for cause in diagnoses[name].causes)
 
 
 def _is_near(swing: _Swing, period: float, settings: DiagnosisSettings) -> bool:

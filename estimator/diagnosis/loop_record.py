@@ -11,12 +11,33 @@ from numpy.typing import ArrayLike
 from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.facts import Limits
-from estimator.diagnosis.figures import predictable_share
-from estimator.diagnosis.oscillation import Oscillation, bridge
+from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
+from estimator.diagnosis.oscillation import (
+    Oscillation,
+    band_of,
+    bridge,
+    detect_oscillation,
+)
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.outcomes import EstimatorError
 
-__all__ = ["LoopRecord", "explained_rows", "loop_record", "predictable_shares"]
+__all__ = [
+    "LoopRecord",
+    "explained_rows",
+    "loop_record",
+    "open_loop_swing",
+    "predictable_shares",
+    "without_setpoint_steps",
+]
+
+_AT_REST = 2.0
+"""Robust deviations of the error below which the answer to a set-point step is over."""
+_STEP = 3.0
+"""Robust deviations of the error above which a set-point step counts."""
+_HELD = 2.0
+"""Periods of the oscillation for which OP must stand still at a stretch."""
+_GOES_ON = 0.5
+"""Size of the oscillation in that time over its usual size, from which it goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +127,7 @@ def predictable_shares(
     Samples in manual, at a limit, and those that an integral time later still show it do not count.
     """
     nothing = (math.nan, math.nan)
-    if controller is None or not math.isfinite(controller.integral_time_s) or swing.present:
+    if controller is None or not math.isfinite(controller.integral_time_s):
         return nothing
     assert record.error is not None
     ahead = round(controller.integral_time_s / record.period)
@@ -122,5 +143,56 @@ def predictable_shares(
         free[at : at + 2 * ahead] = False
     if free.mean() < 0.5:
         return nothing
-    error = np.where(free, record.error, np.nan)
+    error = record.error
+    if swing.present and swing.regularity >= settings.judging.steady:
+        # a wave is predictable for ever, however the loop is tuned
+        error = without_wave(error, swing.period_s / record.period)
+    error = np.where(free, error, np.nan)
     return predictable_share(error, ahead), predictable_share(error, 2 * ahead)
+
+
+def without_setpoint_steps(error: Array, sp: Array | None) -> Array:
+    """The error ``(n,)`` with straight lines across the loop's answers to set-point steps.
+
+    They are the largest motion of many a record and have no period. An answer ends where the error
+    first comes back to its usual size.
+    """
+    if sp is None:
+        return error
+    at = np.flatnonzero(np.diff(sp)) + 1
+    if at.size == 0 or at.size > few_steps(sp.size):
+        return error
+    middle = float(np.median(error))
+    usual = float(np.median(np.abs(error - middle))) / 0.6745
+    left = error.copy()
+    for start, stop in zip(at, [*at[1:], sp.size], strict=True):
+        if abs(sp[start] - sp[start - 1]) < _STEP * usual:
+            continue
+        over = np.flatnonzero(np.abs(error[start:stop] - middle) < _AT_REST * usual)
+        left[start : start + (int(over[0]) if over.size else stop - start)] = np.nan
+    return bridge(left) if np.isfinite(left).any() else error
+
+
+def open_loop_swing(
+    record: LoopRecord, swing: Oscillation, is_open: Mask, settings: DiagnosisSettings
+) -> Oscillation | None:
+    """The steady oscillation that goes on in the longest time in which OP stands still, or None.
+
+    Either it is that of the whole record, or one that shows in that time alone.
+    """
+    assert record.pv is not None
+    assert record.error is not None
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]]).astype(int)))
+    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    start, stop = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
+    steady, samples = settings.judging.steady, swing.period_s / record.period
+    if swing.present and swing.regularity >= steady and stop - start >= _HELD * samples:
+        band = band_of(record.error, 1.0 / samples, settings.swinging)
+        if float(np.std(band[start:stop])) > _GOES_ON * float(np.std(band)):
+            return swing
+    if stop - start < settings.swinging.least_samples:
+        return None
+    found = detect_oscillation(
+        record.pv[start:stop], period=record.period, settings=settings.swinging
+    )
+    return found if found.present and found.regularity >= steady else None

@@ -134,7 +134,7 @@ class Weighing:
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
     parts: int = 4
-    curved_parts: int = 2
+    curved_parts: int = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,8 +193,20 @@ class Judging:
         well: amplification of a well-tuned loop (SIMC: 1.6). By a process that is fitted beside the
             oscillation, loops under an outside wave stay below it and tight ones above.
         damping: damping of the loop's own swing below which it rings for five periods.
-        slow: share of the error's variance that is predictable an integral time ahead, from which
-            a tuning is slow.
+        steady: regularity from which an oscillation has a period: its periods scatter by 5 % then
+            (tuning family: waves from outside have 5 to 100, noise through a well-tuned loop up to
+            5).
+        kept: height of the autocorrelation two periods away that a wave of steady phase keeps
+            (tuning family: waves that the likelihood does not ask for keep 0.77 to 1, noise up to
+            0.69).
+        slow: share of the error's variance that is predictable two integral times ahead, from
+            which a tuning is slow.
+        lingering: sum of the shares that are predictable one and two integral times ahead, from
+            which it is slow as well (tuning family: well-tuned loops under white and red loads
+            stay below 0.7, slow ones above 0.75).
+        removable: share of the squared error that robust settings must remove, where the process
+            shows, for a tuning to be slow; lasting: the same where the record is too short for its
+            integral time, so that nothing else tells.
         slower: factor by which SIMC's integral action is faster than the running one, from which a
             tuning is slow: the error after a load lasts as many times longer.
         step: resolution over the error's deviation from which quantisation makes the error.
@@ -218,7 +230,12 @@ class Judging:
     endless: float = 10.0
     well: float = 1.6
     damping: float = 0.1
+    steady: float = 6.7
+    kept: float = 0.75
     slow: float = 0.3
+    lingering: float = 0.75
+    removable: float = 0.25
+    lasting: float = 0.5
     slower: float = 3.0
     step: float = 0.7
     spikes: float = 0.2

@@ -189,6 +189,9 @@ def advise(
     if not 0.0 < simulated < math.inf:
         return None
     missed = float(np.std(loop.sp - loop.pv)) / simulated
+    if not 1.0 / settings.narrow <= missed <= settings.narrow:
+        # what does not tell the running settings' error does not tell that of others
+        return None
     judge = _judged_by(plausible, running, loop, missed, settings)
     proposals = tuple(one for one in (judge(rule, new) for rule, new in rules) if one is not None)
     if not proposals:

@@ -36,7 +36,7 @@ def largest_integral_gain(
     unit = replace(running, structure="PI", derivative_time_s=0.0, filter_time_s=0.0)
     probe = LinearLoop.of(process, replace(unit, gain=1.0, integral_rate=0.0))
     response = probe.process_response(_GRID)
-    if not np.isfinite(response).all():
+    if not np.isfinite(response).all() or not np.median(np.abs(response)) > 0.0:
         return None
     side = math.copysign(1.0, sum(process.b))
     q = np.exp(-2j * math.pi * _GRID)

@@ -77,8 +77,51 @@ def test_a_frozen_sensor() -> None:
     pv = loop.pv.copy()
     pv[500:900] = pv[500]
     answer = diagnose(loop.op, pv, loop.sp)
-    assert answer.first.name == "sensor"
+    # the frozen samples say nothing of valve and process
+    assert [cause.name for cause in answer.causes] == ["sensor"]
     assert answer.tuning is None
+    whole = diagnose(loop.op, np.full(loop.op.size, 50.0), loop.sp)
+    assert whole.first.name == "sensor"
+    assert whole.first.evidence == ("PV stands still for 100% of the record",)
+
+
+def test_nothing_is_proposed_while_the_sensor_is_faulty() -> None:
+    # the same loop has a proposal with a sound sensor, see above
+    loop = run(gain=3.4, integral_time=10.0)
+    pv = loop.pv.copy()
+    pv[700:850] = pv[700]
+    answer = diagnose(loop.op, pv, loop.sp)
+    assert answer.first.name == "tight_tuning"
+    assert "sensor" in [cause.name for cause in answer.causes]
+    assert answer.tuning is None
+
+
+def test_a_loop_tuned_too_slow_beside_a_wave_has_both() -> None:
+    load = np.repeat([0.0, 9.0, -6.0, 4.0, -9.0, 6.0], 250)
+    slow = {"gain": 0.08, "noise": 0.05}
+    alone = found(run(load=load, **slow), advice=False)  # type: ignore[arg-type]
+    assert alone.first.name == "slow_tuning"
+    both = found(run(load=load + WAVE, **slow), advice=False)  # type: ignore[arg-type]
+    assert {cause.name for cause in both.causes} == {"external_oscillation", "slow_tuning"}
+
+
+def test_set_point_steps_do_not_hide_a_wave() -> None:
+    sp = np.repeat([0.0, 12.0, -8.0, 10.0, -12.0, 8.0], 250)
+    answer = found(run(load=WAVE, sp=sp), advice=False)
+    assert answer.first.name == "external_oscillation"
+    assert answer.oscillation.period_s == pytest.approx(70.0, rel=0.05)
+
+
+def test_an_oscillation_that_goes_on_in_manual_comes_from_outside() -> None:
+    loop = run(load=WAVE, gain=1e-9)
+    answer = found(loop, auto=np.zeros(loop.op.size), advice=False)
+    assert [cause.name for cause in answer.causes] == ["manual", "external_oscillation"]
+
+
+def test_noise_through_a_well_tuned_loop_is_no_oscillation() -> None:
+    answer = found(run(seed=35), advice=False)
+    assert answer.oscillation.present
+    assert answer.first.name == "quiet"
 
 
 def test_a_quiet_loop_has_a_json_form_of_the_contract() -> None:

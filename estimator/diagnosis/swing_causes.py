@@ -1,0 +1,156 @@
+"""What makes a loop swing: its own tuning, a wave from outside, or nothing that has a period."""
+
+from __future__ import annotations
+
+import math
+
+from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.result import Cause, CauseName
+from estimator.diagnosis.settings import DiagnosisSettings
+
+__all__ = ["find_outside", "find_tight", "is_aperiodic", "sticky_weight"]
+
+
+def sticky_weight(found: Gathered) -> float:
+    """Weight of a sticky valve: the share of PV's motion that it makes."""
+    assert found.explained is not None
+    swings = found.swing.share if found.swing.present else 0.0
+    return min(1.0, max(found.explained.effect, swings, 0.3))
+
+
+def is_aperiodic(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether disturbances without a period explain what looks like an oscillation.
+
+    The periods scatter, the loop does not amplify them, and a wave from outside is not needed.
+    """
+    one, judging = found.explained, settings.judging
+    if one is None or found.loop is None or found.is_sticky or found.setpoint_swings:
+        return False
+    here, _ = found.amplification()
+    if not found.swing.present or here > judging.tight or _keeps_phase(found, settings):
+        return False
+    # regular periods alone may be chance: they need evidence against a wave
+    limit = judging.unsure if found.swing.regularity < judging.steady else -judging.unsure
+    return one.outside < limit
+
+
+def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
+    judging = settings.judging
+    return found.swing.regularity >= judging.steady and found.swing.decay >= judging.kept
+
+
+def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether the loop's own resonance makes the oscillation."""
+    if found.loop is None or found.explained is None or not found.swing.present:
+        return False
+    judging = settings.judging
+    here, _ = found.amplification()
+    beside = found.amplification_beside_wave()
+    if here <= judging.tight or beside <= judging.well:
+        return False
+    # what shows beside the oscillation amplifies it as well: a wave needs positive evidence
+    unsure = judging.unsure if beside > judging.tight else -judging.unsure
+    if found.explained.outside >= unsure:
+        return False
+    # a swing that dies out more slowly than the record is long looks like a wave from outside
+    _, damping = found.loop.swing()
+    dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
+    at_limit = found.limits.share > settings.facts.least_limit
+    return dies > judging.dies or at_limit or beside > judging.endless
+
+
+def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
+    """Tight tuning, if the loop swings by itself or nearly does; None if not."""
+    one, judging = found.explained, settings.judging
+    if one is None or found.loop is None or found.is_sticky:
+        return None
+    here, peak = found.amplification()
+    period, damping = found.loop.swing()
+    if found.swing.present and not is_aperiodic(found, settings):
+        if not _rings(found, settings):
+            return None
+        weight = found.swing.share * max(0.0, 1.0 - (judging.well / here) ** 2)
+        evidence = (
+            f"the loop itself amplifies disturbances {here:.3g} times at the period of the "
+            f"oscillation (well-tuned loops 1.4 to 2), and no wave from outside is needed (log "
+            f"Bayes factor {one.outside:.0f})",
+        )
+    elif (
+        damping < judging.damping
+        and peak > 2.0 * judging.tight
+        and one.process > 2.0 * judging.threshold
+        and 4.0 < period < 0.05 * found.samples
+    ):
+        weight = max(0.0, 1.0 - (judging.well / peak) ** 2) * 0.5
+        evidence = (
+            f"the closed loop swings with a period of {period * found.loop.period:.3g} s at a "
+            f"damping ratio of {damping:.2f}; Ms is {peak:.3g} (well-tuned loops 1.4 to 2)",
+        )
+    else:
+        return None
+    margins = found.loop.margins()
+    figures = f"gain margin {margins.gain:.2f}, phase margin {margins.phase_deg:.0f} degrees"
+    return Cause(CauseName.TIGHT_TUNING, min(1.0, weight), (*evidence, figures))
+
+
+def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
+    """An oscillation from outside, if the record shows one; None if not."""
+    one, swing = found.explained, found.swing
+    if one is not None and one.wave is not None:
+        # the valve's own cycle comes before it: the wave alone would leave the valve unexplained
+        return Cause(
+            CauseName.EXTERNAL_OSCILLATION,
+            min(found.wave_share, 0.99 * sticky_weight(found)),
+            (
+                f"beside the sticky valve there is a wave of {one.wave.period_s:.4g} s from "
+                f"outside: log Bayes factor {one.wave.evidence:.0f}",
+            ),
+        )
+    open_loop = found.open_swing
+    if open_loop is not None and found.open_share >= settings.judging.told and not found.is_sticky:
+        return Cause(
+            CauseName.EXTERNAL_OSCILLATION,
+            found.open_share,
+            (
+                f"PV oscillates with a period of {open_loop.period_s:.4g} s also while OP "
+                f"stands still: the loop does not make it",
+            ),
+        )
+    if not swing.present or not found.has_pv or found.is_sticky:
+        return None
+    if found.setpoint_swings:
+        return Cause(
+            CauseName.EXTERNAL_OSCILLATION,
+            swing.share,
+            (f"the set-point itself oscillates with a period of {swing.period_s:.4g} s",),
+        )
+    if one is None or one.model is None or is_aperiodic(found, settings):
+        return None
+    here, _ = found.amplification()
+    beside = found.amplification_beside_wave()
+    judging = settings.judging
+    # a process that is fitted to a steady wave takes it for its own resonance
+    is_swung = here > judging.tight and beside <= judging.well
+    if not is_swung:
+        if one.outside < judging.unsure and (here > judging.tight or found.loop is None):
+            return None
+        if found.amplification_at_steepest() > judging.tight and one.curved >= judging.threshold:
+            # where the characteristic is steepest the loop swings by itself
+            return None
+        if one.outside < -judging.unsure and not _keeps_phase(found, settings):
+            # the loop and smooth noise explain the hump: nothing steady is outside
+            return None
+    evidence = [
+        f"a wave of {swing.period_s:.4g} s from outside explains PV better than the loop alone: "
+        f"log Bayes factor {one.outside:.0f}"
+        if one.outside > 0.0
+        else "neither valve nor tuning makes this oscillation",
+    ]
+    if is_swung:
+        evidence.append(
+            f"by what the record shows beside the oscillation the loop amplifies disturbances of "
+            f"this period only {beside:.2g} times"
+        )
+    elif math.isfinite(here):
+        evidence.append(f"the loop amplifies disturbances of this period only {here:.2g} times")
+    return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))
