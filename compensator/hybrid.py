@@ -80,7 +80,6 @@ class HybridMpc:
         self._op = math.nan
         self._pv_bad = False
         self._tolerated = 0.0
-        self._limited = False
         self._moving = self.stem_moved = False
         self._dwells = self._lingers = 0
         self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
@@ -158,9 +157,9 @@ class HybridMpc:
         of the deviation is worth no move, and travel is saved where PV is good enough.
         """
         s = self.settings
-        is_level = self.prediction.process.is_integrating
-        self._tolerated = (s.tolerated_level if is_level else s.tolerated) * deviation
-        self._thrift = Thrift(deviation, travel, self.horizon, s.thrift, is_level=is_level)
+        share = s.tolerated_level if self.prediction.process.is_integrating else s.tolerated
+        self._tolerated = share * deviation
+        self._thrift = Thrift(deviation, travel, self.horizon, s.thrift)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""
@@ -193,14 +192,14 @@ class HybridMpc:
             return Action(self._op, ActionStatus.PV_BAD)
         tracker = self.tracker
         belief = tracker.best
-        if self._thrift is not None and not self._limited:
+        if self._thrift is not None:
             self._thrift.push(float(belief.state[0]), sp, self._way)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         moves = self._moves()
         target = moves.stem_for(wanted - tracker.drive(belief), belief.direction)
         low, high = self._reach
-        limited = self._limited = not low <= target <= high
+        limited = not low <= target <= high
         target = min(max(target, low), high)
         self._moving = self._moving or bool(plan.times) or self._dwells > 0
         goes_on = bool(plan.times) and plan.changes[0] * belief.direction > 0.0

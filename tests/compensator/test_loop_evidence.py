@@ -217,18 +217,8 @@ def test_a_ramp_is_followed_by_steps_in_its_direction_only() -> None:
     assert np.sqrt(np.mean(np.square(errors[100:]))) < 1.1
 
 
-def test_what_is_farther_above_its_share_sets_the_price() -> None:
+def test_travel_is_saved_only_while_pv_is_good_enough() -> None:
     thrift = Thrift(deviation=1.0, travel=0.1, horizon=50)
-    for _ in range(300):
-        thrift.push(50.9, 50.0, 0.02)
-    assert thrift.price == pytest.approx(0.1)
-    for _ in range(900):
-        thrift.push(50.9, 50.0, 0.3)
-    assert thrift.price == pytest.approx(10.0)
-
-
-def test_travel_of_a_level_is_saved_only_while_pv_is_good_enough() -> None:
-    thrift = Thrift(deviation=1.0, travel=0.1, horizon=50, is_level=True)
     for _ in range(300):
         thrift.push(50.2, 50.0, 0.3)
     assert thrift.price == pytest.approx(10.0)
@@ -241,7 +231,7 @@ def test_travel_of_a_level_is_saved_only_while_pv_is_good_enough() -> None:
     for _ in range(300):
         thrift.push(47.2, 47.0, 0.0)
     assert thrift.price == 1.0
-    with pytest.raises(CompensatorError, match="most one of at least 1"):
+    with pytest.raises(CompensatorError, match="most is a factor of at least 1"):
         ThriftSettings(most=0.5)
 
 
