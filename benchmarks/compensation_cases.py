@@ -135,7 +135,7 @@ def rest_of(case: Case) -> float:
 
 
 def study_of(case: Case, samples: int | None = None) -> Study:
-    """The set-points of a run."""
+    """Return the set-points of a run."""
     first = rest_of(case) + case.nudge
     changes = [(0, rest_of(case)), (_FIRST, first), (WARM + 60, first + case.step)]
     changes.append((WARM + 60 + SEGMENT, first))

@@ -46,7 +46,7 @@ def rows_to_run() -> Iterator[tuple[TunedLoop, str, str]]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="", help="text that a row's words hold")
+    parser.add_argument("--only", default="", help="run only rows whose words contain this text")
     parser.add_argument("--without-identification", action="store_true")
     parser.add_argument("--seed", type=int, default=101)
     options = parser.parse_args(arguments)

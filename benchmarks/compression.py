@@ -135,7 +135,9 @@ def _row(how: Store, found: Sequence[_Found]) -> tuple[Any, ...]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--loops", type=int, default=20, help="healthy and sticky, of each kind")
+    parser.add_argument(
+        "--loops", type=int, default=20, help="loops of each kind, healthy and sticky ones"
+    )
     parser.add_argument(
         "--seed-base", type=int, default=5000, help="seed of the first loop of each kind"
     )

@@ -113,7 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--events", type=int, default=15, help="events of every plant and source")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--part", type=Path, help="write the results of this run here, no tables")
-    parser.add_argument("--parts", type=Path, nargs="+", help="tables of these runs together")
+    parser.add_argument(
+        "--parts", type=Path, nargs="+", help="print one table of these runs, written with --part"
+    )
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--family", choices=tuple(FAMILIES), default="report")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
@@ -244,7 +246,7 @@ def _unsure(loops: Sequence[dict[str, Any]]) -> str:
 
 
 def pairs(loops: Sequence[dict[str, Any]]) -> str:
-    """Whether one of two causes comes first, and both are named."""
+    """Count loops with two causes: those where one of them comes first, and both are named."""
     rows = []
     for kind in PAIRS:
         mine = [one for one in loops if one["causes"] == kind]

@@ -1,4 +1,4 @@
-"""Proposed settings: whether the range that is told holds the error they then give.
+"""Proposed settings: does the predicted range hold the error that they give?
 
 Loops of the tuning family, those of `singles` and the wider ones of `advised`: these chose the
 numbers of the advice, so this is no proof. Each loop is simulated again under the settings that are

@@ -1,4 +1,4 @@
-"""What the estimator is held to, and what it reaches.
+"""The limits that the estimator must keep, and the figures that it reaches.
 
     python -m benchmarks.estimator_evidence --out docs/benchmarks [--images docs/images] [--quick]
 
@@ -220,7 +220,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for tables and figures")
     parser.add_argument("--images", type=Path, help="folder for the pictures")
-    parser.add_argument("--quick", action="store_true", help="a few windows of each")
+    parser.add_argument("--quick", action="store_true", help="judge only a few windows each time")
     parser.add_argument("--read", action="store_true", help="only read the figures in --out")
     options = parser.parse_args(arguments)
     if not options.read:

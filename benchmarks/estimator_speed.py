@@ -81,7 +81,7 @@ def least_seconds(action: Callable[[], object], repeats: int) -> float:
 
 
 def _windows(samples: int, each: int) -> dict[str, tuple[float, list[tuple[int, Call]]]]:
-    """For every kind its limit, and of each window the samples and the identification."""
+    """Return by kind of window its limit, and the samples and identification of each window."""
     kinds: dict[str, tuple[float, list[tuple[int, Call]]]] = {}
     for example in EXAMPLES:
         for constant in (False, True):

@@ -250,7 +250,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--slice", type=int, default=None, help="kills this time; all by default")
+    parser.add_argument("--slice", type=int, default=None, help="kills in this run; all by default")
     parser.add_argument("--so-far", type=Path, default=None, help="FILE with the slices before")
     parser.add_argument("--out", type=Path, default=None, help="folder for Markdown and JSON")
     options = parser.parse_args()

@@ -262,7 +262,7 @@ def _pss(pid: int) -> float:
 
 
 def main() -> None:
-    """Run, print, keep."""
+    """Run the benchmark, print its table, and store it."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="minutes measured for each layout"

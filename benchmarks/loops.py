@@ -128,5 +128,5 @@ def named_loop(name: str) -> Loop:
         ValueError: another name.
     """
     if name[:1] not in ("s", "h") or not name[1:].isdecimal():
-        raise ValueError(f"{name!r} is no loop: name a sticky one s17, a healthy one h17")
+        raise ValueError(f"{name!r} is not a loop: name a sticky one s17, a healthy one h17")
     return draw_loop(int(name[1:]), healthy=name[0] == "h")

@@ -105,7 +105,7 @@ async def put(publishing: Publishing, first: int, seconds: int, pace: float) -> 
 
 
 async def until(condition: Callable[[], bool]) -> float:
-    """Wait; return the seconds that took."""
+    """Wait until the condition holds; return how many seconds that took."""
     began = time.monotonic()
     while not condition():  # noqa: ASYNC110
         await asyncio.sleep(0.05)

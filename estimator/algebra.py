@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 _AT_ONCE = 4
-"""Rows that one pass adds to a sum, one after the other: the same bits as one a pass."""
+"""Rows or taps that one pass adds to a sum, one after the other: the same bits as one a pass."""
 _SPANNED = 1e-9
 """A column of which less than this share (squared) is left is spanned by the others."""
 
@@ -73,11 +73,25 @@ def filter_rows(rows: Array, taps: Array, weight: Array) -> Array:
     """Rows ``(m, n)`` through ``1 - taps_1 q^-1 - ...``, times ``weight`` ``(n,)``."""
     m, n = rows.shape
     out = rows.copy()
+    count = min(taps.size, n)
     for r in range(m):
-        for i in range(taps.size):
-            tap = taps[i]
-            for k in range(i + 1, n):
-                out[r, k] -= tap * rows[r, k - 1 - i]
+        now, row = out[r, count:], rows[r]
+        for k in range(1, count):
+            for i in range(k):
+                out[r, k] -= taps[i] * row[k - 1 - i]
+        i = 0
+        while i + _AT_ONCE <= count:
+            t0, t1, t2, t3 = taps[i], taps[i + 1], taps[i + 2], taps[i + 3]
+            s0, s1 = row[count - 1 - i :], row[count - 2 - i :]
+            s2, s3 = row[count - 3 - i :], row[count - 4 - i :]
+            for k in range(now.size):
+                now[k] = now[k] - t0 * s0[k] - t1 * s1[k] - t2 * s2[k] - t3 * s3[k]
+            i += _AT_ONCE
+        while i < count:
+            tap, before = taps[i], row[count - 1 - i :]
+            for k in range(now.size):
+                now[k] -= tap * before[k]
+            i += 1
         for k in range(n):
             out[r, k] = out[r, k] * weight[k] if weight[k] != 0.0 else 0.0
     return out
@@ -185,16 +199,19 @@ def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
             x0, x1, x2, x3 = r0[i], r1[i], r2[i], r3[i]
             right[i] = right[i] + x0 * y0 + x1 * y1 + x2 * y2 + x3 * y3
             own = gram[i]
-            for j in range(m):
+            for j in range(i + 1):
                 own[j] = own[j] + x0 * r0[j] + x1 * r1[j] + x2 * r2[j] + x3 * r3[j]
         k += _AT_ONCE
     while k < n:
         row = rows[k]
         for i in range(m):
             right[i] += row[i] * target[k]
-            for j in range(m):
+            for j in range(i + 1):
                 gram[i, j] += row[i] * row[j]
         k += 1
+    for i in range(m):
+        for j in range(i):
+            gram[j, i] = gram[i, j]
     return gram, right
 
 

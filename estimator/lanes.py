@@ -34,10 +34,20 @@ def respond(stems: Array, c1: Array, c2: Array, third: Array, gain: Array) -> Ar
     """
     n, lanes = stems.shape
     out = np.empty((n, lanes))
+    rest = stems[0]
     v1, v2, w = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
+    if not third.any():
+        # the same numbers with less to read and to write
+        for k in range(n):
+            for j in range(lanes):
+                v = c1[j] * v1[j] + c2[j] * v2[j] + gain[j] * (stems[k, j] - rest[j])
+                v2[j] = v1[j]
+                v1[j] = v
+                out[k, j] = v
+        return out
     for k in range(n):
         for j in range(lanes):
-            v = c1[j] * v1[j] + c2[j] * v2[j] + gain[j] * (stems[k, j] - stems[0, j])
+            v = c1[j] * v1[j] + c2[j] * v2[j] + gain[j] * (stems[k, j] - rest[j])
             v2[j] = v1[j]
             v1[j] = v
             w[j] = third[j] * w[j] + (1.0 - third[j]) * v

@@ -94,11 +94,13 @@ class Searching:
         reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
             which anything explains.
         variance: least variance of the stem over OP's, alpha of (11b) of the paper.
-        laws: laws whose valves are looked for; a valve that is likely under one of them is
-            refined under the others too.
+        laws: laws whose valves are looked for, the first one's most thoroughly.
+        ahead: nats over a healthy valve from which a valve of the first law is clear: those of the
+            other laws are then looked for around it only.
         seeds: valves of each law that a first look follows.
         wide, generations: first reach (share of S) and rounds of following one.
         basins: valves that each look hands on; apart: how far they differ in S, as a share.
+        others, other_starts: ``seeds`` and ``basins``, and ``starts``, of the laws after the first.
         polished, refined: of all looks, valves of each law whose process is fitted, and those
             refined last.
         lanes: candidates of a round of any refinement.
@@ -119,10 +121,13 @@ class Searching:
     reversals: int = 1
     variance: float = 0.001
     laws: tuple[str, ...] = ("he", "sliding")
+    ahead: float = 50.0
     seeds: int = 3
     wide: float = 0.12
     generations: int = 7
     basins: int = 2
+    others: tuple[int, int] = (2, 1)
+    other_starts: tuple[float, ...] = (-0.5, 0.5)
     apart: float = 0.15
     polished: int = 3
     refined: int = 2

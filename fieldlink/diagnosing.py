@@ -245,7 +245,7 @@ def _one_stored(place: tuple[str, float], url: str, since: datetime) -> _Answer:
 
 
 def _thinned(recording: Recording) -> LoopSignals:
-    """The signals averaged over a few samples where they are long."""
+    """Return the signals; long ones averaged over a few samples each."""
     every = max(1, -(-len(recording) // _KEPT))
 
     def thin(values: Floats) -> Any:

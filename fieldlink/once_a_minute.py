@@ -15,7 +15,7 @@ MOST_KINDS = 100
 
 
 class OnceAMinute:
-    """Decides which messages are told."""
+    """Limits the messages of a kind to one a minute."""
 
     def __init__(self) -> None:
         self._told: dict[Hashable, tuple[float, int]] = {}
@@ -24,7 +24,7 @@ class OnceAMinute:
         """Count ``number`` messages of a kind.
 
         Returns:
-            How many to tell of: all since the last time, or 0 when that was less than a minute ago.
+            How many to report: all since the last time, or 0 when that was less than a minute ago.
         """
         now = time.monotonic()
         if kind not in self._told and len(self._told) >= MOST_KINDS:

@@ -1,4 +1,4 @@
-"""A password or token: read from a file or the environment, shown by nothing."""
+"""A password or token: read from a file or the environment, and never shown."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Secret:
         self._text = text
 
     def reveal(self) -> str:
-        """Return the text, for the one who sends it."""
+        """Return the secret itself, where it has to be sent."""
         return self._text
 
     def __repr__(self) -> str:

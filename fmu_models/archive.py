@@ -91,7 +91,7 @@ def parse_description(file: Path) -> Any:
 
 
 def _check_version(file: Path) -> None:
-    """Look at the root of the description, which FMPy takes for granted."""
+    """Check the root of the description and its FMI version, which FMPy does not check."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True)
     try:
         with zipfile.ZipFile(file) as archive:

@@ -110,7 +110,7 @@ class ModelExchange(Instance):
         )
 
     def _guarded(self, function: Callable[..., Any]) -> Callable[..., None]:
-        """Keep the first refusal inside CVode's call-back, where it would be lost."""
+        """Wrap a call-back so that its first error is kept: CVode itself would lose it."""
 
         def call(*arguments: Any) -> None:
             try:

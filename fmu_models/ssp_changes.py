@@ -37,11 +37,11 @@ class Linear:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Values by values; anything else is refused.
+    """A conversion by a list of values; a value that is not in the list is refused.
 
     Attributes:
         entries: pairs of source and target.
-        where: what it belongs to, for the refusal.
+        where: what it belongs to, for the message.
     """
 
     entries: Mapping[float, float]

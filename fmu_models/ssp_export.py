@@ -158,7 +158,7 @@ def _declare(connector: Any, variable: VariableSummary) -> None:
 
 
 def _bind(system: Any, fmu: FmuSummary, values: Mapping[str, StartValue], prefix: str) -> None:
-    """Bind start values to the whole system, behind its own bindings."""
+    """Bind start values to the whole system, after the bindings that it has."""
     if not values:
         return
     bindings = system.find("ssd:ParameterBindings", _NS)

@@ -165,7 +165,7 @@ class _Flattener:
         self._edges[sink] = (source, tuple(c for c in (unit, change) if c is not None))
 
     def _shared(self, node: _Node) -> _Node:
-        """Return the entry of the dictionary where the node is one of a reference to it."""
+        """Return the dictionary's entry for a node that refers to one, else the node itself."""
         place = self._references.get(node[0])
         if place is None:
             return node

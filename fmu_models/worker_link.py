@@ -99,7 +99,7 @@ class WorkerLink:
             raise
 
     def receive(self, action: str) -> Any:
-        """Return the answer that is there; raise the error that it brings."""
+        """Return the waiting answer, or raise the error that it reports."""
         try:
             answer = json.loads(self._connection.recv_bytes())
         except (EOFError, OSError, ValueError) as error:

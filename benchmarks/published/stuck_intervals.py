@@ -31,7 +31,7 @@ def _noise(signal: Array) -> float:
 
 
 def find_stuck_intervals(op: Array, pv: Array) -> Finding:
-    """Share of the time stuck as score; S is the mean range of OP in the stuck intervals."""
+    """Return the share of time that PV is stuck as score, and S as OP's mean range meanwhile."""
     rest = max(REST * _noise(pv), 0.05 * float(pv.std()))
     moves = MOVES * float(op.std())
     if rest == 0.0 or moves == 0.0:

@@ -31,9 +31,12 @@ _ROUGH_STEPS = (0.1, 0.05)
 """The same before it where the frequency is only that of a peak."""
 _RESOLVED = 0.4
 """Highest frequency of a harmonic over the sampling frequency; one half is the limit (Nyquist)."""
-_FOLLOWED = 4
-"""Waves of PV's own oscillation, of eight, whose process is fitted once more."""
-_HOPE = 8.0
+_TIE = 1e-6
+"""Nats by which noise models must differ: rounding decides nothing."""
+_SHARPENED, _FOLLOWED = 3, 2
+"""Waves of PV's own oscillation, of five, whose frequency is refined, and whose process then is
+fitted once more."""
+_HOPE = 3.0
 """Nats a harmonic by which a wave may be behind before its frequency is sharpened."""
 
 
@@ -68,17 +71,23 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     cycles = case.own_cycles
     if cycles is None:
         return None
+    simple, *shaped = _waves_of(case, cycles)
+
+    def start(wave: Sinusoid, taps: Array) -> tuple[Hypothesis, Sinusoid]:
+        return polish(case, None, healthy, (wave,), taps, passes=1), wave
+
+    noises = DRIFT, DRIFT_AND_NOISE
+    starts = [start(simple, taps) for taps in noises]
+    likely = noises[0 if starts[0][0].likelihood > starts[1][0].likelihood - _TIE else 1]
+    starts += [start(wave, likely) for wave in shaped]
+    starts.sort(key=lambda one: -round(one[0].likelihood, 6))
     found = []
-    for wave in _waves_of(case, cycles):
-        for taps in (DRIFT, DRIFT_AND_NOISE):
-            at = polish(case, None, healthy, (wave,), taps, passes=2)
+    for at, wave in starts[:_SHARPENED]:
 
-            def tried(
-                nuisance: Nuisance, taps: Array | None = None, at: Hypothesis = at
-            ) -> Hypothesis:
-                return _with(case, at, (nuisance,), taps)
+        def tried(nuisance: Nuisance, taps: Array | None = None, at: Hypothesis = at) -> Hypothesis:
+            return _with(case, at, (nuisance,), taps)
 
-            found.append(_sharpened(tried, wave, -math.inf, _ROUGH_STEPS))
+        found.append(_sharpened(tried, wave, -math.inf, _ROUGH_STEPS))
     found.sort(key=lambda one: -round(one.likelihood, 6))
     ends = [polish(case, None, one, one.nuisances, one.taps) for one in found[:_FOLLOWED]]
     return max(ends, key=lambda one: one.likelihood)

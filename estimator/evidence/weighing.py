@@ -51,7 +51,7 @@ class Weighing:
 
 
 def weigh(case: Case) -> Weighing:
-    """Both hypotheses of a window, made as likely as they can be."""
+    """Fit both hypotheses of a window, each as likely as it can be."""
     healthy = fit_healthy(case)
     valves = find_valves(case, healthy)
     if not valves:

@@ -178,7 +178,7 @@ def armax(
         )
     stem_scale, pv_scale = float(x.std()), float(y[usable].std())
     if stem_scale == 0.0 or pv_scale == 0.0:
-        raise EstimatorError("the stem or pv does not move: a window of both moving is needed")
+        raise EstimatorError("the stem or pv does not move; give a window in which both move")
     stem_centre, pv_centre = float(x.mean()), float(y[usable].mean())
     scaled = np.where(usable, (np.where(usable, y, pv_centre) - pv_centre) / pv_scale, 0.0)
     problem = _problem((x - stem_centre) / stem_scale, scaled, usable, orders)

@@ -31,7 +31,7 @@ _PAST = 3
 """PV's own past in the ranking by one-step errors, samples."""
 _SHIFTS = 6
 """Dead times of that ranking."""
-_TOPS, _NEAR = 16, 40
+_TOPS, _NEAR = 16, 28
 """Valves of that ranking that are looked around, and valves around each."""
 _REACHES = (0.03, 0.012, 0.005)
 """How far around them, as shares of S."""
@@ -109,12 +109,15 @@ def simulated_starts(
 ) -> list[tuple[Found, Look]]:
     """The best valves of a law under each look, drawn to the bottom of their valleys."""
     searching = case.settings.searching
-    valves = _placed(_table(searching.bands, searching.jumps, searching.starts), case.rows.u[0])
+    first = law == searching.laws[0]
+    seeds, basins = (searching.seeds, searching.basins) if first else searching.others
+    starts = searching.starts if first else searching.other_starts
+    valves = _placed(_table(searching.bands, searching.jumps, starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
     found = []
     for look, rank, designs in zip(looks, ranking.of(law, valves), ranking.looks, strict=True):
         ways = []
-        for i in first_apart(valves[:, 0], rank.cost, searching.seeds, searching.apart):
+        for i in first_apart(valves[:, 0], rank.cost, seeds, searching.apart):
             poles = COARSE[rank.process[i]]
             valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
             start = Found(float(rank.cost[i]), valve, poles, int(rank.late[i]))
@@ -123,12 +126,12 @@ def simulated_starts(
         for way in ways:
             way.go_on(_TRIAL)
         ways.sort(key=lambda way: way.squares)
-        for way in ways[: searching.basins]:
+        for way in ways[:basins]:
             way.go_on(searching.generations - _TRIAL)
         ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])
-        found += [(ends[i], look) for i in first_apart(bands, squares, searching.basins, 0.05)]
+        found += [(ends[i], look) for i in first_apart(bands, squares, basins, 0.05)]
     return found
 
 

@@ -94,6 +94,7 @@ class Ranking:
         begins = np.append(0, np.cumsum(counts))
         places = np.concatenate([found[1] for found in moves])
         sizes = np.concatenate([found[2] for found in moves])
+        alike = _alike(valves, begins, places, sizes)
         ranks = []
         for pair, tables in zip(self.looks, self._tables, strict=True):
             own = energies[pair[0].taps.tobytes()]
@@ -104,6 +105,7 @@ class Ranking:
                     begins,
                     places,
                     sizes,
+                    alike,
                     table,
                     own[number],
                     self._design(pair, number).rest,
@@ -193,10 +195,60 @@ def _moves(stems: Array, op: Array) -> tuple[Index, Index, Array]:
 
 
 @kernel
+def _alike(valves: Array, begins: Index, places: Index, sizes: Array) -> Index:
+    """How many last moves a valve shares with the one before it that shares none; ``(m,)``.
+
+    A slip ends where OP and the friction say, wherever the stem was: valves of one S and J, which
+    differ in their start only, soon move alike. The first of each S and J shares none.
+    """
+    alike = np.zeros(begins.size - 1, dtype=np.int64)
+    first = 0
+    for v in range(1, alike.size):
+        if valves[v, 0] != valves[first, 0] or valves[v, 1] != valves[first, 1]:
+            first = v
+            continue
+        i, j = begins[v + 1] - 1, begins[first + 1] - 1
+        while (
+            i >= begins[v]
+            and j >= begins[first]
+            and places[i] == places[j]
+            and sizes[i] == sizes[j]
+        ):
+            i -= 1
+            j -= 1
+        alike[v] = begins[v + 1] - 1 - i
+        if alike[v] == 0:
+            first = v
+    return alike
+
+
+@kernel
+def _add_moves(
+    begin: int, end: int, factor: float, places: Index, sizes: Array, table: Array, sums: Array
+) -> None:
+    """Add ``factor`` times what the moves from ``begin`` to ``end`` have in common with signals."""
+    i = begin
+    while i + 4 <= end:
+        s0, s1 = factor * sizes[i], factor * sizes[i + 1]
+        s2, s3 = factor * sizes[i + 2], factor * sizes[i + 3]
+        r0, r1 = table[places[i]], table[places[i + 1]]
+        r2, r3 = table[places[i + 2]], table[places[i + 3]]
+        for c in range(sums.size):
+            sums[c] = sums[c] + s0 * r0[c] + s1 * r1[c] + s2 * r2[c] + s3 * r3[c]
+        i += 4
+    while i < end:
+        size, row = factor * sizes[i], table[places[i]]
+        for c in range(sums.size):
+            sums[c] += size * row[c]
+        i += 1
+
+
+@kernel
 def _rank(
     begins: Index,
     places: Index,
     sizes: Array,
+    alike: Index,
     table: Array,
     energies: Array,
     rest: float,
@@ -208,28 +260,27 @@ def _rank(
 ) -> None:
     """Costs of all valves with one process under one look; what is less is kept in place.
 
-    ``table`` is that of `_tails`, ``energies`` ``(D, m)``. A gain of the wrong ``sign`` counts as
-    none.
+    ``table`` is that of `_tails`, ``alike`` that of `_alike`, ``energies`` ``(D, m)``. A gain of
+    the wrong ``sign`` counts as none.
     """
     late, count = energies.shape
     wide = table.shape[1]
     columns = wide // late
-    sums = np.empty(wide)
+    sums, known = np.empty(wide), np.zeros(wide)
+    first = 0
     for v in range(count):
-        sums[:] = 0.0
-        i = begins[v]
-        while i + 4 <= begins[v + 1]:
-            s0, s1, s2, s3 = sizes[i], sizes[i + 1], sizes[i + 2], sizes[i + 3]
-            r0, r1 = table[places[i]], table[places[i + 1]]
-            r2, r3 = table[places[i + 2]], table[places[i + 3]]
-            for c in range(wide):
-                sums[c] = sums[c] + s0 * r0[c] + s1 * r1[c] + s2 * r2[c] + s3 * r3[c]
-            i += 4
-        while i < begins[v + 1]:
-            size, row = sizes[i], table[places[i]]
-            for c in range(wide):
-                sums[c] += size * row[c]
-            i += 1
+        same = alike[v]
+        if same == 0:
+            sums[:] = 0.0
+            _add_moves(begins[v], begins[v + 1], 1.0, places, sizes, table, sums)
+            first = v
+            known[:] = sums
+        else:
+            sums[:] = known
+            end = begins[first + 1] - same
+            _add_moves(begins[first], end, -1.0, places, sizes, table, sums)
+            end = begins[v + 1] - same
+            _add_moves(begins[v], end, 1.0, places, sizes, table, sums)
         for d in range(late):
             energy, found = energies[d, v], rest
             with_pv = sums[d * columns]

@@ -25,23 +25,40 @@ def find_valves(
     """The most likely sticky valves, the likeliest first.
 
     Empty where no valve moves often enough. Valves are looked at by simulation under several noise
-    models, and He's also by one-step errors: which of them shows the valve depends on what else
-    moves PV.
+    models, and those of the first law also by one-step errors: which of them shows the valve
+    depends on what else moves PV. Where a valve is clear under the first law, or disturbances are
+    known already, those of the other laws are looked for around it only.
     """
     searching = case.settings.searching
     looks = tuple(Look(nuisances, taps) for taps in LOOKS)
     if not nuisances:
         looks += _looks_at_wave(case)
-    ended: list[Hypothesis] = []
     ranking = ranking_of(case, near, looks)
-    for law in searching.laws:
-        starts = _starts(case, near, ranking, looks, law)
-        found = [
-            polish(case, one.valve, one, one.nuisances, one.taps, passes=2, wide=False)
-            for one in _best_apart(starts, searching.polished)
-        ]
-        ended += [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
-    return tuple(sorted(ended, key=lambda one: -round(one.likelihood, 6)))
+    first, *others = searching.laws
+    found = _refined(case, _starts(case, near, ranking, looks, first))
+    ended = list(found)
+    for law in others:
+        if found and (nuisances or found[0].likelihood > near.likelihood + searching.ahead):
+            ended += [refine_valve(case, one, searching.wide, law) for one in found]
+        else:
+            ended += _refined(case, _starts(case, near, ranking, looks, law))
+    return tuple(sorted(ended, key=_likeliest_first))
+
+
+def _likeliest_first(one: Hypothesis) -> float:
+    """Key that sorts hypotheses; rounding decides nothing."""
+    return -round(one.likelihood, 6)
+
+
+def _refined(case: Case, starts: list[Hypothesis]) -> list[Hypothesis]:
+    """The best of the starts with their processes fitted, then the best of those refined."""
+    searching = case.settings.searching
+    found = [
+        polish(case, one.valve, one, one.nuisances, one.taps, passes=2, wide=False)
+        for one in _best_apart(starts, searching.polished)
+    ]
+    ended = [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
+    return sorted(ended, key=_likeliest_first)
 
 
 def _looks_at_wave(case: Case) -> tuple[Look, ...]:
@@ -58,7 +75,7 @@ def _starts(
         case.fit(start.valve, start.poles, start.dead_time, look.nuisances, look.taps)
         for start, look in simulated_starts(case, ranking, looks, law)
     ]
-    if law == "he":
+    if law == case.settings.searching.laws[0]:
         nuisances = looks[0].nuisances
         for valve, dead_time in one_step_starts(case, near, nuisances):
             lag = Poles(Shape.LAGS, 6.0), dead_time

@@ -1,4 +1,4 @@
-"""What every valve model shares: its two parameters, its state, and the door."""
+"""What every valve model shares: its two parameters, its state, and the checks of both."""
 
 from __future__ import annotations
 

@@ -35,14 +35,14 @@ LARGEST_BATCH = 256
 
 
 class Progress(Protocol):
-    """Told what happens."""
+    """Is told how a run gets on."""
 
     def planned(self, pieces: int) -> None:
-        """So many pieces were found up to now."""
+        """Take note that ``pieces`` were found up to now."""
         ...
 
     def judged(self, counts: Counts, rows_per_second: float) -> None:
-        """A batch more is stored; the speed is that of this process since it began."""
+        """Take note that another batch is stored; the speed is that since this process began."""
         ...
 
 

@@ -113,16 +113,23 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for device in found["devices"]:
         own = f"device {device['name']}: "
         reason = f"; {device['reason'].removeprefix(own)}" if device["reason"] else ""
+        # The store keeps no counts of requests: only a running daemon has them.
+        counts = (
+            ""
+            if device["requests"] is None
+            else (f"{device['requests']} requests, {device['exceptions']} failures, ")
+        )
         lines.append(
-            f"{own}{device['state']}, {device['requests']} requests, "
-            f"{device['exceptions']} failures, {device['late']} late, "
+            f"{own}{device['state']}, {counts}{device['late']} late, "
             f"{device['missed']} missed{reason}"
         )
     for loop in found["loops"]:
         block = loop["block"]
+        # A run in lockstep stores no counts of samples.
+        samples = f"{loop['read']} of {loop['expected']} samples, {loop['missed']} missed; "
         lines.append(
-            f"loop {loop['name']}: {loop['read']} of {loop['expected']} samples, "
-            f"{loop['missed']} missed; {loop['verdict'] or 'no estimate yet'}"
+            f"loop {loop['name']}: {samples if loop['expected'] else ''}"
+            f"{loop['verdict'] or 'no estimate yet'}"
             + ("" if loop["stick_band"] is None else f", S = {loop['stick_band']:.4g}")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )

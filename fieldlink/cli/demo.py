@@ -32,7 +32,7 @@ class DemoCommand(TyperCommand):
     """The command line of the demonstration: ``--hold`` may stand without its number."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the endless number of seconds behind a bare ``--hold``."""
+        """Let ``--hold`` without a number mean endless."""
         given = []
         for option, following in zip_longest(args, args[1:], fillvalue="-"):
             given.append(option)

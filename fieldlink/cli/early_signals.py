@@ -1,7 +1,7 @@
-"""Signals before the event loop listens: a service that is told to stop while it is loaded stops.
+"""Answer signals that come before the event loop runs: a service stopped while it loads ends.
 
-Loading takes half a second, in which Python's own answers would be a death by SIGTERM or SIGHUP and
-a traceback after SIGINT. This module imports nothing that takes time.
+Loading takes half a second. Without this module SIGTERM or SIGHUP would kill Python meanwhile, and
+SIGINT would print a traceback. This module imports nothing that takes time.
 """
 
 from __future__ import annotations

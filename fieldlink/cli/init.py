@@ -288,8 +288,8 @@ def _automatic(text: str | None, loops: Mapping[str, Roles], may_ask: bool) -> t
     if text is None:
         if not may_ask:
             raise typer.BadParameter(
-                f"which values of {', '.join(modes)} mean automatic is not in the list; give them, "
-                "such as --auto-values 1",
+                f"the list does not say which values of {', '.join(modes)} mean automatic; "
+                "give them, such as --auto-values 1",
                 param_hint="--auto-values",
             )
         text = typer.prompt(f"values of {', '.join(modes)} that mean automatic, such as 1 or 1,2")

@@ -27,7 +27,7 @@ app = typer.Typer(
 
 @app.callback()
 def _group() -> None:
-    """Keep ``test`` a command of its own."""
+    """Make ``test`` the name of a command: Typer drops the name of an only command."""
 
 
 @app.command("test")

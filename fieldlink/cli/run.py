@@ -151,11 +151,14 @@ def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStat
 
 
 def _print(status: DaemonStatus) -> None:
+    from fieldlink.cli.tables import counted
+
     for name, device in status.devices.items():
         typer.echo(
             f"device {name}: {device.state.name.lower()}, {device.polls} polls, "
             f"{device.late} late, {device.requests} requests, {device.failures} failures, "
-            f"{device.connects} connections, {device.late_replies} late replies passed over"
+            f"{counted(device.connects, 'connection')}, "
+            f"{device.late_replies} late replies passed over"
         )
         if device.quarantined:
             typer.echo(f"  refused by the device: {', '.join(device.quarantined)}")

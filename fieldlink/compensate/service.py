@@ -92,7 +92,7 @@ class Step:
 
 
 class _PlcsOwn:
-    """Stands for the controller in the PLC: whatever it does, it does itself."""
+    """Stands for the controller in the PLC, which acts by itself."""
 
     def __init__(self) -> None:
         self._op = math.nan
@@ -205,7 +205,7 @@ class CompensateService:
         return await self._put(Step(Verdict.DRY_RUN, pv, sp, op, action.op, action.detail))
 
     def _must_keep(self) -> bool:
-        """Whether the memory has to be written now: a model was given up, or it is old and other.
+        """Whether the memory has to be written now: a model was given up, or it is old.
 
         Under the PLC's own controller the figures change a little with every scan.
         """

@@ -91,7 +91,7 @@ def writer_identity(data_dir: Path) -> int:
         part.replace(file)
     except (OSError, UnicodeDecodeError) as error:
         raise StoreError(
-            f"the file {file} cannot be used: {getattr(error, 'strerror', 'it is no text')}; it "
+            f"the file {file} cannot be used: {getattr(error, 'strerror', 'it is not text')}; it "
             "holds this installation's identity, and may be deleted while no daemon runs"
         ) from error
     return identity

@@ -214,7 +214,7 @@ class LoopRunner:
         )
 
     def carry_over(self, old: LoopRunner) -> None:
-        """Take over from the loop's runner of before what still holds: nothing else is kept.
+        """Take over what still holds from the loop's former runner; drop everything else.
 
         The window with its counts, where the samples mean the same; the write-back, where its
         registers and the valve behind them are the same. An estimate that was asked for is asked

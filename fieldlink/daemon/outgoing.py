@@ -70,7 +70,7 @@ class Outgoing:
         return None if self._publishing is None else self._publishing.report()
 
     def notices(self) -> NoticesReport | None:
-        """Counts of the notices; None where nobody gets any."""
+        """Counts of the notices; None where none are configured."""
         return None if self._notifying is None else self._notifying.report()
 
     @asynccontextmanager

@@ -23,7 +23,7 @@ _SHORTEST = 0.02
 class Schedule:
     """Periodic jobs in the running event loop.
 
-    An error that a job lets out ends up in ``failed``, a future to be awaited beside all else.
+    An error that a job raises is set on ``failed``, a future to await beside everything else.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class Schedule:
             self._scheduler.modify_job(name, next_run_time=due)
 
     def remove(self, name: str) -> None:
-        """Run a job no more; one that does not exist is no error."""
+        """Stop running a job; one that does not exist is not an error."""
         if self._scheduler.get_job(name) is not None:
             self._scheduler.remove_job(name)
 

@@ -1,7 +1,7 @@
 """The live daemon: polls on monotonic deadlines, judges windows, writes back, until told to stop.
 
 Every device has two tasks of its own (`fieldlink.daemon.sampling.tasks`), so a silent device delays
-nobody else and a slow write delays no poll. Windows are judged in other processes on the
+no other and a slow write delays no poll. Windows are judged in other processes on the
 scheduler's beat; records go to a thread. The event loop itself only waits. A changed site file is
 taken over while all this runs, device by device.
 """

@@ -4,7 +4,7 @@
     rows = ledger.advance(round)          # what is new, to be stored and told
 
 A finding is born on watch, is confirmed when it is seen again, and closes itself with a reason. One
-whose loop has no new window has no say: nothing is confirmed or closed for want of data.
+whose loop has no new window stays as it is: missing data neither confirm nor close it.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class Trial:
     what: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain types."""
+        """Return the fields as plain types."""
         return {"loop": self.loop, "utc_ms": self.utc_ms, "what": self.what}
 
 

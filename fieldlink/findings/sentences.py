@@ -32,7 +32,7 @@ class Described(Protocol):
 
     @property
     def swing_period_s(self) -> float | None:
-        """Of the oscillation."""
+        """Period of the oscillation in seconds."""
         ...
 
 

@@ -78,7 +78,7 @@ class LateReplies:
         return echo_request(self._echoes & 0xFFFF)
 
     def refused(self, probe: Request, now: float) -> None:
-        """Note that a probe was answered with what proves nothing."""
+        """Note an answer to a probe that does not prove that it is the probe's."""
         self._refusals += 1
         self.owe(probe, now)
 

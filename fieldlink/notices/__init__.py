@@ -1,6 +1,6 @@
 """Notices to people: a confirmed finding, a device lost or back, over HTTP and by e-mail.
 
-Nothing here judges, polls or writes a device; a receiver that is away costs nothing else anything.
+Nothing here judges, polls or writes a device; a receiver that does not answer delays nothing else.
 """
 
 from fieldlink.notices.errors import NoticeError

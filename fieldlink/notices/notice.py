@@ -70,7 +70,7 @@ class Notice:
 
     @classmethod
     def of_dict(cls, document: Mapping[str, Any]) -> Notice:
-        """Take one over that was kept on disk."""
+        """Return the notice that was kept on disk as ``document``."""
         return cls(
             document["subject"],
             document["state"],

@@ -49,7 +49,7 @@ class Retrying:
     attempts: int = 8
 
     def pause(self, attempts: int) -> float:
-        """Return the seconds after so many attempts."""
+        """Return the seconds to wait after so many failed attempts."""
         return float(self.first * self.factor ** (attempts - 1))
 
 

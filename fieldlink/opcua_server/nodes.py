@@ -2,7 +2,7 @@
 
 Objects
     DI:DeviceSet        every valve and every device, for clients that look there
-    Loops               a folder an object: the valve of each loop
+    Loops               one object a loop: its valve
     Devices             the connections
     UpdatedAt           when the daemon last gave values
 """

@@ -5,11 +5,11 @@ Nothing here is read from a device: it is what the site file means, request by r
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fieldlink.registers import Apart, ReadRequest, find_apart
+from fieldlink.registers import Apart, ReadRequest, Tag, find_apart
 from fieldlink.registers.types import order_name
 from fieldlink.site.checked_site import Site
 from fieldlink.site.device import Device
@@ -172,7 +172,7 @@ def _device(
         name=name,
         link=device.link,
         address=device.where,
-        order="" if device.is_opcua else order_name(device.word_order, device.byte_order),
+        order="" if device.is_opcua else _orders(device, site.maps.get(name, {}).values()),
         tags=len(site.maps.get(name, {})),
         requests=tuple(
             RequestReport(
@@ -187,6 +187,12 @@ def _device(
             for request in requests
         ),
     )
+
+
+def _orders(device: Device, tags: Iterable[Tag]) -> str:
+    """Return the orders in which values of several registers are read; a map may have its own."""
+    several = {order_name(tag.word_order, tag.byte_order) for tag in tags if tag.count > 1}
+    return " and ".join(sorted(several)) or order_name(device.word_order, device.byte_order)
 
 
 def _loop(site: Site, name: str, loop: Loop, requests: tuple[ReadRequest, ...]) -> LoopReport:

@@ -44,7 +44,7 @@ LOW_WATER = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """How long and how much.
+    """How long records are kept, and how large the file may grow.
 
     Attributes:
         samples_days: days that samples are kept; for ever when None.

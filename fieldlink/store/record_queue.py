@@ -93,7 +93,7 @@ class RecordQueue:
         return taken
 
     def settle(self, batch: Sequence[Record], *, stored: bool) -> None:
-        """Keep the promises made for records; identity tells them, their batch holds them."""
+        """Report to those who wait for a record of the batch whether it was stored."""
         if not self._receipts:
             return
         for record in batch:
@@ -102,7 +102,7 @@ class RecordQueue:
                 receipt.set_result(stored)
 
     def drop(self, batch: Sequence[Record]) -> None:
-        """Give records up that were taken out: they are counted as lost."""
+        """Give up records that were taken out: count them as lost."""
         self._counts.add(dropped=len(batch))
         self.settle(batch, stored=False)
 

@@ -53,7 +53,7 @@ class LogDamage:
 def keep_damaged_log(database: Path) -> str:
     """Keep a copy of a damaged log and return what was found, as a sentence; empty if it is sound.
 
-    To be called before SQLite opens the database: it empties the log.
+    Call it before SQLite opens the database, because SQLite then empties the log.
     """
     log = database.with_name(database.name + "-wal")
     try:

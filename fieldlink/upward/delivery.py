@@ -99,7 +99,7 @@ class Delivery:
         )
 
     async def run(self) -> None:
-        """Deliver until stopped; a broker that is away costs nothing but attempts."""
+        """Deliver until stopped; while the broker does not answer, try again and again."""
         while not self._stopping:
             try:
                 await self._connect_and_deliver()

@@ -109,7 +109,7 @@ class JsonFormat:
         return [_packet(self._topics.health, document, retain=True)]
 
     def receive(self, incoming: Incoming, health: Health) -> Iterable[Outgoing]:  # noqa: ARG002
-        """Have a command carried out; the answer goes to its topic with ``/result`` added."""
+        """Carry out a command; the answer goes to its topic with ``/result`` added."""
         loop, command = self._topics.find_command(incoming.topic)
         request = {} if incoming.refusal else _read_request(incoming.payload)
         answer = self._desk.handle(

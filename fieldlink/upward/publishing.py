@@ -120,7 +120,7 @@ class Publishing:
         self._arrived.set()
 
     def follow(self, site: Site) -> None:
-        """Take over a changed site file: its loops and their names; not the table itself."""
+        """Take over a changed site file: its loops and their names, but not its table [mqtt]."""
         # The table takes effect at the next start, like the other tables about the daemon.
         file = site.file.model_copy(update={"mqtt": self._site.file.mqtt})
         self._site = Site(site.path, file, site.maps)

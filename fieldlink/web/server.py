@@ -52,7 +52,7 @@ class _Server(uvicorn.Server):
 
 @asynccontextmanager
 async def live_source(daemon: Daemon) -> AsyncIterator[Source]:
-    """Give what a running daemon shows, to all who show it, and close it at the end."""
+    """Yield the one source of a running daemon for pages and OPC UA; close it at the end."""
     source = Source.of_daemon(daemon)
     try:
         yield source

@@ -137,7 +137,7 @@ def _of_kept(job: _Job, kept: Mapping[str, Any]) -> _Judged | str:
 
 
 def _names(files: Sequence[Path]) -> list[str]:
-    """Stems; with their folder where several files have one stem."""
+    """Return the files' names without ending; with the folder where two names are the same."""
     stems = [file.stem for file in files]
     return [
         stem if stems.count(stem) == 1 else str(file.with_suffix(""))
@@ -146,7 +146,7 @@ def _names(files: Sequence[Path]) -> list[str]:
 
 
 def _judge_or_explain(job: _Job) -> _Judged | str:
-    """Judge a recording; a sentence where that cannot be done, because others go on."""
+    """Judge a recording; return a sentence where that fails, so that the others go on."""
     try:
         return _judge(job)
     except (FieldlinkError, EstimatorError) as error:

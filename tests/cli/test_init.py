@@ -131,7 +131,9 @@ def test_a_plc_that_does_not_answer_is_reported_after_the_files_are_written(fold
 
 
 def test_the_word_order_of_a_list_that_does_not_say_it(folder: Path) -> None:
-    assert run("clear.csv", "--auto-values", "1", "--word-order", "little", "--yes").exit_code == 0
+    result = run("clear.csv", "--auto-values", "1", "--word-order", "little", "--yes")
+    assert result.exit_code == 0, result.output
+    assert "byte order CDAB" in result.output
     tags = load_site(folder / "site.toml").maps["plc"]
     # 25.0 as a float32, less significant register first
     assert tags["FC101.PV"].decode([0, 0x41C8]).value == 25.0

@@ -103,6 +103,7 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
 
         stored = json.loads(await command("status", file, "--json"))
         assert stored["daemon"]["alive"] is False
+        assert "None" not in await command("status", file)
         with pytest.raises(AssertionError, match="no daemon runs for this site"):
             await command("status", file, "--must-run")
         assert stored["loops"][0]["block"]["status"] == "withdrawn"

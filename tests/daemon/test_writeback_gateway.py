@@ -32,8 +32,8 @@ async def test_one_number_everywhere_is_no_exchange_area(
     await b.seconds(20, scanning=False)
     assert {type(error) for error in b.errors} == {NoAreaError}
     assert str(b.errors[0]) == (
-        "device plc: all words of the exchange area read 65535, as no PLC's program has them; "
-        "nothing is written meanwhile; look whether a gateway has lost its PLC"
+        "device plc: all words of the exchange area read 65535, which no PLC program gives; "
+        "nothing is written meanwhile; check whether a gateway has lost its PLC"
     )
     # Its enable bit is set and its writer is another one, and neither is believed.
     assert len(device.writes) == writes

@@ -142,8 +142,8 @@ def test_arrays_words_feedthrough_and_a_variable_called_time(odd: Odd, tmp_path:
 @pytest.mark.parametrize(
     ("cell", "words"),
     [
-        ("quick", r"row 3, column 'mode': 'quick' is no finite number and none of slow, fast"),
-        ("", r"row 3, column 'mode': an empty cell is no finite number"),
+        ("quick", r"row 3, column 'mode': 'quick' is not a finite number and none of slow, fast"),
+        ("", r"row 3, column 'mode': an empty cell is not a finite number"),
     ],
 )
 def test_words_that_mean_nothing(tmp_path: Path, cell: str, words: str) -> None:

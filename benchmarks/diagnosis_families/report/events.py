@@ -28,7 +28,7 @@ _VISIBLE = 0.8
 
 
 def draw_event(plant: str, source: str, seed: int, samples: int = 3000) -> EventRecord:
-    """The plant of that kind, source and seed; the same arguments give the same plant."""
+    """Return a plant with an event from ``source``; the same arguments give the same plant."""
     key = zlib.crc32(f"report {plant} {source}".encode())
     for attempt in range(_TRIES):
         rng = np.random.default_rng([seed, key, attempt])

@@ -195,7 +195,7 @@ def draw_advised(
     samples: int = 1800,
     settings: tuple[float, float] | None = None,
 ) -> LoopRecord:
-    """The loop of that kind and seed; with ``settings`` the same under that PI (scans)."""
+    """Return a loop by kind and seed, with ``settings`` under that PI (times in scans)."""
     key = zlib.crc32(f"advised/{kind}".encode())
     n = samples + _WARM
     for attempt in range(_ATTEMPTS):

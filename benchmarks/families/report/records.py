@@ -15,7 +15,7 @@ Rng = np.random.Generator
 
 
 def quantise(signal: Array, step: float) -> Array:
-    """``signal`` as a converter with ``step`` reads it."""
+    """Return ``signal`` as a converter with the resolution ``step`` reads it."""
     return np.asarray(np.round(signal / step) * step)
 
 

@@ -32,7 +32,7 @@ class Opening:
 
 
 class Reader(Protocol):
-    """One kind of place."""
+    """Reads one kind of place, such as a folder, a file or a database."""
 
     def pieces(self, job: Job, place: int, after: str) -> Iterator[Piece | Opening]:
         """List what there is to read, always in the same order.

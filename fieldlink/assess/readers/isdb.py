@@ -59,7 +59,7 @@ def _structure(path: Path) -> Mapping[str, Any]:
 
 @lru_cache(maxsize=1)
 def _load(path: Path, _changed: int) -> Mapping[str, Any]:
-    """The loops of a file are read one after the other: the file is kept until it changes."""
+    """Load a file and keep it until it changes: its loops are read one after the other."""
     try:
         contents = loadmat(path, simplify_cells=True)
     except NotImplementedError as error:

@@ -76,7 +76,7 @@ class SqlTable(_Model):
     table: str = Field(description="table or view, with its schema where it has one: plant.history")
     time: str = Field(description="column of the time stamps")
     time_unit: Literal["s", "ms"] = Field(
-        default="s", description="of times that are numbers since 1970"
+        default="s", description="unit of times that are numbers since 1970"
     )
     period: float | None = Field(default=None, gt=0.0, description="seconds between samples")
     loop: str | None = Field(default=None, description="column of the loop's name")

@@ -61,7 +61,7 @@ class EstimateOutcome(Enum):
     """The outcome of a request; the value is stored, ``advice`` is for the operator."""
 
     ESTIMATED = ("estimated", "")
-    REFUSED = ("refused", "the window is no input for the estimator: check the loop's tags")
+    REFUSED = ("refused", "the estimator cannot use the window: check the loop's tags")
     TIMED_OUT = ("timed_out", "shorten the window, or give the machine more time or cores")
     OUT_OF_MEMORY = ("out_of_memory", "shorten the window, or raise estimation.memory_megabytes")
     FAILED = ("failed", "a defect of the estimator: report it with the window's samples")

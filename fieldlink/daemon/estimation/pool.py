@@ -251,7 +251,7 @@ def begin_worker(prepare: Callable[[], None], memory: int | None, stands_back: b
 
 
 def _die_with_parent() -> None:
-    """A worker whose daemon was killed would otherwise wait for work for ever."""
+    """End this worker with its daemon: otherwise it would wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

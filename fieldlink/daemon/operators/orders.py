@@ -41,7 +41,7 @@ class OrderError(FieldlinkError):
 
 
 class Action(Enum):
-    """What may be ordered; the value names it in requests and events, ``done`` answers it."""
+    """What may be ordered: the name used in requests and events, and the answer when done."""
 
     ESTIMATE = ("estimate", "the window is being judged; the result appears when it is ready")
     ACCEPT = ("accept", "the hold has ended; the rules of the site file decide again")

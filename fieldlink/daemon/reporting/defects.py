@@ -9,7 +9,7 @@ __all__ = ["describe_defect"]
 
 
 def describe_defect(error: BaseException) -> str:
-    """Return an error that nobody foresaw and its place, in one line for a report."""
+    """Return an unforeseen error and its place, in one line for a report."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     said = " ".join(str(error).split())

@@ -108,7 +108,7 @@ class DaemonStatus:
         defects: errors met that the program does not foresee; the log tells where.
         upward: messages delivered to the broker and waiting; None where the site publishes nothing.
         findings: why loops swing; None where the site switches the diagnosis off.
-        notices: notices delivered and waiting; None where nobody gets any.
+        notices: notices delivered and waiting; None where none are configured.
     """
 
     devices: Mapping[str, DeviceStatus]

@@ -122,7 +122,7 @@ class DeviceRunner:
                     self.lateness.note(0.001 * record.late_ms)
 
     def note_defect(self, error: Exception, now: float) -> None:
-        """Demote the device for an error in a poll that nobody foresaw; it is polled again.
+        """Demote the device for an unforeseen error in a poll; it is polled again.
 
         Args:
             error: what was raised.

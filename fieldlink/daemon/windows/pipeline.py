@@ -206,7 +206,7 @@ class LoopPipeline:
             epoch: of the loop's runner.
             now: the plant second.
             compensated: whether a block may have been in force during the window.
-            by_hand: whether an operator asks; the next window is due as if nobody had.
+            by_hand: whether an operator asks; this does not change when the next window is due.
         """
         if not by_hand:
             self._estimated_at = self._window.last_slot

@@ -33,7 +33,7 @@ _OPTIONAL = frozenset({"ack_refusal", "writer"})
 
 
 class NoAreaError(LinkError):
-    """What was read is no exchange area: nothing may be concluded from it, nothing written."""
+    """What was read is not an exchange area: conclude nothing from it, write nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class ControlWords:
 
     @property
     def inactive_bank(self) -> Bank:
-        """The bank whose content nobody uses: where the next block goes.
+        """The bank that is not in use: where the next block goes.
 
         It is the one that the PLC does not name as active; before the PLC has accepted anything,
         the one that the commit word does not name.
@@ -93,7 +93,7 @@ class ControlWords:
         if self.ack_seq == 0:
             return ""
         if self.active_bank not in (Bank.A, Bank.B):
-            return f"active_bank is {self.active_bank}, which is no bank"
+            return f"active_bank is {self.active_bank}, which is not a bank"
         if self.ack_result != ACCEPTED or self.ack_commit != self.commit:
             return ""
         said = commit_word(Bank(self.active_bank), self.ack_seq)
@@ -150,8 +150,8 @@ class Exchange:
         if found.filler is not None:
             raise NoAreaError(
                 self._device,
-                f"all words of the exchange area read {found.filler}, as no PLC's program has them",
-                "nothing is written meanwhile; look whether a gateway has lost its PLC",
+                f"all words of the exchange area read {found.filler}, which no PLC program gives",
+                "nothing is written meanwhile; check whether a gateway has lost its PLC",
             )
         return found
 

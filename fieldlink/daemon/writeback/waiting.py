@@ -1,4 +1,4 @@
-"""The newest candidate that waits for its turn; why it waits is reported once, not every look."""
+"""The newest candidate that waits for its turn; why it waits is reported once."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def read_inputs(
             tag = "time" if name == TIME_VARIABLE else name
             columns[tag] = _numbers(file, name, cells, words.get(tag, {}), commas)
         else:
-            raise FmuError(f"{file}: column {name!r} is no input; {nearest(name, names)}")
+            raise FmuError(f"{file}: column {name!r} is not an input; {nearest(name, names)}")
     if time.size == 0:
         raise FmuError(f"{file}: there is no row below the header")
     wrong = np.flatnonzero(np.diff(time) < 0.0)
@@ -144,7 +144,7 @@ def _numbers(
             found = repr(cell) if cell else "an empty cell"
             hint = f" and none of {', '.join(words)}" if words else ""
             raise FmuError(
-                f"{file}: row {row + 2}, column {name!r}: {found} is no finite number{hint}"
+                f"{file}: row {row + 2}, column {name!r}: {found} is not a finite number{hint}"
             )
         values[row] = value
     return values

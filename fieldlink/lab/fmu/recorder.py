@@ -158,7 +158,7 @@ def check_ending(file: Path) -> None:
     """Refuse a file that is neither CSV nor Parquet.
 
     Raises:
-        FmuError: the ending says so.
+        FmuError: the ending is another one.
     """
     if file.suffix not in (".csv", ".parquet"):
         raise FmuError(f"{file}: name a file that ends in .csv or .parquet")

@@ -1,8 +1,8 @@
 """The FMUs behind the simulated PLC: each steps once a scan, and none keeps another waiting.
 
-A scan begins the steps of all its plants before it waits for the first. Who paces the scans by a
-clock gives a scan little patience: a plant that does not answer in time goes on in the background
-and its loops stand still until it does, while the other loops are scanned as ever.
+A scan begins the steps of all its plants before it waits for the first. When a
+clock paces the scans, a scan waits only briefly: a plant that does not answer in time goes on in
+the background and its loops stand still until it does; the other loops are scanned as before.
 """
 
 from __future__ import annotations

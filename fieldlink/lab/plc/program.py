@@ -122,7 +122,7 @@ class ReplayedLoop:
         return float(self._recording.pv[min(self._played, len(self._recording) - 1)])
 
     def begin(self, commands: Commands) -> None:
-        """Nothing that is asked of a recording changes it."""
+        """Do nothing: commands do not change a recording."""
 
     def end(self) -> CycleRecord:
         """Return the next row."""

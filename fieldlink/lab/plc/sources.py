@@ -51,7 +51,7 @@ class OpSource(Protocol):
 
 
 class ByHand:
-    """A client that writes the OP tag and is not watched."""
+    """OP from a client that writes the tag; there is no time-out."""
 
     def __init__(self, limits: OpLimits) -> None:
         self._limits = limits

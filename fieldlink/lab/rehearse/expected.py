@@ -129,7 +129,9 @@ class PvExpected(_Expected):
         for name in ("first", "then"):
             begin, end = getattr(self, name)
             if not 0 <= begin < end:
-                raise ValueError(f"{name} = [{begin:g}, {end:g}] is no time; give 0 <= from < to")
+                raise ValueError(
+                    f"{name} = [{begin:g}, {end:g}] is not a time; give 0 <= from < to"
+                )
         return self
 
 

@@ -110,7 +110,7 @@ class _Supervised:
 
 @dataclass(frozen=True, slots=True)
 class StagedRun:
-    """A controller ready to run, and what it tells afterwards."""
+    """A controller ready to run, and its figures after the run."""
 
     controller: Controller
     timing: Timing

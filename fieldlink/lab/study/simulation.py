@@ -134,7 +134,7 @@ def _known(name: str) -> CatalogueModel:
     if known is None or known.process is None:
         usable = ", ".join(m.name for m in catalogue.values() if m.process is not None)
         raise SimulationError(
-            f"{name!r} is no plant of the catalogue with a linear model, which the plant's own "
+            f"{name!r} is not a catalogue plant with a linear model, which the plant's own "
             f"controller needs; choose one of {usable}"
         )
     return known
