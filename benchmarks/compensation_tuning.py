@@ -28,6 +28,13 @@ def rows_to_run() -> Iterator[tuple[TunedLoop, str, str]]:
             wrong = tuple(WRONG) if number == place % len(kinds) else ("exact",)
             for parameters in (*wrong, "identified"):
                 yield loop, parameters, "none"
+            if "sign wrong" not in wrong:
+                yield loop, "sign wrong", "none"
+        # An MPC that chases the measurement's noise: little deviation to gain, much travel.
+        for valve in kinds if PROCESSES[process].integrating else ():
+            restless = TunedLoop.of(process, valve, "restless")
+            for parameters in ("exact", "gain x 0.8", "identified"):
+                yield restless, parameters, "none"
         for loop in (
             TunedLoop.of(process, "varying", ("pi", "mpc")[place % 2]),
             TunedLoop.of(process, "steady", "calm"),

@@ -23,7 +23,7 @@ class RefusalKind(Enum):
     UNSTABLE = "the process model is unstable"
     PERIOD = "the model's sampling period is not that of the scans"
     RANGE = "a parameter is outside what the controller accepts"
-    WORSE = "given up: PV got worse"
+    WORSE = "given up: PV got worse, or hardly better"
     TRAVEL = "given up: the valve's travel was over its budget"
     LEFT_RANGE = "given up: the error left the range that was known of it"
     OTHER = "withdrawn by an operator or for another reason"

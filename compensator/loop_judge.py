@@ -53,7 +53,7 @@ class LoopJudge:
                 horizon=candidate.horizon,
                 dead_time=candidate.prediction.dead_time,
                 stroke=candidate.model.valve.stick_band,
-                step=candidate.model.valve.slip_jump * candidate.prediction.scale,
+                step=_step_of(candidate),
             )
         self._watch.restart(candidate.horizon // 2)
         self._own_scans = 0
@@ -115,3 +115,11 @@ class LoopJudge:
             replace(check, shortest=check.own_shortest),
         )
         return agrees < 0
+
+
+def _step_of(compensator: Compensator) -> float:
+    """Return what a slip jump makes of PV; of a level what it has made when PV first shows it."""
+    jump, prediction = compensator.model.valve.slip_jump, compensator.prediction
+    if prediction.process.is_integrating:
+        return float(jump * abs(prediction.step_response(prediction.dead_time + 1)).max())
+    return float(jump * prediction.scale)

@@ -51,6 +51,7 @@ class WithdrawReason(Enum):
     PV_FROZEN = "PV repeats one value: its sensor is frozen; the compensator returns with PV"
     SOLVER = "the compensator's solver passed its bound several scans in a row; use another one"
     WORSE = "PV deviated more than before; the model was given up, identify again"
+    NO_GAIN = "PV deviated more than half as much as before; the model was given up, identify again"
     GROWING = "the oscillation grew; the model was given up, identify again"
     HUNTING = "the stem travelled more for no gain; the model was given up, identify again"
     TRAVEL = "the stem travelled more than its budget; the model was given up, see travel_budget"

@@ -47,6 +47,7 @@ __all__ = ["Supervisor"]
 
 _KINDS = {
     WithdrawReason.WORSE: RefusalKind.WORSE,
+    WithdrawReason.NO_GAIN: RefusalKind.WORSE,
     WithdrawReason.GROWING: RefusalKind.WORSE,
     WithdrawReason.HUNTING: RefusalKind.TRAVEL,
     WithdrawReason.TRAVEL: RefusalKind.TRAVEL,
@@ -57,6 +58,7 @@ _KINDS = {
 
 _GIVEN_UP = {
     WatchVerdict.WORSE: WithdrawReason.WORSE,
+    WatchVerdict.NO_GAIN: WithdrawReason.NO_GAIN,
     WatchVerdict.GROWING: WithdrawReason.GROWING,
     WatchVerdict.HUNTING: WithdrawReason.HUNTING,
     WatchVerdict.TRAVEL: WithdrawReason.TRAVEL,

@@ -49,6 +49,12 @@ class TrackerSettings:
             (`FrictionPrior.spread`), and what is beyond 1.7 the record before tells
             (`RecordCheckSettings.larger`).
         claim: log-odds against another friction than the model's: one in four hundred.
+        bank_memory: samples over which the densities that decide between trackers count: two
+            stretches of ``memory``, because noise and friction vary less than positions.
+        lead: log-odds by which another tracker must be ahead to take over: one in fifty, so that
+            two that are alike do not take turns.
+        bank_learning: samples in which a tracker still learns how much noise there is: what it
+            expects counts nothing.
     """
 
     noise: NoiseModel
@@ -67,6 +73,9 @@ class TrackerSettings:
     innovations: InnovationSettings = field(default_factory=InnovationSettings)
     frictions: tuple[float, ...] = (1.0, 1.3, 0.75)
     claim: float = 6.0
+    bank_memory: float = 120.0
+    lead: float = 4.0
+    bank_learning: int = 60
 
     def __post_init__(self) -> None:
         require_not_negative(
@@ -74,6 +83,7 @@ class TrackerSettings:
             gain_spread=self.gain_spread,
             delay_spread=self.delay_spread,
             claim=self.claim,
+            lead=self.lead,
         )
         require_positive(
             "TrackerSettings",
@@ -82,6 +92,7 @@ class TrackerSettings:
             fluctuation_margin=self.fluctuation_margin,
             recalled=self.recalled,
             hopeless=self.hopeless,
+            bank_memory=self.bank_memory,
         )
         if not 0.0 <= self.negligible < 0.5:
             raise CompensatorError(
@@ -97,5 +108,9 @@ class TrackerSettings:
                 f"{self.frictions!r}"
             )
         require_whole(
-            "TrackerSettings", 1, hypotheses=self.hypotheses, level_memory=self.level_memory
+            "TrackerSettings",
+            1,
+            hypotheses=self.hypotheses,
+            level_memory=self.level_memory,
+            bank_learning=self.bank_learning,
         )

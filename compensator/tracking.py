@@ -29,11 +29,6 @@ NOISE_KINDS = (
 model of too low an order). The filter's ``disturbance`` is set by `TrackerSettings.offset_memory`.
 """
 
-_MEMORY = 120.0
-_LEAD = 4.0
-_LEARNING = 60
-"""Scans in which a tracker still learns how much noise there is: what it expects counts nothing."""
-
 
 def noise_kinds(prediction: Prediction) -> tuple[NoiseModel, ...]:
     """Return the noise models that a process may have: no tank's level is a random walk."""
@@ -57,6 +52,7 @@ class TrackerBank:
         settings: TrackerSettings,
         noises: tuple[NoiseModel, ...],
     ) -> None:
+        self._settings = settings
         self._frictions = [factor for factor in settings.frictions for _ in noises]
         self._trackers = [
             StemTracker(prediction, _scaled(valve, factor), replace(settings, noise=noise))
@@ -85,12 +81,12 @@ class TrackerBank:
 
     def observe(self, pv: float, op: float) -> None:
         """Take in one scan; see `StemTracker.observe`."""
-        keep = 1.0 - 1.0 / _MEMORY
+        keep = 1.0 - 1.0 / self._settings.bank_memory
         for i, tracker in enumerate(self._trackers):
             tracker.observe(pv, op)
             self._scores[i] = keep * self._scores[i] + tracker.innovations.evidence
         self._count += 1
-        if self._count <= _LEARNING:
+        if self._count <= self._settings.bank_learning:
             self._scores = [0.0] * len(self._trackers)
         # Where a model of too low an order leaves innovations correlated, each tells less.
         colour = self.chosen.innovations.colour
@@ -99,7 +95,7 @@ class TrackerBank:
             worth * score - claim for score, claim in zip(self._scores, self._claims, strict=True)
         ]
         best = max(range(len(scores)), key=scores.__getitem__)
-        if scores[best] > scores[self._chosen] + _LEAD:
+        if scores[best] > scores[self._chosen] + self._settings.lead:
             self._chosen = best
 
 

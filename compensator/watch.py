@@ -1,12 +1,13 @@
 """Is the compensated loop better than before? Judged over periods of the oscillation it replaced.
 
-Four questions, from the quickest to the slowest:
+Five questions, from the quickest to the slowest:
 
 * does PV run away: is the error far beyond all that was known, or OP at a limit with PV leaving,
   for longer than the dead time explains (`RunAway`)?
 * does it overshoot a set-point step by as much as the step, or grow from cycle to cycle?
 * is PV worse **and** the stem's travel more than before (`HarmWatch`)?
 * is PV worse, or travel over its budget, over periods enough for the figures to be fair?
+* is the promise kept: half of PV's deviation and no more travel than before (`PromiseWatch`)?
 
 Nothing that noise with the stem held explains is held against the compensator; nor is a set-point
 that OP's range cannot reach, or the travel that a moving set-point asks for.
@@ -22,6 +23,7 @@ from enum import Enum
 from compensator.cycles import GrowingCycles
 from compensator.figures import LoopFigures
 from compensator.harm import HarmWatch
+from compensator.promise import PromiseWatch
 from compensator.watch_settings import WatchSettings
 
 __all__ = ["LoopWatch", "RunAway", "WatchVerdict", "Watched"]
@@ -35,6 +37,7 @@ class WatchVerdict(Enum):
     GROWING = "PV's oscillation grows from cycle to cycle"
     HUNTING = "the stem travels more than it did before compensation, and PV is no better"
     TRAVEL = "the stem travels more than its budget allows"
+    NO_GAIN = "PV still deviates more than half as much as it did before compensation"
     LEFT_RANGE = "PV left the range that was known of it and did not return"
 
 
@@ -70,7 +73,8 @@ class RunAway:
 
     def __init__(self, largest: float, dead_time: int, settings: WatchSettings) -> None:
         self._largest, self._settings = largest, settings
-        scans = dead_time + settings.trip_scans
+        scans = min(dead_time + settings.trip_scans, settings.trip_latest)
+        self._latest = min(2 * scans, settings.trip_latest)
         self._beyond: deque[float] = deque(maxlen=scans)
         self._at_limit: deque[float] = deque(maxlen=scans)
         self._often = 0.0
@@ -83,13 +87,14 @@ class RunAway:
             noise: deviation that noise alone makes.
             expected: size of error that a set-point change explains, 0 without one.
         """
-        known = max(self._largest, 4.0 * noise)
+        # The largest error of a record is noise's too: more than twice that it cannot be.
+        known = max(self._largest, min(4.0 * noise, 2.0 * self._largest))
         size = abs(seen.error)
         far = size > self._settings.pv_trip * known + expected
         pushed = seen.at_limit and size > self._settings.limit_trip * known + expected
         # An oscillation that runs away returns for a while each half period.
         self._often = max(0.0, self._often + (1.0 if far else -0.5))
-        if self._often >= 2.0 * (self._beyond.maxlen or 1):
+        if self._often >= self._latest:
             return True
         return _stays(self._beyond, size, far, 1.0) or _stays(self._at_limit, size, pushed, 1.02)
 
@@ -146,6 +151,9 @@ class LoopWatch:
         self._cycles = GrowingCycles(peaks, self.settings.cycles)
         square = max(before.mean_square, self._finest)
         self._harm = HarmWatch(square, before.travel, stroke, self.settings.harm)
+        self._promise = PromiseWatch(
+            square, before.travel, stroke, self._long, self.settings.promise
+        )
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
         self._from = self._expected = 0.0
@@ -174,8 +182,10 @@ class LoopWatch:
         self._quietest = min(self._quietest, seen.noise_variance)
         self._excused = max(0, self._excused - 1)
         if self._from == 0.0:
+            # What is inside the known range anyhow is no way to a new set-point.
             self._from = seen.error
-            self._expected = 1.1 * abs(seen.error)
+            outside = abs(seen.error) > self.before.largest
+            self._expected = 1.1 * abs(seen.error) if outside else 0.0
         # The stem follows a set-point in steps: what is asked for is counted until it is done.
         self._asked += seen.sp_travel - self._asked / self._short
         noise = math.sqrt(self._quietest)
@@ -200,6 +210,10 @@ class LoopWatch:
         if self._cycles.push(seen.error, seen.noise_variance):
             return WatchVerdict.GROWING
         verdict = self._judge()
+        if verdict is WatchVerdict.FINE and seen.sp_travel == 0.0:
+            verdict = self._promised(seen)
+            if verdict is not WatchVerdict.FINE:
+                return verdict
         self._bad_for = 0 if verdict is WatchVerdict.FINE else self._bad_for + 1
         if self._bad_for <= self.settings.persist * self._short:
             return WatchVerdict.FINE
@@ -251,6 +265,12 @@ class LoopWatch:
         if travel > s.hunting * usual + allowance and square > s.hunting_share * known:
             return WatchVerdict.HUNTING
         return WatchVerdict.FINE
+
+    def _promised(self, seen: Watched) -> WatchVerdict:
+        broken = self._promise.push(seen.error, self._travels[-1], self._quietest)
+        if not broken:
+            return WatchVerdict.FINE
+        return WatchVerdict.TRAVEL if broken == "travel" else WatchVerdict.NO_GAIN
 
     def _means(self, count: int) -> tuple[float, float]:
         """Return the mean square error and the mean travel of the last ``count`` samples."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from compensator.action import CompensatorError, require_not_negative, require_positive
 from compensator.cycles import CycleSettings
 from compensator.harm import HarmSettings
+from compensator.promise import PromiseSettings
 
 __all__ = ["WatchSettings"]
 
@@ -32,6 +33,7 @@ class WatchSettings:
         pv_trip: multiple of the largest error known beyond which PV must return at once.
         trip_scans: scans beside the dead time that PV may be beyond it: an error that grows for so
             long is none that the last move has yet to answer.
+        trip_latest: scans after which PV may be beyond it no longer, whatever the dead time is.
         limit_trip: the same multiple as ``pv_trip`` while OP is at a limit and PV is leaving.
         periods: of the oscillation before: length of the quick, the short and the long window.
         least: samples of the quick window at least.
@@ -39,6 +41,7 @@ class WatchSettings:
         stepped: share of the largest error known from which a change of the set-point is a step to
             be settled; a smaller one is to be followed inside the known range.
         cycles: what an oscillation that grows is.
+        promise: what compensation must reach in the long run.
     """
 
     worse_by: float = 1.05
@@ -51,12 +54,14 @@ class WatchSettings:
     harm: HarmSettings = field(default_factory=HarmSettings)
     pv_trip: float = 3.0
     trip_scans: int = 8
+    trip_latest: int = 60
     limit_trip: float = 1.5
     periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
     least: int = 40
     persist: float = 0.125
     stepped: float = 0.5
     cycles: CycleSettings = field(default_factory=CycleSettings)
+    promise: PromiseSettings = field(default_factory=PromiseSettings)
 
     def __post_init__(self) -> None:
         require_positive(
@@ -69,6 +74,7 @@ class WatchSettings:
             pv_trip=self.pv_trip,
             limit_trip=self.limit_trip,
             trip_scans=self.trip_scans,
+            trip_latest=self.trip_latest,
             least=self.least,
             stepped=self.stepped,
             quick=self.periods[0],

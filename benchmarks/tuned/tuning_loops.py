@@ -45,6 +45,8 @@ class TunedLoop(Loop):
             return PiController(_brisk(model))
         if self.own == "calm":  # it travels so little that each needless move shows
             return PiController(PiSettings.simc(model))
+        if self.own == "restless":
+            return UnawareMpc(model, MpcSettings(op_weight=0.15))
         if model.is_integrating:  # tuned to leave its measurement's noise alone
             return UnawareMpc(model, MpcSettings(op_weight=0.1, noise=NoiseModel(0.1, 1.0, 0.02)))
         return UnawareMpc(model)

@@ -94,7 +94,11 @@ class Refusal(Enum):
         "a parameter is outside what the controller accepts",
         "compare the block with the controller's limits",
     )
-    WORSE = (24, "given up, because PV got worse", "identify again without compensation")
+    WORSE = (
+        24,
+        "given up, because PV got worse or hardly better",
+        "identify again without compensation",
+    )
     TRAVEL = (
         25,
         "given up, because the valve's travel was over its budget",

@@ -123,4 +123,6 @@ def test_a_valve_model_far_too_small_is_given_up_where_no_record_corrects_it() -
         WithdrawReason.WORSE,
         WithdrawReason.HUNTING,
         WithdrawReason.GROWING,
+        WithdrawReason.TRAVEL,
+        WithdrawReason.NO_GAIN,
     }

@@ -10,7 +10,12 @@ from compensator import (
 )
 from compensator.figures import oscillation_period
 from compensator.harm import HarmWatch
+from compensator.promise import PromiseSettings, PromiseWatch
 from compensator.watch import LoopWatch, Watched, WatchVerdict
+from compensator.watch_settings import WatchSettings
+
+QUICK = WatchSettings(promise=PromiseSettings(shortest=10**6))
+"""What the long run must reach is not asked."""
 
 
 def test_a_growing_oscillation_is_noticed_within_five_periods() -> None:
@@ -37,7 +42,7 @@ def test_an_oscillation_worse_than_before_is_noticed_within_five_periods() -> No
 
 @pytest.mark.parametrize("amplitude", [0.9, 0.3])
 def test_a_steady_oscillation_no_worse_than_before_is_let_be(amplitude: float) -> None:
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK)
     noise = np.random.default_rng(2).normal(0.0, 0.1, 2000)
     for k in range(2000):
         error = amplitude * math.sin(2.0 * math.pi * k / 40.0) + noise[k]
@@ -88,7 +93,7 @@ def test_an_error_far_beyond_all_that_was_known_ends_it_within_the_dead_time_and
 
 
 def test_an_error_that_returns_is_none_that_ran_away() -> None:
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK)
     for k in range(300):
         error = 5.0 * math.exp(-((k - 100.0) ** 2) / 18.0)
         assert watch.push(Watched(error, 0.0, 0.01)) is WatchVerdict.FINE
@@ -114,16 +119,16 @@ def test_a_set_point_out_of_reach_is_not_worse() -> None:
 
 
 def test_travel_over_its_budget_is_noticed_however_good_pv_is() -> None:
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK, stroke=10.0)
     found = [watch.push(Watched(0.05, 2.5, 1e-4)) for _ in range(300)]
     assert WatchVerdict.TRAVEL in found
-    fair = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    fair = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK, stroke=10.0)
     assert all(fair.push(Watched(0.05, 1.9, 1e-4)) is WatchVerdict.FINE for _ in range(300))
-    ramp = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), stroke=10.0)
+    ramp = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK, stroke=10.0)
     asked = [ramp.push(Watched(0.05, 2.5, 1e-4, sp_travel=1.0)) for _ in range(300)]
     assert set(asked) == {WatchVerdict.FINE}
     # A stem follows a ramp in steps: what each step does is what the scans before it asked for.
-    steps = LoopWatch(LoopFigures(0.5, 0.02, 40.0, 1.2), stroke=1.0)
+    steps = LoopWatch(LoopFigures(0.5, 0.02, 40.0, 1.2), QUICK, stroke=1.0)
     found = [
         steps.push(Watched(0.05, 5.0 * (k % 25 == 24), 1e-4, sp_travel=0.2)) for k in range(300)
     ]
@@ -132,7 +137,7 @@ def test_travel_over_its_budget_is_noticed_however_good_pv_is() -> None:
 
 def test_a_valve_at_rest_is_given_more_room() -> None:
     """What PV does then is noise: 1.5 times the mean square of before is no reason to give up."""
-    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2))
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 40.0, 1.2), QUICK)
     for k in range(2000):
         error = math.sqrt(1.5) * math.sin(2.0 * math.pi * k / 40.0)
         assert watch.push(Watched(error, 0.0, 0.2)) is WatchVerdict.FINE
@@ -157,3 +162,21 @@ def test_a_loop_that_was_at_rest_may_make_a_correction() -> None:
     watch = HarmWatch(mean_square=0.01, travel=0.0, stroke=5.0)
     ways = [5.0 if k in (10, 14) else 0.0 for k in range(300)]
     assert not any(watch.push(1.0, way, quiet=0.0) for way in ways)
+
+
+@pytest.mark.parametrize(
+    ("share", "way", "noise", "broken"),
+    [
+        (0.4, 0.5, 0.0, ""),
+        (0.7, 0.5, 0.0, "deviation"),
+        (0.7, 0.5, 0.3, ""),  # noise makes most of it: no controller has anything to gain
+        (0.4, 1.3, 0.0, "travel"),
+    ],
+)
+def test_a_loop_is_given_back_that_gains_less_than_was_promised(
+    share: float, way: float, noise: float, broken: str
+) -> None:
+    watch = PromiseWatch(mean_square=1.0, travel=1.0, stroke=5.0, window=200)
+    found = [watch.push(share, way, noise) for _ in range(400)]
+    assert found[-1] == broken
+    assert not any(found[: PromiseSettings().shortest - 1])

@@ -40,6 +40,7 @@ _REASONS = {
     "pv_frozen": "PV repeated one value",
     "solver": "its solver took too long",
     "worse": "PV deviated more than before",
+    "no_gain": "PV deviated more than half as much as before",
     "growing": "the oscillation grew",
     "hunting": "the stem travelled more for no gain",
     "travel": "the stem travelled more than its budget",

@@ -211,6 +211,7 @@ class _Program:
 
 _NOTICED = {
     WithdrawReason.WORSE,
+    WithdrawReason.NO_GAIN,
     WithdrawReason.GROWING,
     WithdrawReason.HUNTING,
     WithdrawReason.TRAVEL,
