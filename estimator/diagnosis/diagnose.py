@@ -98,7 +98,9 @@ def diagnose(
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
-    cut = explained_rows(record, swing, settings)
+    # nor does a spike
+    shown = replace(record, good=record.good & ~sensor.spiked)
+    cut = explained_rows(shown, swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
