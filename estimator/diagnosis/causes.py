@@ -15,8 +15,8 @@ from estimator.diagnosis.tuning import Advice
 __all__ = ["rank_causes"]
 
 _INFERRED = 0.9
-"""Weight of slow tuning beside a sticky valve or a wave from outside, at the most: share of its
-weight."""
+"""Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
+tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
 
 
 def rank_causes(
@@ -32,14 +32,18 @@ def rank_causes(
     slow = _slow(found, settings, proposal)
     for shown in (sticky, outside):
         if shown is not None and slow is not None:
-            # it shows itself; slow tuning is inferred from what is left of the error
+            # slow tuning is inferred from what these leave of the error
             slow = replace(slow, weight=min(slow.weight, _INFERRED * shown.weight))
+    curved, limit = _characteristic(found, settings), _saturation(found, settings)
+    if curved is not None and limit is not None:
+        # a valve at its limit bends the characteristic that is fitted
+        curved = replace(curved, weight=min(curved.weight, _INFERRED * limit.weight))
     causes = facts + _told(
         (
             sticky,
             find_tight(found, settings),
             outside,
-            _characteristic(found, settings),
+            curved,
             slow,
         ),
         settings,

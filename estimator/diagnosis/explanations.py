@@ -202,12 +202,13 @@ def _without_valve(
     masked, jumps = rivals.without_jumps(case, healthy, weighing)
     again = polish(masked, None, healthy, (), healthy.taps, wide=True)
     plain = Rival(masked, settle(masked, again))
-    bends = [
-        replace(one, price=one.price + _concentration(masked, one, plain, weighing))
-        for one in rivals.curved(masked, plain.fit, weighing)
-    ]
-    bent = max(bends, key=lambda one: one.likelihood)
+    bent = max(rivals.curved(masked, plain.fit, weighing), key=lambda one: one.likelihood)
     curved = bent.likelihood - plain.likelihood
+    if curved >= least:
+        judging = case.settings.judging
+        spread = without_best(masked, plain, bent.fit, judging.parts) - bent.price
+        # a characteristic is curved all the time, a load jumps once
+        curved = curved if spread >= judging.steady else spread
     base, wave = plain, _best_wave(plain, cycles, weighing)
     if curved >= least:
         beside = _best_wave(bent, cycles, weighing)
@@ -228,16 +229,6 @@ def _without_valve(
 def _best_wave(base: Rival, cycles: float, weighing: Weighing) -> Rival | None:
     found = rivals.waves(base.case, base.fit, cycles, weighing)
     return max(found, key=lambda one: one.likelihood, default=None)
-
-
-def _concentration(case: Case, one: Rival, other: Rival, weighing: Weighing) -> float:
-    """Nats of an explanation's evidence that come from the best part of the window."""
-    evidence = one.likelihood - other.likelihood
-    if evidence <= 0.0:
-        return 0.0
-    return max(
-        0.0, evidence - without_best(case, other, one.fit, weighing.curved_parts) + one.price
-    )
 
 
 def _stem(window: Window, fit: Hypothesis) -> Array:

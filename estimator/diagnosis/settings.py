@@ -123,9 +123,6 @@ class Weighing:
             whose phase wanders.
         bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
             range of an equal-percentage valve.
-        curved_parts: parts of the window; the evidence for a curved characteristic must be there
-            without the best one (tuning family: a slow loop whose load jumps a few times looks
-            curved in one half).
         in_doubt: nats for a sticky valve between which it is looked for a second time: below, the
             estimator gives it up at once; above, a few strokes are enough for its verdict.
     """
@@ -135,7 +132,6 @@ class Weighing:
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
-    curved_parts: int = 3
     in_doubt: tuple[float, float] = (-8.0, 50.0)
 
 
