@@ -165,7 +165,7 @@ def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | Non
         return None
     ratio = math.exp(min(50.0, abs(one.bend) * found.op_middle))
     is_process = one.process > 2.0 * judging.threshold
-    if not (is_process and judging.ratio <= ratio <= judging.most_ratio):
+    if not is_process or ratio < judging.ratio:
         return None
     return Cause(
         CauseName.CHARACTERISTIC,

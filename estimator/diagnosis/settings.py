@@ -215,8 +215,8 @@ class Judging:
         frozen: share of samples in which PV stands still.
         seen: share of the record beyond which an integral time is too long for the record to show
             how fast the loop is.
-        ratio: between the largest and the smallest gain over OP's middle nine tenths.
-        most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
+        ratio: between the largest and the smallest gain over OP's middle nine tenths, from which
+            the characteristic is a cause: tuning rules leave a gain margin of two to three.
         by_hand: share of samples in manual from which that is the finding.
     """
 
@@ -241,8 +241,7 @@ class Judging:
     noisy: float = 0.5
     frozen: float = 0.08
     seen: float = 0.2
-    ratio: float = 3.0
-    most_ratio: float = 60.0
+    ratio: float = 2.0
     by_hand: float = 0.3
 
 
