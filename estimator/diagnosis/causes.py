@@ -122,7 +122,7 @@ def _sticky(found: Gathered) -> Cause | None:
         sticky_weight(found),
         (
             f"a sticky valve explains PV better than any other explanation: log Bayes factor "
-            f"{one.sticking:.0f}, {one.spread:.0f} without the eighth of the record that shows it "
+            f"{one.sticking:.0f}, {one.spread:.0f} without the part of the record that shows it "
             f"best",
             f"stick band about {one.band:.3g}, slip jump about {one.jump:.3g} in units of OP",
         ),
@@ -147,10 +147,9 @@ def _unproven(found: Gathered, settings: DiagnosisSettings) -> Cause:
     if one.sticking < settings.judging.threshold:
         text += f"but {settings.judging.threshold:g} are needed"
     else:
-        text += (
-            f"but too few strokes of the record show it ({one.spread:.0f} without the eighth that "
-            f"shows it best)"
-        )
+        text += "but too few strokes of the record show it"
+    if math.isfinite(one.spread):
+        text += f" (log Bayes factor without the part that shows it best: {one.spread:.0f})"
     return Cause(
         CauseName.UNDETERMINED,
         found.swing.share if found.swing.present else 0.0,
@@ -242,6 +241,8 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 f"twentieth of the control error"
             ]
         return Cause(CauseName.QUIET, 1.0, tuple(evidence))
+    if found.explained is not None and found.explained.sticking > settings.judging.unsure:
+        return _unproven(found, settings)
     evidence = [
         f"there is an oscillation with a period of {swing.period_s:.4g} s "
         f"({swing.cycles:.1f} periods, regularity {swing.regularity:.2g})"

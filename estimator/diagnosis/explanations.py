@@ -64,8 +64,8 @@ class Explained:
         band, jump: S and J of the sticky valve, units of OP; 0 where none sticks.
         jumps: rows that were left out as jumps of the load.
         spread: evidence for the sticky valve without the part of the window that holds most of it
-            (the estimator's parts): a valve that sticks does so at every stroke, a jump of the load
-            only once.
+            (an eighth, or a stroke where that is longer): a valve that sticks does so at every
+            stroke, a jump of the load only once.
         sticks: whether the sticky valve is the explanation.
         effect: share of PV's variance that sticking makes.
         fitted: the likeliest explanation with the rows it was fitted on; None without one.

@@ -1,6 +1,7 @@
 """What speaks for a sticky valve: the estimator's search, weighed against every other explanation.
 
-The verdict is the estimator's own rule (`estimator.evidence.verdict`), against more rivals.
+The verdict is the estimator's own rule (`estimator.evidence.verdict`), against more rivals, and
+stricter where a stroke is longer than a part of the window.
 """
 
 from __future__ import annotations
@@ -78,13 +79,17 @@ def judge_valve(
     evidence = sticky.likelihood - rival.likelihood
     if evidence < judging.threshold:
         return ValveEvidence(sticky, evidence), plain
-    spread = without_best(case, rival, sticky, judging.parts)
-    strokes, from_there = judging.few
+    strokes, screening = count_strokes(sticky.stem), case.settings.screening
+    if strokes < screening.min_strokes:
+        return ValveEvidence(sticky, evidence), plain
+    # no part is shorter than a stroke: it would leave most of the one that shows it all
+    spread = without_best(case, rival, sticky, min(judging.parts, max(2, strokes)))
+    enough, from_there = judging.few
     assert sticky.valve is not None
     sticks = (
         spread >= judging.steady
-        and sticky.valve.band >= case.settings.screening.min_band
-        and (count_strokes(sticky.stem) >= strokes or spread >= from_there)
+        and sticky.valve.band >= screening.min_band
+        and (strokes >= enough or spread >= from_there)
     )
     return ValveEvidence(sticky, evidence, spread, effect_of(case, sticky), sticks), plain
 
