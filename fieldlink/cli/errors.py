@@ -21,7 +21,7 @@ _EXTRAS = {
     "psycopg": "postgresql",
     "pyarrow": "parquet",
 }
-"""Which extra of the package brings a library that not everybody needs."""
+"""Which extra of the package brings a library that not every user needs."""
 
 
 def explain(error: Exception) -> bool:
@@ -39,7 +39,7 @@ def explain(error: Exception) -> bool:
     missing = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     if missing in _EXTRAS:
         words = (
-            f"this needs {missing}, which is not installed; install it with "
+            f"this command needs {missing}, which is not installed; install it with "
             f"pip install 'fieldlink[{_EXTRAS[missing]}]'"
         )
     elif isinstance(error, known):

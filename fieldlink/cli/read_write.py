@@ -105,7 +105,9 @@ def write(
     typer.echo(f"{point.where} holds {value_text(point, before)}")
     if not yes:
         if not is_terminal():
-            raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
+            raise typer.BadParameter(
+                "not given, and there is no terminal to ask on; add it", param_hint="--yes"
+            )
         typer.confirm(f"write {value} {point.tag.unit}".rstrip() + "?", abort=True)
     after = asyncio.run(write_point(point, words))
     typer.echo(f"written; it holds {value_text(point, after)} now")
