@@ -27,7 +27,7 @@ _EXTRAS = {
 def explain(error: Exception) -> bool:
     """Print one of the project's own errors on stderr; say whether it was one.
 
-    Anything else is a defect of ours, and its traceback is wanted.
+    Anything else is a defect of the program, whose traceback must be seen.
     """
     from estimator import EstimatorError
     from fieldlink.errors import FieldlinkError

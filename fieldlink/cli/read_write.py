@@ -144,12 +144,12 @@ def _point(target: str, text: str, connect: Connect) -> Point:
 
 
 def is_terminal() -> bool:
-    """Whether somebody is there to answer a question."""
+    """Whether there is a terminal to ask on."""
     return sys.stdin.isatty()
 
 
 def _meant(text: str) -> str:
-    """Return what an address such as 40001 means; asks where somebody is there to answer."""
+    """Return what an address such as 40001 means; asks where there is a terminal."""
     from fieldlink.links.single_values import as_manual_address
 
     other = as_manual_address(text)

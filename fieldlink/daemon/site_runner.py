@@ -130,7 +130,7 @@ class SiteRunner:
         """Open every link.
 
         Raises:
-            FieldlinkError: a link cannot ever work; a device that is only absent is no error.
+            FieldlinkError: a link cannot ever work; a device that is only absent is not an error.
         """
         for runner in self.runners.values():
             await runner.link.open()

@@ -150,7 +150,7 @@ class Link(Protocol):
         ...
 
     async def open(self) -> None:
-        """Make ready. A device that is absent is no error here: `scan` keeps trying.
+        """Make ready. A device that is absent is not an error here: `scan` keeps trying.
 
         Raises:
             LinkError: what waiting does not cure, such as a recording that is not there.

@@ -139,7 +139,7 @@ class HostedLoop:
         self._amend()
 
     def _amend(self) -> None:
-        """Put the stem into the last record when the plant has only just told it."""
+        """Put the stem into the last record, when the plant gives it only now."""
         plant = self.program.plant
         if self._stem_comes and plant is not None and not plant.is_at_work:
             self.log.amend_stem(self.program.stem)

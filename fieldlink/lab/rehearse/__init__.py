@@ -1,4 +1,4 @@
-"""Rehearsals: a scenario file says what happens in a plant and what must come of it.
+"""Rehearsals: a scenario file says what happens in a plant and which results are expected.
 
     file = load_scenario(find_scenario("growing-stiction"))
     rehearsal = rehearse(file)

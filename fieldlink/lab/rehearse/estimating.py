@@ -1,4 +1,4 @@
-"""The daemon's estimator with what a scenario or a defect makes of its findings."""
+"""The daemon's estimator with the changes that a scenario or a defect makes to its findings."""
 
 from __future__ import annotations
 

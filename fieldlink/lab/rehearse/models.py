@@ -168,7 +168,7 @@ class Scenario(ScenarioModel):
     daemon: DaemonSettings = DaemonSettings()
     """How fieldlink watches the loop."""
     expect: tuple[Expectation, ...] = Field(min_length=1)
-    """What must come of it."""
+    """The expected results."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -119,7 +119,7 @@ def rehearse(
         finally:
             stage.close()
     course = _course(scenario.plant.period, stage, status, records)
-    # Judged by what was asked for, not by what a defect made of it.
+    # Judged by the scenario as written, without the defect.
     findings = tuple(judge(expected, course) for expected in file.scenario.expect)
     return Rehearsal(file, inject, course, findings, time.monotonic() - begun, site_text)
 

@@ -96,7 +96,7 @@ class FleetView:
             return self._fleet
 
     def read_ahead(self) -> None:
-        """Read what the store has of every loop, before somebody looks.
+        """Read what the store has of every loop, before the first request.
 
         Raises:
             StoreError: the store cannot be read.
