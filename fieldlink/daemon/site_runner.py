@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.operators.orders import ORDER_EVENTS, recall_orders

@@ -18,12 +18,12 @@ from dataclasses import replace
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import LinkState
+from fieldlink.notices.counts import NoticesReport, ReceiverReport
 from fieldlink.notices.device_watch import DeviceWatch
 from fieldlink.notices.errors import NoticeError
 from fieldlink.notices.notice import Notice, device_notice, finding_notice
 from fieldlink.notices.outbox import Outbox, Retrying
 from fieldlink.notices.receivers import Receiver, receivers_of
-from fieldlink.notices.report import NoticesReport, ReceiverReport
 from fieldlink.site import Site
 from fieldlink.store import FindingRecord, Record
 

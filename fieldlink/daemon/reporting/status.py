@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.estimation.estimating import Estimate
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.sampling.lateness import LatenessReport

@@ -11,7 +11,6 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.expected import Expectation
 from fieldlink.lab.rehearse.happenings import (
     Load,
@@ -23,6 +22,7 @@ from fieldlink.lab.rehearse.happenings import (
     Seconds,
     SensorFault,
 )
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.site.models import Span
 from fieldlink.site.start_value import StartValue
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.daemon import DaemonStatus, LockstepRun
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.estimating import RehearsalEstimator
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.injection import inject_into_scene
 from fieldlink.lab.rehearse.judge import Finding, judge
 from fieldlink.lab.rehearse.load import ScenarioFile

@@ -22,8 +22,8 @@ from fieldlink.lab.plc import (
     LoopProgram,
     LoopSetup,
 )
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.happenings import Manual
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.piecewise import value_at
 from fieldlink.lab.rehearse.worn_plant import WornPlant
