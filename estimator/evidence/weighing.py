@@ -57,8 +57,8 @@ def weigh(case: Case) -> Weighing:
     if not valves:
         return Weighing(healthy, None)
     sticky = valves[0]
-    grown_healthy = _grown(case, healthy, sticky)
-    if grown_healthy is healthy and sticky.likelihood - healthy.likelihood < _CLEAR:
+    hopeless = sticky.likelihood - healthy.likelihood < _CLEAR
+    if hopeless and _grown(case, healthy, sticky, most=1) is healthy:
         return Weighing(healthy, sticky, (sticky,))
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
@@ -117,9 +117,10 @@ def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     return _likelier(healthy, exchanged), sticky
 
 
-def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:
+def _grown(case: Case, start: Hypothesis, other: Hypothesis, most: int | None = None) -> Hypothesis:
+    """The hypothesis with nuisances as long as they pay, at most so many: all, unless given."""
     best = start
-    for _ in range(case.settings.modelling.max_sinusoids + 1):
+    for _ in range(most or case.settings.modelling.max_sinusoids + 1):
         more = add_best(case, best, other)
         if more is None or more.likelihood <= best.likelihood + _PAYS:
             break

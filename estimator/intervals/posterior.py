@@ -104,7 +104,8 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
         # a law that is a little behind may still be that of the valve: no law is quite
         weights.append(weight / weight.sum() * math.exp(-spreading.law_temper * behind))
     weight = np.concatenate(weights)
-    late = spreading.late * _usual_step(case.rows.u)
+    # A real valve slips between two samples, anywhere: the deviation of a uniform distribution.
+    late = _usual_step(case.rows.u) / math.sqrt(12.0)
     band = best.valve.band
     doubt = math.exp(-_lead_of_law(explanations) / spreading.lead)
     blur = tuple(

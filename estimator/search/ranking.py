@@ -16,8 +16,7 @@ from compiled import kernel
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import Design
-from estimator.lane_costs import NOTHING, energies_at
-from estimator.lanes import respond, whiten_lanes
+from estimator.lane_costs import NOTHING, energies_of_stems
 from estimator.processes.poles import COARSE
 from estimator.valves.laws import LAWS
 
@@ -50,8 +49,7 @@ class Ranking:
     def __init__(self, case: Case, looks: list[tuple[Design, Design]], delays: Index) -> None:
         self._case, self._delays = case, delays
         self.looks = looks
-        self._noises = {design.taps.tobytes(): design.taps for design, _ in looks}
-        """The different noise models of the looks."""
+        self._noises, self._noise_of = _different([design.taps for design, _ in looks])
         self._tables = [
             [self._table(pair, number) for number in range(len(COARSE))] for pair in looks
         ]
@@ -74,7 +72,7 @@ class Ranking:
         """Rank valves ``(m, 3)`` of a law under each look."""
         rows = self._case.rows
         count, late = len(valves), self._delays.size
-        energies = {key: np.empty((len(COARSE), late, count)) for key in self._noises}
+        energies = np.empty((self._noises[1].size, len(COARSE), late, count))
         useless = np.zeros(count, dtype=np.bool_)
         moves = []
         for begin in range(0, count, _BLOCK):
@@ -83,21 +81,22 @@ class Ranking:
             useless[block] = ~self._case.tells(stems)
             moves.append(_moves(stems, rows.u))
             for number, poles in enumerate(COARSE):
-                lanes = np.repeat(np.array([poles.coefficients]).T, stems.shape[1], axis=1)
-                responses = respond(stems, *lanes)
-                for key, taps in self._noises.items():
-                    white = whiten_lanes(responses, taps) if taps.size else responses
-                    energies[key][number, :, block] = energies_at(
-                        white, rows.weight, rows.first, self._delays
-                    )
+                energies[:, number, :, block] = energies_of_stems(
+                    stems,
+                    np.array(poles.coefficients),
+                    self._noises,
+                    rows.weight,
+                    rows.first,
+                    self._delays,
+                )
         counts = np.concatenate([found[0] for found in moves])
         begins = np.append(0, np.cumsum(counts))
         places = np.concatenate([found[1] for found in moves])
         sizes = np.concatenate([found[2] for found in moves])
         alike = _alike(valves, begins, places, sizes)
         ranks = []
-        for pair, tables in zip(self.looks, self._tables, strict=True):
-            own = energies[pair[0].taps.tobytes()]
+        for pair, tables, noise in zip(self.looks, self._tables, self._noise_of, strict=True):
+            own = energies[noise]
             cost, process = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
             delay = np.zeros(count, dtype=np.int64)
             for number, table in enumerate(tables):
@@ -118,6 +117,22 @@ class Ranking:
             cost[useless] = np.inf
             ranks.append(Rank(cost, process, self._delays[delay]))
         return ranks
+
+
+def _different(taps: list[Array]) -> tuple[tuple[Array, Index], list[int]]:
+    """Different noise models, one a row and their orders; and which of them each of many is."""
+    found: list[Array] = []
+    numbers = []
+    for one in taps:
+        alike = [i for i, other in enumerate(found) if np.array_equal(one, other)]
+        numbers.append(alike[0] if alike else len(found))
+        if not alike:
+            found.append(one)
+    orders = np.array([one.size for one in found])
+    table = np.zeros((len(found), orders.max()))
+    for row, one in zip(table, found, strict=True):
+        row[: one.size] = one
+    return (table, orders), numbers
 
 
 @kernel
