@@ -140,7 +140,7 @@ class _Step:
         self._tell(found, f"{what}; the next whole windows of the others tell whether it was it")
 
     def _judge_trial(self, found: OpenFinding, trial: Trial) -> None:
-        """Tell how the others swing, once their windows are wholly after the change."""
+        """Report how the others swing, once their windows are wholly after the change."""
         source = self.loops.get(trial.loop)
         if trial.what == "in manual" and source is not None and source.manual_since_ms is None:
             found = replace(found, trial=None)

@@ -1,4 +1,4 @@
-"""Tells people: takes findings and device states, keeps notices on disk, delivers each once.
+"""Sends notices: takes findings and device states, keeps notices on disk, delivers each once.
 
 notifying = Notifying(site, states=..., tell=..., defect=..., utc_ms=...)
 notifying.put(record)                  # at once, from the event loop; never waits

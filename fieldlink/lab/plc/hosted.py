@@ -16,7 +16,7 @@ from fieldlink.site import Loop
 __all__ = ["HostedLoop", "exact_period", "manual_value"]
 
 SETTLE = 1.0
-"""Seconds that who asks for the truth waits for a plant at work."""
+"""Seconds that a request for the true signals waits for a plant at work."""
 
 
 def exact_period(loop: Loop) -> Fraction:
