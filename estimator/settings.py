@@ -88,16 +88,16 @@ class Searching:
     Attributes:
         bands: stick bands of the coarse search, as shares of OP's span.
         jumps: slip jumps of the coarse search, as shares of the stick band.
-        starts: first positions of the stem, as shares of fS around OP's first sample; of the laws
-            after the first the inner ones only.
+        starts: first positions of the stem, as shares of fS around OP's first sample; for the laws
+            after the first every second one of ``fine_starts``.
         fine_jumps, fine_starts: the same of the ranking by one-step errors, which is cheap.
         delays: dead times of the coarse search in samples.
         reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
             which anything explains.
         variance: least variance of the stem over OP's, alpha of (11b) of the paper.
         laws: laws whose valves are looked for, the first one's most thoroughly.
-        ahead: nats over a healthy valve from which a valve of the first law is clear: those of the
-            other laws are then looked for around it only.
+        ahead: nats over a healthy valve from which a sticky one is clear: those of other laws, or
+            under disturbances found since, are then looked for with less effort.
         seeds: valves of the first law, and of each other one, that a first look follows.
         wide, generations: first reach (share of S) and rounds of following one.
         basins: of these, valves that each look hands on; apart: how far they differ in S, as a

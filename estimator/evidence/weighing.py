@@ -68,7 +68,8 @@ def weigh(case: Case) -> Weighing:
             grown_healthy = _likelier(grown_healthy, _grown(case, joint, sticky))
     grown_sticky = _grown(case, sticky, healthy)
     if grown_healthy.nuisances:
-        again = find_valves(case, grown_healthy, grown_healthy.nuisances)
+        clear = grown_sticky.likelihood > grown_healthy.likelihood + case.settings.searching.ahead
+        again = find_valves(case, grown_healthy, grown_healthy.nuisances, by_simulation=not clear)
         if again:
             grown_sticky = _likelier(grown_sticky, again[0])
         exchanged = polish(

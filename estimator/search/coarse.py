@@ -111,7 +111,7 @@ def simulated_starts(
     searching = case.settings.searching
     other = law != searching.laws[0]
     seeds, basins = searching.seeds[other], searching.basins[other]
-    starts = searching.starts[1:-1] if other else searching.starts
+    starts = searching.fine_starts[1::2] if other else searching.starts
     valves = _placed(_table(searching.bands, searching.jumps, starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
     found = []

@@ -50,23 +50,20 @@ class Ranking:
         self._case, self._delays = case, delays
         self.looks = looks
         self._noises, self._noise_of = _different([design.taps for design, _ in looks])
-        self._tables = [
-            [self._table(pair, number) for number in range(len(COARSE))] for pair in looks
-        ]
+        self._tables = [self._tables_of(pair) for pair in looks]
+        self._sliding = False
+        """Whether the tables hold slides: laws without any need none."""
 
     def _design(self, pair: tuple[Design, Design], process: int) -> Design:
         return pair[int(COARSE[process].integrating)]
 
-    def _table(self, pair: tuple[Design, Design], process: int) -> Array:
-        design = self._design(pair, process)
-        found: Array = _tails(
-            design.signals,
-            design.taps,
-            np.array(COARSE[process].coefficients),
-            self._case.rows.u,
-            self._delays,
-        )
-        return found
+    def _tables_of(self, pair: tuple[Design, Design]) -> list[Array]:
+        """Tables of `_tails` for each process of one look."""
+        white = [_whiten_backwards(design.signals, design.taps) for design in pair]
+        return [
+            _tails(white[int(poles.integrating)], np.array(poles.coefficients), self._delays)
+            for poles in COARSE
+        ]
 
     def of(self, law: str, valves: Array) -> list[Rank]:
         """Rank valves ``(m, 3)`` of a law under each look."""
@@ -94,6 +91,11 @@ class Ranking:
         places = np.concatenate([found[1] for found in moves])
         sizes = np.concatenate([found[2] for found in moves])
         alike = _alike(valves, begins, places, sizes)
+        if not self._sliding and places.max(initial=0) >= rows.size:
+            for tables in self._tables:
+                for table in tables:
+                    _add_slides(table, rows.u)
+            self._sliding = True
         ranks = []
         for pair, tables, noise in zip(self.looks, self._tables, self._noise_of, strict=True):
             own = energies[noise]
@@ -136,40 +138,54 @@ def _different(taps: list[Array]) -> tuple[tuple[Array, Index], list[int]]:
 
 
 @kernel
-def _tails(signals: Array, taps: Array, process: Array, op: Array, delays: Index) -> Array:
+def _whiten_backwards(signals: Array, taps: Array) -> Array:
+    """Signals ``(n, m)`` through the adjoint of a noise model."""
+    n, m = signals.shape
+    white = signals.copy()
+    for i in range(taps.size):
+        tap = taps[i]
+        for k in range(n - 1 - i):
+            for c in range(m):
+                white[k, c] -= tap * signals[k + 1 + i, c]
+    return white
+
+
+@kernel
+def _tails(white: Array, process: Array, delays: Index) -> Array:
     """Sums of filtered signals from every row to the end, ``(2 n, D m)``.
 
-    Signals ``(n, m)`` go backwards through the noise model and the process. Row ``k`` holds, for
-    each of the ``delays``, what a stem that steps by one at row ``k`` has in common with each
-    signal; row ``n + k`` that of a stem that follows OP from the first row to row ``k``.
+    Signals ``(n, m)``, whitened backwards, go backwards through the process, which has no third
+    lag. Row ``k`` holds, for each of the ``delays``, what a stem that steps by one at row ``k`` has
+    in common with each signal; row ``n + k`` has room for a slide (`_add_slides`).
     """
-    n, m = signals.shape
+    n, m = white.shape
     late = delays.size
-    white = signals.copy()
-    for k in range(n):
-        for i in range(min(taps.size, n - 1 - k)):
-            for c in range(m):
-                white[k, c] -= taps[i] * signals[k + 1 + i, c]
     tails = np.zeros((n + delays[late - 1] + 1, m))
-    v1, v2, w = np.zeros(m), np.zeros(m), np.zeros(m)
-    c1, c2, third, gain = process[0], process[1], process[2], process[3]
+    v1, v2 = np.zeros(m), np.zeros(m)
+    c1, c2, gain = process[0], process[1], process[3]
     for k in range(n - 1, -1, -1):
         for c in range(m):
-            w[c] = third * w[c] + (1.0 - third) * white[k, c]
-            v = c1 * v1[c] + c2 * v2[c] + w[c]
+            v = c1 * v1[c] + c2 * v2[c] + white[k, c]
             v2[c] = v1[c]
             v1[c] = v
             tails[k, c] = tails[k + 1, c] + gain * v
     out = np.empty((2 * n, late * m))
     for k in range(n):
-        step = op[k] - op[k - 1] if k > 0 else 0.0
         for d in range(late):
             for c in range(m):
-                now = tails[k + delays[d], c]
-                out[k, d * m + c] = now
-                before = out[n + k - 1, d * m + c] if k > 0 else 0.0
-                out[n + k, d * m + c] = before + step * now
+                out[k, d * m + c] = tails[k + delays[d], c]
     return out
+
+
+@kernel
+def _add_slides(table: Array, op: Array) -> None:
+    """Row ``n + k``: what a stem that follows OP from the first row to row ``k`` has in common."""
+    n = op.size
+    table[n] = 0.0
+    for k in range(1, n):
+        step = op[k] - op[k - 1]
+        for i in range(table.shape[1]):
+            table[n + k, i] = table[n + k - 1, i] + step * table[k, i]
 
 
 @kernel
