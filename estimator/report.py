@@ -11,10 +11,10 @@ from estimator.estimate import Estimate
 from estimator.evidence.verdict import Judgement
 from estimator.evidence.weighing import Weighing
 from estimator.hypotheses.hypothesis import Hypothesis
+from estimator.identifiability import dead_time_bound, identifiability
 from estimator.outcomes import Reason, Verdict
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process, RunnerUp
 from estimator.window import Window
-from estimator.words import dead_time_bound, identifiability
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["describe", "unassessed"]
@@ -69,7 +69,7 @@ def _runners_up(window: Window, weighing: Weighing) -> tuple[RunnerUp, ...]:
     found: list[tuple[str, Hypothesis]] = [("healthy valve", weighing.healthy)]
     span = window.op_span
     found += [
-        (f"{one.valve.law} valve, S {span * one.valve.band:.3g}", one)
+        (f"sticky valve (law {one.valve.law}), S {span * one.valve.band:.3g}", one)
         for one in weighing.laws
         if one.valve is not None
     ]
