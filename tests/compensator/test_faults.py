@@ -171,6 +171,6 @@ def test_the_search_sees_a_loop_without_a_watch_run_away(
 ) -> None:
     monkeypatch.setattr(LoopJudge, "push", lambda *_: WatchVerdict.FINE)
     state = LoopUnderStress()
-    state.begin(process=process, blind=True, seed=0, warm=180, by_hand=0, number=3)
+    state.begin(process=process, blind=True, seed=2, warm=180, by_hand=0, number=3)
     state.wait(scans=100)
     assert state.worst > TOLERATED
