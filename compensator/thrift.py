@@ -25,7 +25,9 @@ class ThriftSettings:
         travel: share of the travel before compensation that needs no thrift.
         deviation: share of PV's deviation before above which PV has precedence: below the half
             that compensation promises.
-        promised: that half; noise taken off, PV above it is worth travel that is left.
+        promised: that half; PV above it, noise taken off, is worth travel that is left.
+        noise: multiple of the variance that noise makes of PV which is taken off: a memory holds
+            some ten values of a slow noise, and their variance is known to a factor of two.
         left: share of the travel before below which travel is left to spend: half of what needs no
             thrift.
         memory: scans at least over which travel and deviation are averaged, otherwise the
@@ -41,6 +43,7 @@ class ThriftSettings:
     travel: float = 0.6
     deviation: float = 0.4
     promised: float = 0.5
+    noise: float = 2.0
     left: float = 0.3
     memory: int = 100
     rise: float = 1.4
@@ -54,6 +57,7 @@ class ThriftSettings:
             travel=self.travel,
             deviation=self.deviation,
             promised=self.promised,
+            noise=self.noise,
             left=self.left,
             memory=self.memory,
             rise=self.rise,
@@ -117,7 +121,7 @@ class Thrift:
         self._travel += self._rate * (way - self._travel)
         # PV has precedence; where nothing is wrong the price goes back at leisure.
         least, most, speed = min(1.0, self.price), max(1.0, self.price), 2.0
-        if self._square - noise > self._promised and self._travel < self._left:
+        if self._square - s.noise * noise > self._promised and self._travel < self._left:
             least, direction = s.least, -speed
         elif self.price < 1.0:
             most, direction = 1.0, speed
