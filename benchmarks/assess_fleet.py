@@ -81,7 +81,7 @@ def _kill_command(fleet: Path, out: Path, samples: int, kills: int, *options: st
 
 @contextmanager
 def _cluster() -> Iterator[tuple[str, Callable[[], None], Callable[[], None]]]:
-    """A scheduler and two workers in processes of their own: address, and what kills each."""
+    """Start a scheduler and two workers as processes; return its address and how to kill each."""
     dask = str(Path(sys.executable).parent / "dask")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

@@ -22,7 +22,7 @@ from benchmarks.assess_runs import Run, run_assess, write_fleet
 from benchmarks.report import heading, keep, machine, table
 
 LARGE = 2_000
-"""Windows at which the overhead is asked for."""
+"""Number of windows for which the overhead is reported."""
 
 DAYS = 10
 """Windows of a loop."""

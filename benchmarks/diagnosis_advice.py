@@ -1,8 +1,9 @@
 """Proposed settings: does the predicted range hold the error that they give?
 
-Loops of the tuning family, those of `singles` and the wider ones of `advised`: these chose the
-numbers of the advice, so this is no proof. Each loop is simulated again under the settings that are
-proposed for it. The report family's figures are those of ``benchmarks.diagnosis``.
+Loops of the tuning family, those of `singles` and the wider ones of `advised`. The advice's
+numbers were chosen on them, so the result is no proof. Each loop is simulated again under the
+settings that are proposed for it. The report family's figures are those of
+``benchmarks.diagnosis``.
 """
 
 from __future__ import annotations

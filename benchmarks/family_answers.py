@@ -31,7 +31,7 @@ HALF = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The truth about one loop and what the estimator made of it; times are of the processor."""
+    """The truth about one loop and the estimator's answer; times are of the processor."""
 
     kind: str
     law: str

@@ -12,8 +12,9 @@
 3. 64 isolated plants behind one served PLC at a scan of 1 s: processor time and memory of the PLC
    and all its plants (proportional set size) over --seconds.
 4. `physical` against the same model that takes every step of its grid of 0.1 ms: 72 runs with OP
-   given (four S, two J, three lags of the actuator; a walk, steps, a wave), and when closed loops
-   part: their cycle is chaotic, so the reference parts from itself too when it begins 1e-12 % off.
+   given (four S, two J, three lags of the actuator; a walk, steps, a wave), and when two closed
+   loops begin to differ: their cycle is chaotic, so the reference also differs from a run of its
+   own that begins 1e-12 % off.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 * The International Stiction Data Base of Jelali and Huang (2010) comes as one MATLAB file with a
   structure ``cdata.chemicals.loop10`` that holds ``PV``, ``OP``, ``SP``, ``Ts`` and ``comments``.
 * The SACAC collection comes as CSV files: semicolons, a header in any case and order, columns that
-  nobody needs, now and then bare carriage returns, and a time column that is no clock.
+  nobody needs, now and then bare carriage returns, and a time column that is not a clock.
 
 Neither collection is part of this project: this module reads them where the files are.
 """

@@ -1,4 +1,4 @@
-"""One valve over many windows: S, J and what `estimator.track` makes of them."""
+"""One valve over many windows: S, J and the result of `estimator.track`."""
 
 from __future__ import annotations
 

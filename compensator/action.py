@@ -1,7 +1,7 @@
-"""What every controller here speaks: the action it decides on, its status, its limits.
+"""What all controllers share: their action, its status and the limits of OP.
 
-A controller is told everything by `Controller.observe` (once a scan, in control or not) and asked
-for the next OP by `Controller.decide`. Because it has seen the whole history of OP and PV, under
+A controller gets OP and PV from `Controller.observe` (once a scan, in control or not) and returns
+the next OP from `Controller.decide`. Because it has seen the whole history of OP and PV, under
 every controller, it can take over at any scan without a bump.
 """
 

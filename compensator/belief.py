@@ -103,7 +103,7 @@ def chances_of(beliefs: list[Belief]) -> list[float]:
 
 
 def merge_alike(beliefs: list[Belief]) -> tuple[list[Belief], dict[float, Array]]:
-    """Make one hypothesis of those that have the stem at the same position, by moments.
+    """Merge hypotheses with the same stem position into one of the same mean and covariance.
 
     After a certain slip several hypotheses stand at one position, each with its own load. The
     likeliest goes on with the mean of state and errors and the score of all of them.

@@ -56,7 +56,7 @@ class MovePlan:
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """What OP's rate limit asks of a plan; the default is no limit.
+    """The limits that OP's rate sets to a plan; the default has none.
 
     Attributes:
         up, down: samples before OP can have made the stem slip upwards, downwards.

@@ -11,10 +11,10 @@ from estimator.estimate import Estimate
 from estimator.evidence.verdict import Judgement
 from estimator.evidence.weighing import Weighing
 from estimator.hypotheses.hypothesis import Hypothesis
+from estimator.identifiability import dead_time_bound, identifiability
 from estimator.outcomes import Reason, Verdict
 from estimator.result import CostSurface, Evidence, Fit, Identification, Interval, Process, RunnerUp
 from estimator.window import Window
-from estimator.words import dead_time_bound, identifiability
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["describe", "unassessed"]

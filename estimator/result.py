@@ -116,7 +116,7 @@ class Evidence:
         moves: samples in which the identified stem moves; reversals: changes of direction;
             strokes: runs of moves in one direction.
         band_over_span: stick band over the span of OP in the window.
-        informed: share of PV's moving samples that are no straight line between others.
+        informed: share of PV's moving samples that do not lie on a line between others.
         gain_sign: sign of the process gain that the controller's action tells, 0 where unclear.
         law: the valve law that explains the window best.
     """

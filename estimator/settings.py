@@ -88,19 +88,20 @@ class Searching:
     Attributes:
         bands: stick bands of the coarse search, as shares of OP's span.
         jumps: slip jumps of the coarse search, as shares of the stick band.
-        starts: first positions of the stem, as shares of fS around OP's first sample.
+        starts: first positions of the stem, as shares of fS around OP's first sample; for the laws
+            after the first every second one of ``fine_starts``.
         fine_jumps, fine_starts: the same of the ranking by one-step errors, which is cheap.
         delays: dead times of the coarse search in samples.
         reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
             which anything explains.
         variance: least variance of the stem over OP's, alpha of (11b) of the paper.
         laws: laws whose valves are looked for, the first one's most thoroughly.
-        ahead: nats over a healthy valve from which a valve of the first law is clear: those of the
-            other laws are then looked for around it only.
-        seeds: valves of each law that a first look follows.
+        ahead: nats over a healthy valve from which a sticky one is clear: those of other laws, or
+            under disturbances found since, are then looked for with less effort.
+        seeds: valves of the first law, and of each other one, that a first look follows.
         wide, generations: first reach (share of S) and rounds of following one.
-        basins: valves that each look hands on; apart: how far they differ in S, as a share.
-        others, other_starts: ``seeds`` and ``basins``, and ``starts``, of the laws after the first.
+        basins: of these, valves that each look hands on; apart: how far they differ in S, as a
+            share.
         polished, refined: of all looks, valves of each law whose process is fitted, and those
             refined last.
         lanes: candidates of a round of any refinement.
@@ -122,12 +123,10 @@ class Searching:
     variance: float = 0.001
     laws: tuple[str, ...] = ("he", "sliding")
     ahead: float = 50.0
-    seeds: int = 3
+    seeds: tuple[int, int] = (3, 2)
     wide: float = 0.12
     generations: int = 7
-    basins: int = 2
-    others: tuple[int, int] = (2, 1)
-    other_starts: tuple[float, ...] = (-0.5, 0.5)
+    basins: tuple[int, int] = (2, 1)
     apart: float = 0.15
     polished: int = 3
     refined: int = 2
@@ -178,8 +177,6 @@ class Spreading:
             no law is quite that of a valve (tuning family: coverage per kind).
         temper: power of the likelihood; below 1 because slips of a real valve vary from stroke to
             stroke while the model's do not (tuning family: coverage per kind).
-        late: standard deviation of S and J, as a share of what OP moves in a sample: a real valve
-            slips between two samples (uniform: 1 over the square root of 12).
         law, law_jump: standard deviations of S and J, as shares of S, that the law leaves: where
             one law is far ahead of the others, and where none is (tuning family).
         lead: nats by which a law is ahead that make it e times surer (tuning family).
@@ -192,7 +189,6 @@ class Spreading:
     law_nats: float = 30.0
     law_temper: float = 0.05
     temper: float = 0.5
-    late: float = 0.29
     law: tuple[float, float] = (0.015, 0.085)
     law_jump: tuple[float, float] = (0.1, 0.3)
     lead: float = 30.0

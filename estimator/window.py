@@ -158,7 +158,7 @@ def screen(window: Window, informed: float, screening: Screening) -> tuple[Reaso
     if informed < screening.min_informed:
         add(
             ReasonCode.RECORD_INTERPOLATED,
-            f"only {informed:.0%} of the samples are no straight line between two others, "
+            f"only {informed:.0%} of the samples are off the straight line between two others, "
             f"{screening.min_informed:.0%} are needed",
         )
     return tuple(reasons)

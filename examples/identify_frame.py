@@ -1,4 +1,4 @@
-"""Identify a loop from a data frame: verdict, S and J, and the stem nobody measured.
+"""Identify a loop from a data frame: verdict, S and J, and the stem, which was not measured.
 
     python examples/identify_frame.py [FILE.csv]
 

@@ -5,7 +5,7 @@
 Figure 2 is Example 1 in its limit cycle, with the estimated stem. Figure 3 is Example 2 under two
 set-point steps: the MPC that knows nothing of the valve, and the compensator with the identified
 valve. CHEM 10 is a recorded loop of the International Stiction Data Base, read from
-DATA/isdb/CHEM10.csv; without the file the row is left out, with a sentence.
+DATA/isdb/CHEM10.csv; without the file the row is left out, and a line says so.
 
 Source: Bacci di Capaci, Vaccari, Pannocchia and Scali, "Identification and estimation of valve
 stiction by the use of a smoothed model" (2018).

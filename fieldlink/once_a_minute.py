@@ -1,4 +1,4 @@
-"""Messages that would come all the time: each is told once a minute, with the number of them."""
+"""Messages that would repeat all the time: each is logged once a minute, with its count."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class PlantBuildError(PlantError):
 
 
 class PlantFileError(PlantError):
-    """The file is no FMU that can run here."""
+    """The file is not an FMU that can run here."""
 
 
 class PlantNameError(PlantError, KeyError):

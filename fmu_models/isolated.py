@@ -179,7 +179,7 @@ class IsolatedPlant(Plant):
                 taken = finite
                 try:
                     yield piece
-                except BaseException:  # nobody takes the rest
+                except BaseException:  # no process takes the rest
                     if not answered:
                         self._link.abandon()
                     raise

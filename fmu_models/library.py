@@ -1,4 +1,4 @@
-"""The library of an FMU: load and instantiate it, call its functions, hear what it says.
+"""The library of an FMU: load and instantiate it, call its functions, collect its messages.
 
 What an FMU says through its logger is kept for the next error message (`last_words`).
 """

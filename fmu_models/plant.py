@@ -85,7 +85,7 @@ class Plant(ABC):
         """Apply inputs (or tunable parameters), advance one period, return all outputs.
 
         Raises:
-            PlantNameError: a name that is no input and no tunable parameter.
+            PlantNameError: a name that is neither an input nor a tunable parameter.
             PlantInputError: a value that is not finite, or no whole number where one is needed.
             PlantStepError: the FMU refused, or put out NaN or infinity.
             PlantCrashError: its process died or did not answer.

@@ -30,7 +30,7 @@ def unpack_snapshot(model: str, period: float, snapshot: bytes) -> tuple[int, fl
     """
     head = snapshot[: _HEAD.size]
     if len(head) < _HEAD.size or head[:4] != _MARK:
-        raise PlantInputError(f"plant {model}: these bytes are no snapshot")
+        raise PlantInputError(f"plant {model}: these bytes are not a snapshot")
     _mark, count, base, taken_at = _HEAD.unpack(head)
     if taken_at != period:
         raise PlantInputError(

@@ -61,7 +61,7 @@ class SignalDictionaries:
                 raise ValueError(f"the signal dictionary {source} is not in the archive") from error
             except etree.XMLSyntaxError as error:
                 raise ValueError(
-                    f"the signal dictionary {source} is no XML: {error.msg}"
+                    f"the signal dictionary {source} is not XML: {error.msg}"
                 ) from error
         if root is None or root.tag != f"{_SSB}SignalDictionary":
             raise ValueError(f"the signal dictionary {name!r} has no ssb:SignalDictionary in it")

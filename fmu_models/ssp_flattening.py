@@ -108,7 +108,7 @@ class _Flattener:
                 source = element.get("source") or ""
                 if not source.lower().endswith(".fmu") or ":" in source:
                     raise self._fail(
-                        inner, f"its source {source!r} is no FMU inside the archive; put it there"
+                        inner, f"its source {source!r} is not an FMU in the archive; put it there"
                     )
                 self._to.sources[inner] = source
                 self._connectors(element, inner)

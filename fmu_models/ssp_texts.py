@@ -13,7 +13,7 @@ __all__ = ["leave_out_texts"]
 
 
 def leave_out_texts(structure: SystemStructure, parts: Mapping[str, FmuSummary]) -> list[str]:
-    """Take the outputs that are no numbers out of a system; return their names.
+    """Take the outputs that are not numbers out of a system; return their names.
 
     Raises:
         PlantFileError: an output that is not a number feeds a component.

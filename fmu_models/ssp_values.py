@@ -82,7 +82,7 @@ class Start:
             raise PlantInputError(f"it takes a number; the file gives the text {value!r}")
         if isinstance(value, str):
             if value not in items:
-                known = f"it has {', '.join(items)}" if items else "it is no enumeration"
+                known = f"it has {', '.join(items)}" if items else "it is not an enumeration"
                 raise PlantInputError(f"there is no item {value!r}, {known}")
             value = items[value]
         elif self.definition is not None and unit is not None:

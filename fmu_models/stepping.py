@@ -55,7 +55,7 @@ def open_plant(
         PlantNameError: unknown model, parameter or input.
         PlantInputError: a value that cannot be set.
         PlantBuildError: the FMU of a catalogue model could not be built.
-        PlantFileError: the file is no FMU that runs here.
+        PlantFileError: the file is not an FMU that runs here.
         PlantStepError: the FMU refused to start.
         PlantCrashError: it crashed while starting, or did not answer.
     """

@@ -93,9 +93,9 @@ def run_sweep(
 
     Raises:
         PlantNameError: a parameter does not exist.
-        PlantInputError: the journal is of another sweep, or is no journal.
+        PlantInputError: the journal is of another sweep, or is not a journal.
     """
-    # A wrong name is told before any run begins; a stale FMU is built here, once.
+    # A wrong name is reported before any run begins; a stale FMU is built here, once.
     ours = sweep.plant is not None
     file = fmu_path(sweep.model) if ours else sweep.file
     description = parse_description(file) if ours else read_description(file, sweep.kind)[0]

@@ -21,7 +21,7 @@ class SweepJournal:
         plan: what decides the runs; a journal of another plan is refused.
 
     Raises:
-        PlantInputError: the file is no journal, or of another plan.
+        PlantInputError: the file is not a journal, or of another plan.
     """
 
     def __init__(self, file: Path | None, plan_of_runs: Any) -> None:

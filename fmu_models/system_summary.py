@@ -51,7 +51,7 @@ def summarise_system(file: Path) -> FmuSummary:
         else f"one step goes through {order} (Gauss-Seidel)"
     ]
     if left_out:
-        warnings.append(f"outputs left out, they are no numbers: {', '.join(left_out)}")
+        warnings.append(f"outputs left out, they are not numbers: {', '.join(left_out)}")
     unknown = list(structure.ignored)
     for component, part in parts.items():
         links = structure.links[component]
@@ -103,7 +103,7 @@ def _unit_of(parts: dict[str, FmuSummary], component: str, name: str) -> str:
 
 
 def _input_start(structure: SystemStructure, parts: dict[str, FmuSummary], name: str) -> str:
-    """Return at which value an input of the system stands where nobody gives it one.
+    """Return at which value an input of the system stands where none is given.
 
     It is that of the system, else that of the first component that it feeds.
     """

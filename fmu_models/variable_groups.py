@@ -51,7 +51,7 @@ class VariableGroup:
         """Return a value as the type of these variables takes it.
 
         Raises:
-            PlantInputError: not finite, or not whole where the variable is no real number.
+            PlantInputError: not finite, or not whole where the variable is not a real number.
         """
         number = float(value)
         if not isfinite(number):

@@ -26,7 +26,7 @@ LEFT_OUT = {
     "Binary": "because a table of numbers has no place for binary data",
     "Clock": "because a clock has ticks, no value; what its ticks change is recorded",
 }
-"""Types of variables that are no columns, and why."""
+"""Types of variables that are not columns, and why."""
 
 # Version of FMI -> type in the model description -> (get and set function, type in C).
 FUNCTIONS: dict[int, dict[str, tuple[str, Any]]] = {

@@ -118,7 +118,7 @@ class VariableAccess:
 
         Raises:
             PlantNameError: no such variable, or it cannot be set now.
-            PlantInputError: not finite, or not whole where the variable is no real number.
+            PlantInputError: not finite, or not whole where the variable is not a real number.
         """
         if not values:
             return

@@ -1,6 +1,6 @@
 """The inside of an isolated plant's process: requests come in as JSON, answers go out.
 
-Nothing is unpickled on either side: an FMU is somebody else's native code, and what it writes into
+Nothing is unpickled on either side: an FMU is foreign native code, and what it writes into
 its own process must not become code in ours.
 """
 

@@ -21,7 +21,7 @@ STICKY = 0.25
 STILL = 0.5
 """A step below this many deviations of the steps counts as rest, normalised as in the paper."""
 CYCLE = 25
-"""Samples that a cycle is averaged to: the paper asks for a sampling at which noise is no step."""
+"""Samples that a cycle is averaged to: the paper wants a sampling at which noise makes no step."""
 
 _EXCLUDED = {
     (1, 0): {(-1, -1), (-1, 1), (0, -1), (1, -1), (-1, 0)},

@@ -182,9 +182,9 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
         if removable < judging.removable:
             return None
         evidence = [
-            f"{one:.0%} of the control error could be told an integral time "
-            f"({controller.integral_time_s:.3g} s) before, {two:.0%} two: a loop that "
-            f"settles within its integral time would not have it",
+            f"{one:.0%} of the control error can be predicted one integral time "
+            f"({controller.integral_time_s:.3g} s) ahead, {two:.0%} two ahead; a loop that "
+            f"settles within its integral time has no such error",
         ]
         weight = min(1.0, max(one, two))
     else:
@@ -194,7 +194,7 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
             f"as robust settings have {proposal.integral_ratio:.2g} times the integral gain"
         )
     if removable >= judging.removable:
-        evidence.append(f"they would remove {removable:.0%} of the squared error")
+        evidence.append(f"robust settings would remove {removable:.0%} of the squared error")
     shared = found.limits.cost + (found.swing_share if found.swing.present else 0.0)
     return Cause(CauseName.SLOW_TUNING, weight * max(0.0, 1.0 - shared), tuple(evidence))
 

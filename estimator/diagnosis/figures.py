@@ -122,7 +122,7 @@ def predictable_share(error: Array, ahead: int) -> float:
 
 
 def few_steps(samples: int) -> int:
-    """Set-point moves beyond which it moves all the time: another loop's output."""
+    """Set-point moves above which the set-point is the output of another loop."""
     return samples // 20
 
 

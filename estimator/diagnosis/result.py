@@ -47,8 +47,8 @@ _ACTIONS = {
         "Look for a loop or machine that swings with the same period; diagnose the neighbours of "
         "the same hours together."
     ),
-    CauseName.TIGHT_TUNING: "Lower the controller's gain, as proposed where settings are.",
-    CauseName.SLOW_TUNING: "Tune the controller faster, as proposed where settings are.",
+    CauseName.TIGHT_TUNING: "Lower the controller's gain; see the proposed settings, if any.",
+    CauseName.SLOW_TUNING: "Tune the controller faster; see the proposed settings, if any.",
     CauseName.SATURATION: (
         "Check the size of the valve, its limits in the controller, and what the loop is asked for."
     ),

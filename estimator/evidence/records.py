@@ -15,10 +15,10 @@ _FEWEST = 20
 
 
 def informed_share(signal: Array) -> float:
-    """Share of the moving samples of ``signal`` ``(n,)`` that are no straight line between others.
+    """Share of the moving samples of ``signal`` ``(n,)`` that are not on a line between others.
 
     A historian that compresses keeps the knots of a line and draws the rest of it when asked: what
-    lies between two knots is no measurement. 1 where the signal hardly moves.
+    lies between two knots is not a measurement. 1 where the signal hardly moves.
     """
     known = signal[np.isfinite(signal)]
     span = float(np.ptp(known)) if known.size else 0.0

@@ -1,4 +1,4 @@
-"""The sign of the process gain, told by what the controller does about the error."""
+"""The sign of the process gain, found from what the controller does about the error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LAGS = 4
 _OWN = 2
 """OP's own last moves: the filter of a derivative."""
 _LEAST = 50
-"""Moves below which nothing can be told."""
+"""Moves below which the sign is unknown."""
 
 
 def controller_action(op: Array, pv: Array, sp: Array | None) -> float:
@@ -24,7 +24,7 @@ def controller_action(op: Array, pv: Array, sp: Array | None) -> float:
 
     OP's moves are regressed on the last four errors and on its own last two moves; the sum of the
     errors' coefficients over its standard deviation. Positive where OP rises when PV is too low, as
-    it must be with a process of positive gain. 0 where it cannot be told. Scans at one of OP's
+    it must be with a process of positive gain. 0 where it is unknown. Scans at one of OP's
     limits tell nothing and are left out.
     """
     known = sp is not None and bool(np.isfinite(sp).all())

@@ -57,8 +57,8 @@ def weigh(case: Case) -> Weighing:
     if not valves:
         return Weighing(healthy, None)
     sticky = valves[0]
-    grown_healthy = _grown(case, healthy, sticky)
-    if grown_healthy is healthy and sticky.likelihood - healthy.likelihood < _CLEAR:
+    hopeless = sticky.likelihood - healthy.likelihood < _CLEAR
+    if hopeless and _grown(case, healthy, sticky, most=1) is healthy:
         return Weighing(healthy, sticky, (sticky,))
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
@@ -68,7 +68,8 @@ def weigh(case: Case) -> Weighing:
             grown_healthy = _likelier(grown_healthy, _grown(case, joint, sticky))
     grown_sticky = _grown(case, sticky, healthy)
     if grown_healthy.nuisances:
-        again = find_valves(case, grown_healthy, grown_healthy.nuisances)
+        clear = grown_sticky.likelihood > grown_healthy.likelihood + case.settings.searching.ahead
+        again = find_valves(case, grown_healthy, grown_healthy.nuisances, by_simulation=not clear)
         if again:
             grown_sticky = _likelier(grown_sticky, again[0])
         exchanged = polish(
@@ -117,9 +118,10 @@ def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     return _likelier(healthy, exchanged), sticky
 
 
-def _grown(case: Case, start: Hypothesis, other: Hypothesis) -> Hypothesis:
+def _grown(case: Case, start: Hypothesis, other: Hypothesis, most: int | None = None) -> Hypothesis:
+    """The hypothesis with nuisances as long as they pay, at most so many: all, unless given."""
     best = start
-    for _ in range(case.settings.modelling.max_sinusoids + 1):
+    for _ in range(most or case.settings.modelling.max_sinusoids + 1):
         more = add_best(case, best, other)
         if more is None or more.likelihood <= best.likelihood + _PAYS:
             break

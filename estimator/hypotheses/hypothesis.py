@@ -160,7 +160,7 @@ class Case:
         return cost + self.settings.judging.price * math.log(n) + laws
 
     def log_likelihood(self, squares: float) -> float:
-        """Log-likelihood of innovations with this sum of squares, their size at its best."""
+        """Log-likelihood of innovations with this sum of squares, at the likeliest variance."""
         n = self.rows.count
         return -0.5 * n * math.log(max(squares, 0.0) / n + self.rows.floor)
 
@@ -232,7 +232,7 @@ class Case:
         """Log-likelihood ratio of its process over a PV that does not follow OP, in nats.
 
         The same disturbances and a noise model of its own for both. Nothing is paid for the process
-        here: the question is whether its gain can be told from zero.
+        here: the question is whether its gain differs from zero.
         """
         waves = tuple(one for one in hypothesis.nuisances if isinstance(one, Sinusoid))
         columns = self.columns(waves, hypothesis.stem, hypothesis.poles, hypothesis.dead_time)

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import solve_spd
+from estimator.algebra import dot, solve_spd
 from estimator.arrays import Array, Index
 from estimator.rows import Rows
 from estimator.settings import Modelling
 
-__all__ = ["DRIFT", "DRIFT_AND_NOISE", "LOOKS", "WHITE", "fit_noise", "whitened_squares"]
+__all__ = ["DRIFT", "DRIFT_AND_NOISE", "LOOKS", "WHITE", "fit_noise"]
 
 WHITE: Array = np.zeros(0)
 """The noise model of white noise: no taps."""
@@ -42,40 +42,28 @@ def _products(residual: Array, weight: Array, order: int, first: int) -> Array:
     """
     n = residual.size
     out = np.zeros((order + 1, order + 1))
-    ends = np.zeros((order, order))
-    for k in range(first, n):
-        if weight[k] == 0.0:
+    begin = first
+    while begin < n:
+        if weight[begin] == 0.0:
+            begin += 1
             continue
+        end = begin
+        while end < n and weight[end] != 0.0:
+            end += 1
         for i in range(order + 1):
-            out[0, i] += residual[k] * residual[k - i]
-        if k == first or weight[k - 1] == 0.0:
-            for i in range(order):
-                for j in range(i, order):
-                    ends[i, j] += residual[k - 1 - i] * residual[k - 1 - j]
-        if k == n - 1 or weight[k + 1] == 0.0:
-            for i in range(order):
-                for j in range(i, order):
-                    ends[i, j] -= residual[k - i] * residual[k - j]
+            out[0, i] += dot(residual[begin:end], residual[begin - i : end - i])
+        for i in range(order):
+            for j in range(i, order):
+                gained = residual[begin - 1 - i] * residual[begin - 1 - j]
+                out[i + 1, j + 1] += gained - residual[end - 1 - i] * residual[end - 1 - j]
+        begin = end
     for i in range(order):
         for j in range(i, order):
-            out[i + 1, j + 1] = out[i, j] + ends[i, j]
+            out[i + 1, j + 1] += out[i, j]
     for i in range(order + 1):
         for j in range(i):
             out[i, j] = out[j, i]
     return out
-
-
-@kernel
-def whitened_squares(residual: Array, weight: Array, taps: Array, first: int) -> float:
-    """Sum of squares of the innovations over the judged rows."""
-    total = 0.0
-    for k in range(first, residual.size):
-        if weight[k] != 0.0:
-            e = residual[k]
-            for i in range(taps.size):
-                e -= taps[i] * residual[k - 1 - i]
-            total += e * e
-    return total
 
 
 @kernel
@@ -143,8 +131,13 @@ def _best_order(
         for i in range(p):
             gram[i, i] *= 1.0 + _RIDGE
         taps = _stabilised(solve_spd(gram, products[0, 1 : p + 1].copy()), largest)
-        squares = whitened_squares(residual, weight, taps, first)
-        cost = count * math.log(squares / count + floor) + p * math.log(count)
+        # of the innovations: the products say it for any taps
+        squares = products[0, 0]
+        for i in range(p):
+            squares -= 2.0 * taps[i] * products[0, i + 1]
+            for j in range(p):
+                squares += taps[i] * taps[j] * products[i + 1, j + 1]
+        cost = count * math.log(max(squares, 0.0) / count + floor) + p * math.log(count)
         if cost < best - _TIE:
             best, found = cost, taps
     return found

@@ -103,7 +103,7 @@ class Sinusoid:
         return _waves(self.cycles, self.harmonics, stem.size)
 
     def price(self, rows: float) -> float:
-        """Two sizes a harmonic, and the frequency, which is told ``n^(3/2)`` sharp."""
+        """Two sizes a harmonic, and the frequency, whose standard error falls with ``n^(3/2)``."""
         return (1.5 + len(self.harmonics)) * math.log(rows)
 
 
@@ -131,7 +131,7 @@ class Characteristic:
     def is_monotonic(stem: Array, gain: float, square: float, cube: float) -> bool:
         """Whether ``gain z + square z^2 + cube z^3`` never turns back within the stem's travel.
 
-        No valve opens and passes less: a curve that turns back is no characteristic.
+        No valve opens and passes less: a curve that turns back is not a characteristic.
         """
         z = stem - dot(stem, np.ones(stem.size)) / stem.size
         at = [float(z.min()), float(z.max())]

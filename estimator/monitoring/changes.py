@@ -83,7 +83,7 @@ def _first_change(value: Array, std: Array, reference: int) -> Change | None:
     for k in range(reference, value.size):
         before = weight[calm]
         mean = float(np.sum(before * value[calm]) / np.sum(before))
-        # Windows that scatter more than their intervals allow are no change.
+        # Windows that scatter more than their intervals allow are not a change.
         scatter = float(np.sum(before * (value[calm] - mean) ** 2)) / (len(calm) - 1)
         spread = np.sqrt(max(1.0, scatter) * (std[k] ** 2 + 1.0 / np.sum(before)))
         step = float((value[k] - mean) / spread)

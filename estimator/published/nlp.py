@@ -4,7 +4,7 @@
 and constraints (11), the best end point kept. It works on the window as it is, in its own units;
 where it stops in a poor local minimum, the result says so and shows every start.
 
-`nlp_polish` starts from an optimum that somebody else found. It scales OP and PV, lets the stem
+`nlp_polish` starts from the optimum of another method. It scales OP and PV, lets the stem
 before the first sample be an unknown, and raises the sharpness in stages. Every stage's end is
 judged with He's own valve and least squares, at the best of the valves that make the same moves
 (`moves`); the best is returned, the start included, so it is never worse than what it was given.
@@ -171,7 +171,7 @@ def nlp_polish(
 
     Raises:
         EstimatorError: unusable window or options, or CasADi is not installed.
-        ValueError: the start is no valve.
+        ValueError: the start is not a valve.
     """
     require_casadi()
     structure = ArxStructure(na, nb, dead_time, intercept=intercept)

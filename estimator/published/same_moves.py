@@ -76,7 +76,7 @@ def best_with_same_moves(window: ArxWindow, fit: PaperFit) -> PaperFit:
     """The best of all valves that move when ``fit``'s valve does; ``fit`` itself if none is better.
 
     A valve without dynamic friction, or one that stands still, is left as it is: its moves have no
-    direction that could be told.
+    direction that is known.
     """
     if fit.dynamic_friction == 0.0 or np.ptp(fit.stem) == 0.0:
         return fit

@@ -109,9 +109,9 @@ def simulated_starts(
 ) -> list[tuple[Found, Look]]:
     """The best valves of a law under each look, drawn to the bottom of their valleys."""
     searching = case.settings.searching
-    first = law == searching.laws[0]
-    seeds, basins = (searching.seeds, searching.basins) if first else searching.others
-    starts = searching.starts if first else searching.other_starts
+    other = law != searching.laws[0]
+    seeds, basins = searching.seeds[other], searching.basins[other]
+    starts = searching.fine_starts[1::2] if other else searching.starts
     valves = _placed(_table(searching.bands, searching.jumps, starts), case.rows.u[0])
     stride = 2 if case.rows.count > _MANY_ROWS else 1
     found = []
@@ -164,7 +164,7 @@ def one_step_starts(
         cost, late = np.concatenate([cost, more_cost]), np.concatenate([late, more_late])
     return [
         (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i]))
-        for i in first_apart(valves[:, 0], cost, searching.basins, searching.apart)
+        for i in first_apart(valves[:, 0], cost, searching.basins[0], searching.apart)
     ]
 
 

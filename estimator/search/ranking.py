@@ -16,8 +16,7 @@ from compiled import kernel
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import Design
-from estimator.lane_costs import NOTHING, energies_at
-from estimator.lanes import respond, whiten_lanes
+from estimator.lane_costs import NOTHING, energies_of_stems
 from estimator.processes.poles import COARSE
 from estimator.valves.laws import LAWS
 
@@ -50,31 +49,27 @@ class Ranking:
     def __init__(self, case: Case, looks: list[tuple[Design, Design]], delays: Index) -> None:
         self._case, self._delays = case, delays
         self.looks = looks
-        self._noises = {design.taps.tobytes(): design.taps for design, _ in looks}
-        """The different noise models of the looks."""
-        self._tables = [
-            [self._table(pair, number) for number in range(len(COARSE))] for pair in looks
-        ]
+        self._noises, self._noise_of = _different([design.taps for design, _ in looks])
+        self._tables = [self._tables_of(pair) for pair in looks]
+        self._sliding = False
+        """Whether the tables hold slides: laws without any need none."""
 
     def _design(self, pair: tuple[Design, Design], process: int) -> Design:
         return pair[int(COARSE[process].integrating)]
 
-    def _table(self, pair: tuple[Design, Design], process: int) -> Array:
-        design = self._design(pair, process)
-        found: Array = _tails(
-            design.signals,
-            design.taps,
-            np.array(COARSE[process].coefficients),
-            self._case.rows.u,
-            self._delays,
-        )
-        return found
+    def _tables_of(self, pair: tuple[Design, Design]) -> list[Array]:
+        """Tables of `_tails` for each process of one look."""
+        white = [_whiten_backwards(design.signals, design.taps) for design in pair]
+        return [
+            _tails(white[int(poles.integrating)], np.array(poles.coefficients), self._delays)
+            for poles in COARSE
+        ]
 
     def of(self, law: str, valves: Array) -> list[Rank]:
         """Rank valves ``(m, 3)`` of a law under each look."""
         rows = self._case.rows
         count, late = len(valves), self._delays.size
-        energies = {key: np.empty((len(COARSE), late, count)) for key in self._noises}
+        energies = np.empty((self._noises[1].size, len(COARSE), late, count))
         useless = np.zeros(count, dtype=np.bool_)
         moves = []
         for begin in range(0, count, _BLOCK):
@@ -83,21 +78,27 @@ class Ranking:
             useless[block] = ~self._case.tells(stems)
             moves.append(_moves(stems, rows.u))
             for number, poles in enumerate(COARSE):
-                lanes = np.repeat(np.array([poles.coefficients]).T, stems.shape[1], axis=1)
-                responses = respond(stems, *lanes)
-                for key, taps in self._noises.items():
-                    white = whiten_lanes(responses, taps) if taps.size else responses
-                    energies[key][number, :, block] = energies_at(
-                        white, rows.weight, rows.first, self._delays
-                    )
+                energies[:, number, :, block] = energies_of_stems(
+                    stems,
+                    np.array(poles.coefficients),
+                    self._noises,
+                    rows.weight,
+                    rows.first,
+                    self._delays,
+                )
         counts = np.concatenate([found[0] for found in moves])
         begins = np.append(0, np.cumsum(counts))
         places = np.concatenate([found[1] for found in moves])
         sizes = np.concatenate([found[2] for found in moves])
         alike = _alike(valves, begins, places, sizes)
+        if not self._sliding and places.max(initial=0) >= rows.size:
+            for tables in self._tables:
+                for table in tables:
+                    _add_slides(table, rows.u)
+            self._sliding = True
         ranks = []
-        for pair, tables in zip(self.looks, self._tables, strict=True):
-            own = energies[pair[0].taps.tobytes()]
+        for pair, tables, noise in zip(self.looks, self._tables, self._noise_of, strict=True):
+            own = energies[noise]
             cost, process = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
             delay = np.zeros(count, dtype=np.int64)
             for number, table in enumerate(tables):
@@ -120,41 +121,71 @@ class Ranking:
         return ranks
 
 
+def _different(taps: list[Array]) -> tuple[tuple[Array, Index], list[int]]:
+    """Different noise models, one a row and their orders; and which of them each of many is."""
+    found: list[Array] = []
+    numbers = []
+    for one in taps:
+        alike = [i for i, other in enumerate(found) if np.array_equal(one, other)]
+        numbers.append(alike[0] if alike else len(found))
+        if not alike:
+            found.append(one)
+    orders = np.array([one.size for one in found])
+    table = np.zeros((len(found), orders.max()))
+    for row, one in zip(table, found, strict=True):
+        row[: one.size] = one
+    return (table, orders), numbers
+
+
 @kernel
-def _tails(signals: Array, taps: Array, process: Array, op: Array, delays: Index) -> Array:
+def _whiten_backwards(signals: Array, taps: Array) -> Array:
+    """Signals ``(n, m)`` through the adjoint of a noise model."""
+    n, m = signals.shape
+    white = signals.copy()
+    for i in range(taps.size):
+        tap = taps[i]
+        for k in range(n - 1 - i):
+            for c in range(m):
+                white[k, c] -= tap * signals[k + 1 + i, c]
+    return white
+
+
+@kernel
+def _tails(white: Array, process: Array, delays: Index) -> Array:
     """Sums of filtered signals from every row to the end, ``(2 n, D m)``.
 
-    Signals ``(n, m)`` go backwards through the noise model and the process. Row ``k`` holds, for
-    each of the ``delays``, what a stem that steps by one at row ``k`` has in common with each
-    signal; row ``n + k`` that of a stem that follows OP from the first row to row ``k``.
+    Signals ``(n, m)``, whitened backwards, go backwards through the process, which has no third
+    lag. Row ``k`` holds, for each of the ``delays``, what a stem that steps by one at row ``k`` has
+    in common with each signal; row ``n + k`` has room for a slide (`_add_slides`).
     """
-    n, m = signals.shape
+    n, m = white.shape
     late = delays.size
-    white = signals.copy()
-    for k in range(n):
-        for i in range(min(taps.size, n - 1 - k)):
-            for c in range(m):
-                white[k, c] -= taps[i] * signals[k + 1 + i, c]
     tails = np.zeros((n + delays[late - 1] + 1, m))
-    v1, v2, w = np.zeros(m), np.zeros(m), np.zeros(m)
-    c1, c2, third, gain = process[0], process[1], process[2], process[3]
+    v1, v2 = np.zeros(m), np.zeros(m)
+    c1, c2, gain = process[0], process[1], process[3]
     for k in range(n - 1, -1, -1):
         for c in range(m):
-            w[c] = third * w[c] + (1.0 - third) * white[k, c]
-            v = c1 * v1[c] + c2 * v2[c] + w[c]
+            v = c1 * v1[c] + c2 * v2[c] + white[k, c]
             v2[c] = v1[c]
             v1[c] = v
             tails[k, c] = tails[k + 1, c] + gain * v
     out = np.empty((2 * n, late * m))
     for k in range(n):
-        step = op[k] - op[k - 1] if k > 0 else 0.0
         for d in range(late):
             for c in range(m):
-                now = tails[k + delays[d], c]
-                out[k, d * m + c] = now
-                before = out[n + k - 1, d * m + c] if k > 0 else 0.0
-                out[n + k, d * m + c] = before + step * now
+                out[k, d * m + c] = tails[k + delays[d], c]
     return out
+
+
+@kernel
+def _add_slides(table: Array, op: Array) -> None:
+    """Row ``n + k``: what a stem that follows OP from the first row to row ``k`` has in common."""
+    n = op.size
+    table[n] = 0.0
+    for k in range(1, n):
+        step = op[k] - op[k - 1]
+        for i in range(table.shape[1]):
+            table[n + k, i] = table[n + k - 1, i] + step * table[k, i]
 
 
 @kernel

@@ -15,33 +15,43 @@ from estimator.search.ranking import Ranking
 
 __all__ = ["find_valves"]
 
+_HOPELESS = 10.0
+"""Nats by which the best valve of the first law may be behind the healthy one before those of other
+laws are looked for around it only (tuning family: no valve lost; at 6 nats some are)."""
 _SAME = 0.02
 """Stick bands that differ by less, as a share, are one valve."""
 
 
 def find_valves(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...] = ()
+    case: Case,
+    near: Hypothesis,
+    nuisances: tuple[Nuisance, ...] = (),
+    *,
+    by_simulation: bool = True,
 ) -> tuple[Hypothesis, ...]:
     """The most likely sticky valves, the likeliest first.
 
     Empty where no valve moves often enough. Valves are looked at by simulation under several noise
     models, and those of the first law also by one-step errors: which of them shows the valve
-    depends on what else moves PV. Where a valve is clear under the first law, or disturbances are
-    known already, those of the other laws are looked for around it only.
+    depends on what else moves PV. Where a valve is clear or hopeless under the first law, or
+    disturbances are known already, those of the other laws are looked for around it only. Without
+    ``by_simulation`` one-step errors alone show them: enough for a better one than a clear valve.
     """
     searching = case.settings.searching
     looks = tuple(Look(nuisances, taps) for taps in LOOKS)
     if not nuisances:
         looks += _looks_at_wave(case)
-    ranking = ranking_of(case, near, looks)
+    ranking = ranking_of(case, near, looks) if by_simulation else None
     first, *others = searching.laws
-    found = _refined(case, _starts(case, near, ranking, looks, first))
+    starts = _simulated(case, ranking, looks, first)
+    found = _refined(case, starts + _one_step(case, near, nuisances))
     ended = list(found)
+    lead = found[0].likelihood - near.likelihood if found else 0.0
     for law in others:
-        if found and (nuisances or found[0].likelihood > near.likelihood + searching.ahead):
+        if found and (nuisances or lead > searching.ahead or lead < -_HOPELESS):
             ended += [refine_valve(case, one, searching.wide, law) for one in found]
         else:
-            ended += _refined(case, _starts(case, near, ranking, looks, law))
+            ended += _refined(case, _simulated(case, ranking, looks, law))
     return tuple(sorted(ended, key=_likeliest_first))
 
 
@@ -67,20 +77,25 @@ def _looks_at_wave(case: Case) -> tuple[Look, ...]:
     return () if cycles is None else (Look((Sinusoid(cycles),), DRIFT_AND_NOISE),)
 
 
-def _starts(
-    case: Case, near: Hypothesis, ranking: Ranking, looks: tuple[Look, ...], law: str
+def _simulated(
+    case: Case, ranking: Ranking | None, looks: tuple[Look, ...], law: str
 ) -> list[Hypothesis]:
-    """The valves of one law that one of the looks takes for likely."""
-    starts = [
+    """The valves of one law that one of the looks takes for likely; none without a ranking."""
+    if ranking is None:
+        return []
+    return [
         case.fit(start.valve, start.poles, start.dead_time, look.nuisances, look.taps)
         for start, look in simulated_starts(case, ranking, looks, law)
     ]
-    if law == case.settings.searching.laws[0]:
-        nuisances = looks[0].nuisances
-        for valve, dead_time in one_step_starts(case, near, nuisances):
-            lag = Poles(Shape.LAGS, 6.0), dead_time
-            starts.append(polish(case, valve, lag, nuisances, near.taps, passes=2, wide=True))
-    return starts
+
+
+def _one_step(case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...]) -> list[Hypothesis]:
+    """The valves of the first law whose one-step errors are least, their processes fitted."""
+    lag = Poles(Shape.LAGS, 6.0)
+    return [
+        polish(case, valve, (lag, dead_time), nuisances, near.taps, passes=2, wide=True)
+        for valve, dead_time in one_step_starts(case, near, nuisances)
+    ]
 
 
 def _best_apart(found: list[Hypothesis], count: int) -> list[Hypothesis]:

@@ -35,7 +35,7 @@ LARGEST_BATCH = 256
 
 
 class Progress(Protocol):
-    """Is told how a run gets on."""
+    """Receives the progress of a run."""
 
     def planned(self, pieces: int) -> None:
         """Take note that ``pieces`` were found up to now."""
@@ -80,7 +80,7 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
         job: what is assessed; its ``sources`` are filled in here.
         out: the folder; made when it is not there.
         choice: the engine.
-        progress: told after every batch.
+        progress: called after every batch.
 
     Raises:
         AssessError: the folder holds another run, or the run cannot begin or go on.

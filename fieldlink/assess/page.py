@@ -19,7 +19,7 @@ from fieldlink.assess.trends import Trend, thirty_days, trend_of
 __all__ = ["write_page"]
 
 LOOPS_SHOWN = 500
-"""More than anyone works through; the tables have the rest, and the page stays below 2 MB."""
+"""More than a team works through; the tables have the rest, and the page stays below 2 MB."""
 
 ERRORS_SHOWN = 200
 

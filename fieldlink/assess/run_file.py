@@ -110,7 +110,7 @@ class RunFile:
             self._db.executescript(_SCHEMA)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._db.close()
 
     def meta(self, key: str) -> Any:

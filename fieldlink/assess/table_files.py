@@ -29,7 +29,8 @@ def require_parquet() -> None:
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise AssessError(
-            "fieldlink assess needs pyarrow and jinja2; pip install 'fieldlink[assess]'"
+            "fieldlink assess needs pyarrow, which is not installed; install it with "
+            "pip install 'fieldlink[assess]'"
         ) from error
 
 

@@ -43,7 +43,7 @@ def judge_window(file: str, loop: str, window: Series, judging: Judging) -> Row:
     """Return the row of one window.
 
     Raises:
-        EstimatorError: the samples are no window, such as a PV without any number.
+        EstimatorError: the samples are not a window, such as a PV without any number.
     """
     from estimator import identify
     from fieldlink.assess.causes import cause_of

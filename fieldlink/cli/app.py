@@ -2,7 +2,7 @@
 
 A command imports what it needs when it runs, so that ``fieldlink --help`` does not wait for a
 numeric library. Every error that a user can cause ends as one message on stderr and exit status 2;
-a traceback means a defect of ours.
+a traceback means a defect of the program.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def main() -> None:
     try:
         app()
     except BrokenPipeError:
-        # The reader of a pipe (head, less) closed it: not an error of ours.
+        # The reader of a pipe (head, less) closed it: not an error.
         sys.stderr.close()
     except Exception as error:
         from fieldlink.cli.errors import explain

@@ -107,22 +107,23 @@ def _event_line(document: dict[str, Any]) -> str:
 
 
 def _lines(found: dict[str, Any]) -> list[str]:
+    from fieldlink.cli.tables import counted
+
     daemon = found["daemon"]
     state = "running since" if daemon["alive"] else "not running; last seen"
     lines = [f"daemon {state} {daemon['since']}"]
     for device in found["devices"]:
         own = f"device {device['name']}: "
         reason = f"; {device['reason'].removeprefix(own)}" if device["reason"] else ""
-        # The store keeps no counts of requests: only a running daemon has them.
+        # The store keeps counts of samples; those of requests and polls a running daemon has.
         counts = (
-            ""
+            f"{counted(device['late'], 'late sample')}, "
             if device["requests"] is None
-            else (f"{device['requests']} requests, {device['exceptions']} failures, ")
+            else f"{counted(device['requests'], 'request')}, "
+            f"{counted(device['exceptions'], 'failure')}, "
+            f"{counted(device['late'], 'skipped poll')}, "
         )
-        lines.append(
-            f"{own}{device['state']}, {counts}{device['late']} late, "
-            f"{device['missed']} missed{reason}"
-        )
+        lines.append(f"{own}{device['state']}, {counts}{device['missed']} missed{reason}")
     for loop in found["loops"]:
         block = loop["block"]
         # A run in lockstep stores no counts of samples.
@@ -130,7 +131,8 @@ def _lines(found: dict[str, Any]) -> list[str]:
         lines.append(
             f"loop {loop['name']}: {samples if loop['expected'] else ''}"
             f"{loop['verdict'] or 'no estimate yet'}"
-            + ("" if loop["stick_band"] is None else f", S = {loop['stick_band']:.4g}")
+            # The S of another verdict is that of a valve that the window does not confirm.
+            + (f", S = {loop['stick_band']:.4g}" if _is_sticky(loop) else "")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )
         if block["seq"] is not None:
@@ -142,6 +144,10 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for finding in found.get("findings", []):
         lines.append(f"finding {finding['finding']} ({finding['state']}): {finding['text']}")
     return [_printable(line) for line in lines]
+
+
+def _is_sticky(loop: dict[str, Any]) -> bool:
+    return loop["verdict"] == "stiction" and loop["stick_band"] is not None
 
 
 def _printable(text: str) -> str:

@@ -175,7 +175,8 @@ class _Shown:
         """Show how far the run is."""
         from fieldlink.cli.tables import counted
 
-        found = f"{counts.rows} rows, {counted(counts.errors, 'error')}, {rows_per_second:.1f}/s"
+        rows, errors = counted(counts.rows, "row"), counted(counts.errors, "error")
+        found = f"{rows}, {errors}, {rows_per_second:.1f}/s"
         self._bar.update(
             self._task,
             description="judging",

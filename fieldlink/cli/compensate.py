@@ -60,7 +60,7 @@ def compensate(
 async def _run(
     service: CompensateService, beat: float, every: int, stop: asyncio.Event
 ) -> Counter[Verdict]:
-    """Step on monotonic deadlines until told to stop; a deadline that has passed is skipped."""
+    """Step on monotonic deadlines until it is stopped; a deadline that has passed is skipped."""
     counts: Counter[Verdict] = Counter()
     clock = asyncio.get_running_loop().time
     begin, slot, last = clock(), 0, None

@@ -191,7 +191,7 @@ class _View:
         self.end()
 
     def end(self) -> None:
-        """Leave the last moment on the terminal."""
+        """Leave the last state on the terminal."""
         if self._live is not None:
             self._live.stop()
 

@@ -21,13 +21,13 @@ _EXTRAS = {
     "psycopg": "postgresql",
     "pyarrow": "parquet",
 }
-"""Which extra of the package brings a library that not everybody needs."""
+"""Which extra of the package brings a library that not every user needs."""
 
 
 def explain(error: Exception) -> bool:
     """Print one of the project's own errors on stderr; say whether it was one.
 
-    Anything else is a defect of ours, and its traceback is wanted.
+    Anything else is a defect of the program, whose traceback must be seen.
     """
     from estimator import EstimatorError
     from fieldlink.errors import FieldlinkError
@@ -39,7 +39,7 @@ def explain(error: Exception) -> bool:
     missing = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     if missing in _EXTRAS:
         words = (
-            f"this needs {missing}, which is not installed; install it with "
+            f"this command needs {missing}, which is not installed; install it with "
             f"pip install 'fieldlink[{_EXTRAS[missing]}]'"
         )
     elif isinstance(error, known):

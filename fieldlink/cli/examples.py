@@ -1,4 +1,4 @@
-"""Examples of every command, for its ``--help``: what one types next."""
+"""Examples of every command, for its ``--help``: what to type next."""
 
 from __future__ import annotations
 

@@ -99,7 +99,8 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Write the table: .csv or .parquet.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
     speed: Annotated[
-        float | None, typer.Option(min=1e-6, help="Plant seconds a second; else no limit.")
+        float | None,
+        typer.Option(min=1e-6, help="Plant seconds per second; no limit unless given."),
     ] = None,
     kind: Annotated[str | None, typer.Option(help='"co-simulation" or "model exchange".')] = None,
     load_state: Annotated[Path | None, typer.Option(help="Begin from this saved state.")] = None,

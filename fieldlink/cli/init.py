@@ -156,7 +156,9 @@ def init(
     say(f"  every {period:g} s (--period); write-back off")
     if not yes:
         if not may_ask:
-            raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
+            raise typer.BadParameter(
+                "not given, and there is no terminal to ask on; add it", param_hint="--yes"
+            )
         typer.confirm(f"write {out} and {map_path_of(out)}?", abort=True)
     draft.write(found.tags)
     say(f"written: {out}, and {map_path_of(out)} with {len(taken)} of {len(found.tags)} tags")

@@ -105,7 +105,9 @@ def write(
     typer.echo(f"{point.where} holds {value_text(point, before)}")
     if not yes:
         if not is_terminal():
-            raise typer.BadParameter("no terminal to ask on: pass --yes", param_hint="--yes")
+            raise typer.BadParameter(
+                "not given, and there is no terminal to ask on; add it", param_hint="--yes"
+            )
         typer.confirm(f"write {value} {point.tag.unit}".rstrip() + "?", abort=True)
     after = asyncio.run(write_point(point, words))
     typer.echo(f"written; it holds {value_text(point, after)} now")
@@ -142,12 +144,12 @@ def _point(target: str, text: str, connect: Connect) -> Point:
 
 
 def is_terminal() -> bool:
-    """Whether somebody is there to answer a question."""
+    """Whether there is a terminal to ask on."""
     return sys.stdin.isatty()
 
 
 def _meant(text: str) -> str:
-    """Return what an address such as 40001 means; asks where somebody is there to answer."""
+    """Return what an address such as 40001 means; asks where there is a terminal."""
     from fieldlink.links.single_values import as_manual_address
 
     other = as_manual_address(text)

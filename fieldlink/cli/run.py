@@ -156,7 +156,7 @@ def _print(status: DaemonStatus) -> None:
     for name, device in status.devices.items():
         typer.echo(
             f"device {name}: {device.state.name.lower()}, {device.polls} polls, "
-            f"{device.late} late, {device.requests} requests, {device.failures} failures, "
+            f"{device.late} skipped, {device.requests} requests, {device.failures} failures, "
             f"{counted(device.connects, 'connection')}, "
             f"{device.late_replies} late replies passed over"
         )
@@ -166,7 +166,8 @@ def _print(status: DaemonStatus) -> None:
         counts = loop.counts
         typer.echo(
             f"loop {name}: {counts.read} samples read, {counts.bad} bad, {counts.missed} missed; "
-            f"{loop.estimates} estimates, {loop.attempts} write-back decisions"
+            f"{counted(loop.estimates, 'estimate')}, "
+            f"{counted(loop.attempts, 'write-back decision')}"
         )
         if loop.last_estimate is not None and (found := loop.last_estimate.findings) is not None:
             S, J = found.stick_band, found.slip_jump

@@ -35,8 +35,8 @@ def scan(
     tables: Annotated[
         str, typer.Option(help="Tables to look at, such as holding,input; all four.")
     ] = "",
-    first: Annotated[int, typer.Option(min=0, max=65535, help="First address.")] = 0,
-    last: Annotated[int, typer.Option(min=0, max=65535, help="Last address.")] = 499,
+    first: Annotated[int, typer.Option(min=0, max=65535, help="First address to read.")] = 0,
+    last: Annotated[int, typer.Option(min=0, max=65535, help="Last address to read.")] = 499,
     block: Annotated[int, typer.Option(min=1, max=125, help="Addresses asked for at once.")] = 100,
     thorough: Annotated[
         bool,

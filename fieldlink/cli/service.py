@@ -22,9 +22,7 @@ ForUser = Annotated[
     bool, typer.Option("--user", help="A unit of your own, without root and without its limits.")
 ]
 RunAs = Annotated[str, typer.Option(help="The account that a system's unit runs under.")]
-Name = Annotated[
-    str | None, typer.Option(help="Name of the service; fieldlink- and the site's name.")
-]
+Name = Annotated[str | None, typer.Option(help="Name of the service; fieldlink-SITE unless given.")]
 
 
 @app.command("show")

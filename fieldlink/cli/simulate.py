@@ -165,7 +165,7 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
         )
     else:
         v = model.valve
-        console.print(f"believed: stick band {v.stick_band:.4g}, slip jump {v.slip_jump:.4g}")
+        console.print(f"model used: stick band {v.stick_band:.4g}, slip jump {v.slip_jump:.4g}")
     if plot is not None:
         console.print(f"picture: {plot}")
 

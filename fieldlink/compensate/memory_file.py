@@ -1,4 +1,4 @@
-"""What a compensator must not forget, in a file: a restart would make its watch blind otherwise.
+"""The file that keeps what a compensator has learnt of its loop over a restart.
 
 The file holds the figures of the loop under its own controller, the sign of its gain that the
 record showed, and the models that were given up. It is JSON, written to a second file and put in
@@ -97,7 +97,7 @@ def load_memory(file: Path, loop: str, *, period: float, now: float) -> LoopMemo
     Time that passed since counts: a model may be tried again when its time is over.
 
     Raises:
-        MemoryFileError: the file cannot be read, is none of ours, or of another loop.
+        MemoryFileError: the file cannot be read, is not a memory file, or belongs to another loop.
     """
     remedy = "delete it to begin without a memory"
     try:

@@ -29,7 +29,7 @@ LOOK_EVERY = 0.5 * HEARTBEAT_EVERY
 """Plant seconds between two looks of the write-backs, as in the live daemon (`DeviceTasks`)."""
 
 _YIELD_EVERY = 64
-"""Scans between two chances for other tasks of the event loop."""
+"""Scans after which other tasks of the event loop may run."""
 
 
 class LockstepRun:

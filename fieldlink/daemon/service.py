@@ -1,4 +1,4 @@
-"""The live daemon: polls on monotonic deadlines, judges windows, writes back, until told to stop.
+"""The live daemon: polls on monotonic deadlines, judges windows, writes back, until it is stopped.
 
 Every device has two tasks of its own (`fieldlink.daemon.sampling.tasks`), so a silent device delays
 no other and a slow write delays no poll. Windows are judged in other processes on the

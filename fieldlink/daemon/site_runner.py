@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.operators.orders import ORDER_EVENTS, recall_orders
@@ -130,7 +130,7 @@ class SiteRunner:
         """Open every link.
 
         Raises:
-            FieldlinkError: a link cannot ever work; a device that is only absent is no error.
+            FieldlinkError: a link cannot ever work; a device that is only absent is not an error.
         """
         for runner in self.runners.values():
             await runner.link.open()

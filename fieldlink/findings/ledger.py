@@ -140,11 +140,14 @@ class _Step:
         self._tell(found, f"{what}; the next whole windows of the others tell whether it was it")
 
     def _judge_trial(self, found: OpenFinding, trial: Trial) -> None:
-        """Tell how the others swing, once their windows are wholly after the change."""
+        """Report how the others swing, once their windows are wholly after the change."""
         source = self.loops.get(trial.loop)
         if trial.what == "in manual" and source is not None and source.manual_since_ms is None:
             found = replace(found, trial=None)
-            self._tell(found, f"{trial.loop} is back in automatic; what the others did is open")
+            self._tell(
+                found,
+                f"{trial.loop} is back in automatic; the effect on the others is unknown",
+            )
             return
         others = {
             name: loop
@@ -191,7 +194,7 @@ class _Step:
 
     def _see_again(self, found: OpenFinding, proposal: Proposal) -> None:
         before = found
-        # one member alone is no new shape of a group that it belongs to
+        # one member alone is not a new shape of a group that it belongs to
         is_member = found.is_group and len(proposal.loops) == 1
         is_source = (proposal.loop, proposal.cause) == (found.loop, found.cause)
         if is_member and not is_source:

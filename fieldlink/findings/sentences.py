@@ -13,7 +13,7 @@ MOST_NAMES = 6
 
 
 class Described(Protocol):
-    """What a sentence needs of a finding."""
+    """The parts of a finding that its sentence uses."""
 
     @property
     def cause(self) -> str:

@@ -49,7 +49,10 @@ class Quality(Enum):
         "the first count after the cycle counter started again: the controller's values may not be "
         "there yet; if every sample is of this kind, check the counter's type and word order",
     )
-    LATE = (10, "asked for so late that the value is not of its slot: look at the lateness metric")
+    LATE = (
+        10,
+        "polled so late that the value belongs to another slot: look at the lateness metric",
+    )
     BAD_STATUS = (11, "the server gives no good status with the value: look at its diagnostics")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
@@ -150,7 +153,7 @@ class Link(Protocol):
         ...
 
     async def open(self) -> None:
-        """Make ready. A device that is absent is no error here: `scan` keeps trying.
+        """Make ready. A device that is absent is not an error here: `scan` keeps trying.
 
         Raises:
             LinkError: what waiting does not cure, such as a recording that is not there.

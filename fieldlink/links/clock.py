@@ -46,7 +46,7 @@ class SystemClock:
 
 
 class VirtualClock:
-    """A clock that stands until somebody moves it: lockstep runs and tests.
+    """A clock that stands until it is moved, for lockstep runs and tests.
 
     Args:
         start_utc: the UTC second at which the simulation begins.

@@ -217,7 +217,7 @@ class ModbusConnection:
                 )
             ) from error
         except asyncio.CancelledError:
-            # The reply may still come: nobody must take it for another's.
+            # The reply may still come: it must not be taken for another's.
             if not line.settings.keeps_open:
                 line.drop()
             self._owe(request)

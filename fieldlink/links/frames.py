@@ -2,8 +2,8 @@
 
 A reply is never searched for by what it might be: a request knows the length and the first bytes of
 the only regular answer to it (function and byte count of a read, the echo of a write), and whatever
-else arrives is no answer. The sources are the Modbus application protocol (V1.1b3) and Modbus over
-serial line (V1.02).
+else arrives is not an answer. The sources are the Modbus application protocol (V1.1b3) and Modbus
+over serial line (V1.02).
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class LineSettings:
     Attributes:
         make_wire: makes a wire that is not open yet; called in a running event loop.
         numbered: whether replies name their transaction (not on RTU framing).
-        keeps_open: whether a time-out leaves the wire open, because late replies can be told.
+        keeps_open: whether a time-out leaves the wire open, because late replies are recognised.
         key: what identifies the medium where devices share it; None for a line of one device.
         timeout: seconds for opening.
         pause_after_connect: seconds between opening and the first request.
@@ -110,7 +110,7 @@ class Line:
         self._begin_gap()
 
     def unanswered(self) -> None:
-        """Note a time-out: drop a wire on which a late reply could not be told from others."""
+        """Note a time-out: drop a wire on which a late reply looks like another."""
         self._silent += 1
         self._begin_gap()
         if not self.settings.keeps_open or self._silent >= SILENT_LIMIT:

@@ -32,7 +32,7 @@ __all__ = [
 
 
 class ByHandError(FieldlinkError):
-    """What was asked for is no tag, no address or no value."""
+    """What was asked for is neither a tag nor an address, or not a value."""
 
 
 @dataclass(frozen=True, slots=True)

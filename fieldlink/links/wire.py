@@ -127,7 +127,7 @@ class Wire(ModbusProtocol):
             TimeoutError: no answer in time.
             WireClosedError: the other side closed a connection on which it had answered before.
             WireLostError: the transport was lost meanwhile.
-            WrongReplyError: what came is no answer to this request.
+            WrongReplyError: what came is not an answer to this request.
         """
         if not self.is_open:
             raise WireLostError("the connection is closed")
@@ -177,7 +177,7 @@ class Wire(ModbusProtocol):
             if frame is None:
                 return
             self._judge(self._waiting, frame)
-        # Nobody waits for what is left.
+        # No task waits for what is left.
         self._buffer = b""
 
     def datagram_received(self, data: bytes, addr: tuple[Any, ...] | None) -> None:  # noqa: ARG002
@@ -198,7 +198,7 @@ class Wire(ModbusProtocol):
 
     def _judge(self, waiting: _Waiting, frame: Frame) -> None:
         if self._framing.numbered and frame.transaction != waiting.transaction:
-            # A late datagram is harmless; on a stream somebody has lost count.
+            # A late datagram is harmless; on a stream the two ends have lost count.
             if not self._datagrams:
                 self._fail(WrongReplyError("the answer to another request"))
         elif frame.unit != waiting.unit and waiting.unit != 0:

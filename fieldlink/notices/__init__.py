@@ -3,11 +3,11 @@
 Nothing here judges, polls or writes a device; a receiver that does not answer delays nothing else.
 """
 
+from fieldlink.notices.counts import NoticesReport, ReceiverReport
 from fieldlink.notices.errors import NoticeError
 from fieldlink.notices.notice import Notice, device_notice, finding_notice, probe_notice
 from fieldlink.notices.notifying import Notifying
 from fieldlink.notices.receivers import Receiver, receivers_of
-from fieldlink.notices.report import NoticesReport, ReceiverReport
 
 __all__ = [
     "Notice",

@@ -1,4 +1,4 @@
-"""Tells people: takes findings and device states, keeps notices on disk, delivers each once.
+"""Sends notices: takes findings and device states, keeps notices on disk, delivers each once.
 
 notifying = Notifying(site, states=..., tell=..., defect=..., utc_ms=...)
 notifying.put(record)                  # at once, from the event loop; never waits
@@ -18,12 +18,12 @@ from dataclasses import replace
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.links import LinkState
+from fieldlink.notices.counts import NoticesReport, ReceiverReport
 from fieldlink.notices.device_watch import DeviceWatch
 from fieldlink.notices.errors import NoticeError
 from fieldlink.notices.notice import Notice, device_notice, finding_notice
 from fieldlink.notices.outbox import Outbox, Retrying
 from fieldlink.notices.receivers import Receiver, receivers_of
-from fieldlink.notices.report import NoticesReport, ReceiverReport
 from fieldlink.site import Site
 from fieldlink.store import FindingRecord, Record
 
@@ -49,7 +49,7 @@ class Notifying:
             next start.
         states: gives the state of each device.
         tell: records events: kind, source, message, ``bad``.
-        defect: records an error that nobody foresaw: source, error, consequence.
+        defect: records an unforeseen error: source, error, consequence.
         utc_ms: gives the time of day.
         retrying: how often a notice is tried.
         look_every: seconds between two looks at devices and outbox.
@@ -150,7 +150,7 @@ class Notifying:
         for device, state in self._devices.look({n: s for n, (s, _) in states.items()}, now):
             reason = states[device][1] if state == "lost" else ""
             notice = device_notice(device, state, reason, self._name, self._page, self._utc_ms())
-            # a device that was never told lost is not told back
+            # a device that was not reported lost is not reported back
             self._waiting.append((notice, "lost" if state == "back" else ""))
 
     def _store_waiting(self) -> None:

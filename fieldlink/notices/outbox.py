@@ -20,7 +20,7 @@ __all__ = ["Delivery", "Outbox", "Retrying"]
 HOUR_MS = 3_600_000
 
 KEPT_MS = 90 * 24 * HOUR_MS
-"""How long it is remembered what was told: longer than any receiver is away."""
+"""How long sent notices are remembered: longer than any receiver is away."""
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS told (
@@ -96,11 +96,11 @@ class Outbox:
         return None
 
     def offer(self, notice: Notice, *, only_after: str = "") -> bool:
-        """Take a notice; False where its subject was told of in this state already.
+        """Take a notice; False where this state of its subject was sent already.
 
         Args:
-            notice: to be told.
-            only_after: the state that must have been told last; any when empty.
+            notice: to be sent.
+            only_after: the state that must have been sent last; any when empty.
         """
         with closing(self._connect()) as connection, connection:
             row = connection.execute(

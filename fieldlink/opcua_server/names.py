@@ -85,7 +85,7 @@ LOOP_VARIABLES = (
     Entry("TrendPerWeek", "Double", "Change of S in a week, units of OP; bad while unknown."),
     Entry("DaysToLimit", "Double", "Days until S reaches its limit; bad while unknown."),
     Entry("JudgedAt", "DateTime", "End of the window that the verdict rests on."),
-    Entry("Message", "String", "What the newest window came to, in a sentence."),
+    Entry("Message", "String", "The outcome of the newest window, in a sentence."),
     Entry("Compensated", "Boolean", "The PLC's controller uses the model."),
     Entry("BlockState", "String", "What the parameter block in the PLC is doing."),
     Entry("BlockReason", "String", "Why, in a sentence."),

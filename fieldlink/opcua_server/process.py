@@ -1,4 +1,4 @@
-"""The server's process: settings and values come as lines of JSON, what happens goes out as such.
+"""The server's process: settings and values come in as lines of JSON, and events go out as such.
 
     python -m fieldlink.opcua_server.process
 

@@ -37,7 +37,7 @@ EVERY = 2.0
 """Seconds between two looks at the fleet, as on the pages; verdicts change every few minutes."""
 
 PATIENCE = BackoffSettings(first=1.0, cap=60.0)
-"""Pauses until the next attempt: a port that is given free is used within a minute."""
+"""Pauses until the next attempt: a port that becomes free is used within a minute."""
 
 ANSWER_WITHIN = 120.0
 """Seconds without an answer after which the process is replaced: filling the address space of 5,000

@@ -252,7 +252,7 @@ class BlockReader:
 
     def _reject(self, commit: int, error: BlockError) -> None:
         if error.reason is BlockFault.EMPTY and commit == 0:
-            # Nothing was ever committed: an empty area is no fault.
+            # Nothing was ever committed: an empty area is not a fault.
             return
         self._ack_result = error.reason.code
         self._ack_commit = commit

@@ -165,7 +165,7 @@ class ParameterBlock:
 
     @property
     def time_constant(self) -> float:
-        """Time constant (s) of the slowest pole that is no integrator; 0 without one."""
+        """Time constant (s) of the slowest pole that is not an integrator; 0 without one."""
         return 0.0 if self.process is None else _time_constant(self.process)
 
     def _check_valve(self) -> None:

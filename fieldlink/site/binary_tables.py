@@ -1,4 +1,4 @@
-"""Recordings that are no text: Excel workbooks, Parquet and MATLAB files, as rows of text cells.
+"""Recordings that are not text: Excel workbooks, Parquet and MATLAB files, as rows of text cells.
 
     read_binary_table(Path("loop.mat"))  # rows, the first of which holds the names; None for text
 
@@ -99,7 +99,7 @@ def _matlab(path: Path) -> list[CsvRow]:
         what = "is a MATLAB 7.3 (HDF5) file"
         raise _refusal(path, what, "save it again in MATLAB with -v7") from error
     except (ValueError, TypeError, LookupError, OSError, MatReadError, zlib.error) as error:
-        raise _refusal(path, "is no MATLAB file that can be read", "save it again") from error
+        raise _refusal(path, "is not a MATLAB file that can be read", "save it again") from error
     named = {name: value for name, value in found.items() if not name.startswith("__")}
     if "cdata" in named:
         what = "is the International Stiction Data Base, which holds many loops"

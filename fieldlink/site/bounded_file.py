@@ -34,7 +34,7 @@ def read_bytes(path: Path, *, most_megabytes: int, pipe: bool = False) -> bytes:
         pipe: whether a pipe will do, such as a shell's ``<(zcat FC101.csv.gz)``.
 
     Raises:
-        UnreadableFileError: it cannot be read, is no file, or is too large.
+        UnreadableFileError: it cannot be read, is not a file, or is too large.
     """
     try:
         kind = path.stat().st_mode

@@ -23,7 +23,7 @@ def compensate_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> It
     if device is not None and not device.link.startswith("modbus"):
         yield source.problem(
             ("loops", name, "compensate", "op_out"),
-            f"device {loop.device!r} is no Modbus device, OP cannot be written to it",
+            f"device {loop.device!r} is not a Modbus device, OP cannot be written to it",
             "study simulated plants with fieldlink simulate",
         )
     if loop.sp is None:

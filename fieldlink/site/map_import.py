@@ -212,7 +212,7 @@ def _about(style: AddressStyle, *, guessed: bool) -> str:
         "modicon": "addresses are written with their table: 40001 is holding register 0, 30001 "
         "input register 0, 10001 discrete input 0, 00001 coil 0",
     }[style]
-    hint = "; if the manual counts from 1, say --addresses one" if style == "zero" else ""
+    hint = "; if the manual counts from 1, give --addresses one" if style == "zero" else ""
     return said + (hint if guessed else "")
 
 

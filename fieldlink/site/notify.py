@@ -1,4 +1,4 @@
-"""``[notify]``: who is told of confirmed findings and lost devices, and how they are reached."""
+"""``[notify]``: who gets notices of confirmed findings and lost devices, and how."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _ADDRESS = re.compile(r"[^@\s<>,;]+@[^@\s<>,;]+")
 
 
 def _refuse_bad_address(key: str, url: str) -> None:
-    """Refuse what is no web address; only the scheme and host are shown."""
+    """Refuse what is not a web address; only the scheme and host are shown."""
     try:
         parts = urlsplit(url)
         host, _ = parts.hostname, parts.port
     except ValueError:
         parts, host = urlsplit(""), None
     if parts.scheme not in ("http", "https") or not host:
-        raise ValueError(f"{key} is no web address; write https://HOST/PATH")
+        raise ValueError(f"{key} is not a web address; write https://HOST/PATH")
 
 
 class WebHookSettings(Model):
@@ -130,5 +130,5 @@ class NotifySettings(Model):
     def _complete(self) -> Self:
         _refuse_bad_address("page", self.page)
         if self.web_hook is None and self.mail is None:
-            raise ValueError("nobody would get a notice; add the table web_hook or mail")
+            raise ValueError("no receiver is named; add the table web_hook or mail")
         return self

@@ -148,7 +148,7 @@ def plain_number(text: str) -> float:
 def _notation_of(
     others: Mapping[int, str], cells: int, *, comma_separates: bool
 ) -> tuple[_Notation, str | None]:
-    """The notation of the cells that are no plain numbers, or a cell that is ambiguous."""
+    """The notation of the cells that are not plain numbers, or a cell that is ambiguous."""
     parts = [found for text in others.values() if (found := _CELL.fullmatch(text))]
     units = {found[2] or "" for found in parts}
     # One odd cell is a mistake, a text behind most numbers is their unit.

@@ -29,7 +29,7 @@ def polls_by_tag(loops: Iterable[Loop]) -> dict[str, int]:
     """Return in every how many polls a tag of a loop has to be read.
 
     The tags of a loop are of one moment, so loops that share a tag are read as often as the fastest
-    of them. A period that is no multiple of the polls' is read in all of them.
+    of them. A period that is not a multiple of the polls' is read in all of them.
     """
     every = list(loops)
     beat = poll_period(every)

@@ -26,7 +26,7 @@ LOWEST, HIGHEST = -5.0, 105.0
 tells a broken wire from 3.6 and 21 mA, -2.5 % and 106 %)."""
 
 FEWEST = 50
-"""Samples below which no role is told: fewer hold one movement of a loop or none."""
+"""Samples below which no role is found: fewer hold one movement of a loop or none."""
 
 EXACT = 0.1
 """Share of a signal's changes left unexplained by the other's present and last values, up to which

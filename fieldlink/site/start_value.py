@@ -16,7 +16,7 @@ def _check(value: object) -> float | str:
         return value
     if isinstance(value, (bool, int, float)) and abs(value) <= sys.float_info.max:
         return float(value)
-    raise ValueError("is no start value; give a finite number, true or false, or a text in quotes")
+    raise ValueError("is not a start value; give a finite number, true, false, or a text in quotes")
 
 
 StartValue = Annotated[float | str, BeforeValidator(_check)]

@@ -44,7 +44,7 @@ class TomlSource:
         """Read and parse ``path``.
 
         Raises:
-            SiteError: it cannot be read or is no TOML.
+            SiteError: it cannot be read or is not TOML.
         """
         self.path = path
         text = _read_text(path)

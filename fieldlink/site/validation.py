@@ -34,7 +34,7 @@ def validated(source: TomlSource, root: type[M]) -> M:
         raise SiteError(
             _problem(source, root, detail)
             for detail in error.errors()
-            # A default that depends on a wrong key is no mistake of its own.
+            # A default that depends on a wrong key is not a mistake of its own.
             if detail["type"] != "default_factory_not_called"
         ) from error
 

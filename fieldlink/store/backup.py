@@ -37,7 +37,7 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
     source = file_of(url)
     if source is None:
         raise StoreError(
-            f"{shown(url)} is no SQLite file; use the database's own tool, such as pg_dump"
+            f"{shown(url)} is not an SQLite file; use the database's own tool, such as pg_dump"
         )
     if not source.is_file():
         raise StoreError(f"there is no historian at {source}; check data_dir")

@@ -1,4 +1,4 @@
-"""A damaged SQLite file: how it is told from any other trouble, and how it is set aside."""
+"""A damaged SQLite file: how it is recognised, and how it is set aside."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def is_corruption(error: SQLAlchemyError | sqlite3.Error) -> bool:
 def was_a_database(file: Path) -> bool:
     """Whether the file begins like an SQLite database, or with the zeros that a power cut leaves.
 
-    Anything else is a file of somebody's that must not be touched.
+    Anything else is another program's file and must not be touched.
     """
     try:
         with file.open("rb") as stream:

@@ -107,7 +107,7 @@ def _address(url: str) -> URL:
     except ArgumentError as error:
         # Not the text itself: a password may be in it.
         raise StoreError(
-            "historian.url is no database address; write sqlite:///history.sqlite or "
+            "historian.url is not a database address; write sqlite:///history.sqlite or "
             "postgresql://USER@HOST/DATABASE"
         ) from error
     if address.drivername == "postgresql":

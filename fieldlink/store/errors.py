@@ -12,7 +12,7 @@ class StoreError(FieldlinkError):
 
 
 class StoreMismatchError(StoreError):
-    """The database is no historian of this release; trying again does not change that."""
+    """The database is not a historian of this release; trying again does not change that."""
 
 
 class StoreCorruptError(StoreError):

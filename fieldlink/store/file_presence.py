@@ -1,7 +1,7 @@
 """Whether the file of an SQLite historian is still the one that was opened.
 
 A program that has a file open does not notice that the file was deleted, moved away or replaced: it
-writes on into what nobody will find. So the identity of the file behind its name is looked at.
+writes on into a file without a name. So the identity of the file behind its name is looked at.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ class Historian:
                     self._database.find_again()
                 written = insert_batch(self._database.engine, batch)
                 if self._database.is_lost():
-                    # It went into a file that nobody will find.
+                    # It went into a file that has no name any more.
                     continue
             except StoreError as error:
                 if isinstance(error, StoreMismatchError) and self._is_beyond_patience():
@@ -195,7 +195,7 @@ class Historian:
             self._write([record])
 
     def _refuse(self, batch: Sequence[Record], cause: str, *, failing: bool = False) -> None:
-        """Give up records that the database will never take; each cause is told once a minute."""
+        """Give up records that the database will never take; each cause is logged once a minute."""
         self._records.drop(batch)
         self._counts.fail(cause, failing=failing)
         if lost := self._refusals.note(cause, len(batch)):
@@ -205,7 +205,7 @@ class Historian:
                 self.put(EventRecord(now_ms(), "store.refused", "store", message))
 
     def _is_beyond_patience(self) -> bool:
-        """Whether a database that is no historian has had the place of ours for too long."""
+        """Whether a foreign database has been at the historian's address for too long."""
         now = time.monotonic()
         if self._mismatch_since is None:
             self._mismatch_since = now

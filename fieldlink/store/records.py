@@ -176,7 +176,7 @@ class EventRecord(Record):
 
 @dataclass(frozen=True, slots=True)
 class WorkRecord(Record):
-    """What somebody said about the work on a loop; the newest row of a loop counts.
+    """A note on the work on a loop; the newest row of a loop counts.
 
     Attributes:
         loop: its name.

@@ -18,7 +18,7 @@ class HistorianSettings:
         retry: seconds between attempts while the database cannot be written.
         busy_timeout: seconds one attempt waits for another program's lock.
         flush: seconds that stopping may take.
-        patience: seconds that records wait while a database that is no historian has the place of
+        patience: seconds that records wait while another program's database is in the place of
             ours, so that the change can be undone; then they are lost.
     """
 

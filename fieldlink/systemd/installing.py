@@ -1,4 +1,4 @@
-"""Putting a unit where systemd finds it, without ever losing one that somebody has changed."""
+"""Putting a unit where systemd finds it, and never overwriting one that was changed."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ GOODBYE_WITHIN = 2.0
 """Seconds for the last packets of a session; without them the broker publishes the will."""
 
 MOST_INCOMING = 100
-"""Commands that may wait; more than that is no operator's doing."""
+"""Commands that may wait; no operator sends more."""
 
 
 class BrokerSession:

@@ -58,7 +58,7 @@ class CommandDesk:
             loop: the loop; None where the topic names none of the site's.
             reason: as the sender gave it.
             topic: where the command came from.
-            refusal: why the message is no command, found before it was read.
+            refusal: why the message is not a command, found before it was read.
         """
         why = as_printable(reason)[:LONGEST_REASON] or "no reason given"
         try:

@@ -18,7 +18,7 @@ STEADY = 30.0
 that takes every connection and ends it at once would otherwise be asked twice a second for ever."""
 
 SHORT_LIVED = 3
-"""Connections in a row that ended before that; then one event tells it, instead of two for each."""
+"""Connections in a row that ended before that; then one event stands for all of them."""
 
 
 class Connections:
@@ -69,7 +69,7 @@ class Connections:
         """Note that the connection, if there was one, has ended.
 
         Args:
-            is_known: whether the reason is told elsewhere; an early end is not counted then.
+            is_known: whether the reason is logged elsewhere; an early end is not counted then.
         """
         early = self.is_up and time.monotonic() - self._up_since < STEADY
         self.is_up = False

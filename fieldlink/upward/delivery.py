@@ -46,7 +46,7 @@ class Delivery:
         spool: the messages.
         health: gives the site's health.
         tell: records events: kind, source, message, ``bad``.
-        defect: records an error that nobody foresaw: source, error, consequence.
+        defect: records an unforeseen error: source, error, consequence.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Delivery:
             await self._deliver(session)
             farewell = tuple(self._format.farewell())
         finally:
-            # A message that the broker refuses is told when it is skipped.
+            # A message that the broker refuses is reported when it is skipped.
             self._connections.note_end(is_known=self._stopping or self._refusals > 0)
             self._session = None
             if not session.was_reached:

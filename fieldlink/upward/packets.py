@@ -46,7 +46,7 @@ class Incoming:
 
     @property
     def refusal(self) -> str | None:
-        """Why the message is no command, whatever is in it; None where it may be one."""
+        """Why the message is not a command, whatever is in it; None where it may be one."""
         if self.retained:
             return (
                 "a retained command would be carried out at every connection; publish it without "

@@ -63,7 +63,7 @@ class Publishing:
         health: gives the site's health.
         actions: carry out the commands from above, by name.
         tell: records events: kind, source, message, ``bad``.
-        defect: records an error that nobody foresaw: source, error, consequence.
+        defect: records an unforeseen error: source, error, consequence.
 
     Raises:
         UpwardError: a package is missing, or a file of the table cannot be read.

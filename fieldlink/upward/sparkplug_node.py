@@ -232,7 +232,7 @@ class EdgeNode:
             metrics.append(
                 Metric(None, self._aliases[key], None, value, at, historical, known[name])
             )
-        # A new number alone is no news: it comes with the next change.
+        # A new number alone is not news: it comes with the next change.
         if metrics and (historical or [m.alias for m in metrics] != [self._number_of(owner)]):
             yield self._outgoing(verb, loop, metrics)
 

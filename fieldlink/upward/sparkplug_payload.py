@@ -22,7 +22,7 @@ Value = int | float | bool | str | None
 
 
 class PayloadError(ValueError):
-    """Bytes that are no Sparkplug B payload."""
+    """Bytes that are not a Sparkplug B payload."""
 
 
 class DataType(IntEnum):

@@ -14,7 +14,7 @@ import jinja2
 from starlette.requests import Request
 from starlette.responses import Response
 
-from fieldlink.web.view import words
+from fieldlink.web.view import texts
 
 __all__ = ["STATIC", "json_answer", "load_templates", "page_answer", "render", "static_answer"]
 
@@ -111,13 +111,13 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        number=words.number_text,
-        percent=words.percent_text,
-        duration=words.duration_text,
-        moment=words.moment_text,
-        iso=words.iso_time,
+        number=texts.number_text,
+        percent=texts.percent_text,
+        duration=texts.duration_text,
+        moment=texts.moment_text,
+        iso=texts.iso_time,
     )
-    environment.globals.update(verdict_of=words.verdict_of, static_hash=static_hash)
+    environment.globals.update(verdict_of=texts.verdict_of, static_hash=static_hash)
     return environment
 
 

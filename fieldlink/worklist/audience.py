@@ -65,7 +65,7 @@ _NOTE = Column("note", lambda row: "" if row.item is None else row.item.note, 8.
 
 @dataclass(frozen=True, slots=True)
 class Audience:
-    """What a report for somebody shows.
+    """What a report shows to one audience.
 
     Attributes:
         name: technician, engineer or manager.

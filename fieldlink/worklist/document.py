@@ -64,8 +64,8 @@ class WorkDocument:
             f"{'needs' if len(outage) == 1 else 'need'} an outage.",
         ]
         if open_:
-            loops = _count(len(open_), "loop")
-            told.append(f"{loops} undetermined; each page says what would determine it.")
+            page = "its page says" if len(open_) == 1 else "their pages say"
+            told.append(f"{_count(len(open_), 'loop')} undetermined; {page} what to record.")
         if states:
             counts = ", ".join(f"{count} {state}" for state, count in states.most_common())
             told.append(f"Work: {counts}.")

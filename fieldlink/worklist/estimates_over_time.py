@@ -175,7 +175,7 @@ class Course:
 
 
 def repair_in(course: Course, followed: Track | None, annotated: Sequence[Repair]) -> Repair | None:
-    """Return the last repair: noted by somebody, or seen in the history.
+    """Return the last repair: from a note, or seen in the history.
 
     What is seen is a fall of the stick band, or a valve that sticks no more for some windows.
     """

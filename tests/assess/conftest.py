@@ -54,7 +54,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory, sticky: Recorded, healthy: 
     write_csv(root / "area 2" / "LC203.tsv", healthy, separator="\t")
     (root / "PC104.csv").write_text("op,pv\n" + "1.0,2.0\n" * 60 + "1.0,off\n")
     (root / "notes.txt").write_text("not a recording\n")
-    # Inside what is read: the tables of a run are no recordings.
+    # Inside what is read: the tables of a run are not recordings.
     done = run_typed(root, "assess", root, "--out", root / "out", "--workers", 1)
     assert done.returncode == 1, done.stderr
     return root

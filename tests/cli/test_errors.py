@@ -14,7 +14,7 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(
     missing = ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
     assert explain(missing)
     assert capsys.readouterr().err.strip() == (
-        "fieldlink: this needs matplotlib, which is not installed; install it with "
+        "fieldlink: this command needs matplotlib, which is not installed; install it with "
         "pip install 'fieldlink[plot]'"
     )
 

@@ -84,6 +84,19 @@ def test_a_clear_list_becomes_a_site_that_is_read_once(folder: Path, port: int) 
     assert result.stdout.rstrip().endswith("fieldlink run site.toml")
 
 
+@pytest.mark.usefixtures("folder")
+def test_values_of_the_other_word_order_are_named(port: int) -> None:
+    options = ("--host", "127.0.0.1", "--port", str(port), "--auto-values", "1", "--yes")
+    result = run("clear.csv", *options, "--word-order", "little")
+    assert result.exit_code == 0, result.output
+    # 42.5 is 0x422A0000, and 0x0000422A a float of 2e-41.
+    assert "FC101.OP = 2.373519339e-41 %" in result.stderr
+    hint = next(line for line in result.stderr.splitlines() if "--word-order" in line)
+    assert "FC101.OP" in hint
+    right = run("clear.csv", *options, "--out", "b.toml")
+    assert "--word-order" not in right.stderr
+
+
 def test_nothing_is_overwritten(folder: Path) -> None:
     (folder / "site-map.csv").write_text("mine")
     said = refusal(run("clear.csv", "--auto-values", "1", "--yes"))

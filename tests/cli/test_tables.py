@@ -19,7 +19,7 @@ OP, PV = np.full(80, 40.0), np.linspace(49.0, 51.0, 80)
 
 @pytest.fixture(scope="module")
 def sure() -> Identification:
-    """A result of our own making: the verdict is no matter of a search here."""
+    """A result of our own making: the verdict does not depend on a search here."""
     return replace(identify(OP, PV), verdict=Verdict.STICTION, score=12.345)
 
 

@@ -153,7 +153,7 @@ def test_a_ramp_is_expected_to_go_on_for_as_long_as_it_has_lasted() -> None:
     trend.push(1.0)  # it stays
     assert not trend.ahead(points).any()
     assert trend.turns
-    trend.push(9.0)  # a step is no ramp
+    trend.push(9.0)  # a step is not a ramp
     assert not trend.ahead(points).any()
     assert not trend.turns
 

@@ -42,7 +42,7 @@ def test_an_edge_box_checks_its_site_and_is_told_what_the_demo_needs() -> None:
     told = run("demo")
     assert told.returncode == 2
     assert told.stderr == (
-        "fieldlink: this needs fmpy, which is not installed; install it with "
+        "fieldlink: this command needs fmpy, which is not installed; install it with "
         "pip install 'fieldlink[lab]'\n"
     )
 

@@ -61,6 +61,14 @@ def test_every_command_and_option_exists(page: Path) -> None:
                 assert option in {*offered, "--help"}, f"{place}: {option} of {known[-1]}"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_names_its_language(page: Path) -> None:
+    """A block without one is neither coloured nor run."""
+    fences = [line for line in page.read_text().splitlines() if line.lstrip().startswith("```")]
+    assert not [line for line in fences[::2] if line.strip() == "```"]
+    assert not [line for line in fences[1::2] if line.strip() != "```"]
+
+
 def test_every_mark_is_one_of_ours_and_every_test_named_is_there() -> None:
     for block in (block for page in PAGES for block in command_blocks(page)):
         assert not block.note or block.note.startswith(MARKS), block.place
@@ -91,12 +99,18 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextlib.contextmanager
 def served(words: list[str], folder: Path) -> Iterator[None]:
-    """Run a line until the page is done; it is ready when it has printed where it listens."""
+    """Run a line until the page is done.
+
+    A PLC is ready when it has printed where it listens, a daemon when its PLC has answered.
+    """
+    ready = "device.good" if words[1] == "run" else ""
     command = [str(PROGRAM), *words[1:]]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     assert process.stdout is not None
     try:
-        assert process.stdout.readline(), f"{' '.join(words)} printed nothing"
+        assert any(ready in line for line in process.stdout), f"{' '.join(words)} is not ready"
         yield
     finally:
         process.terminate()

@@ -149,7 +149,7 @@ def test_signal_dictionaries_are_wires_with_names(
 def test_structures_that_make_no_system(
     mini_fmus: Minis, tmp_path: Path, elements: str, connections: str, words: str
 ) -> None:
-    """Lists that a tool writes empty are no fault."""
+    """Lists that a tool writes empty are not a fault."""
     file = write(tmp_path / "x.ssp", mini_fmus["fmi2"], elements, connections, own=OWN)
     with pytest.raises(PlantFileError, match=words):
         summarise(file)

@@ -176,7 +176,7 @@ def test_what_is_no_number_does_not_pass_between_fmus(odd: Minis, tmp_path: Path
         write(tmp_path / f"{k}.ssp", odd["plain"], elements, way, own=blob)
         for k, way in enumerate(ways)
     ]
-    assert "outputs left out, they are no numbers: blob" in summarise(files[0]).warnings
+    assert "outputs left out, they are not numbers: blob" in summarise(files[0]).warnings
     with open_plant(files[0], parameters={"first.names[1]": "a", "first.names[2]": ""}) as plant:
         assert plant.step({})["first.count"] == 1.0
     with pytest.raises(PlantFileError, match=r"u is fed by first\.blob, a variable of the type B"):

@@ -1,4 +1,4 @@
-"""Start values that are no numbers: texts of string variables, and words for numbers."""
+"""Start values that are not numbers: texts of string variables, and words for numbers."""
 
 from __future__ import annotations
 

@@ -152,8 +152,8 @@ def test_bytes_that_are_no_snapshot(plant: Plant) -> None:
         foreign = other.snapshot()
     own = plant.snapshot()
     for wrong, words in (
-        (b"", "these bytes are no snapshot"),
-        (b"x" * 100, "these bytes are no snapshot"),
+        (b"", "these bytes are not a snapshot"),
+        (b"x" * 100, "these bytes are not a snapshot"),
         (foreign, "not a snapshot of this model and version"),
         (own[:-1], "not a snapshot of this model and version"),
     ):

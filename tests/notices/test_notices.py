@@ -341,8 +341,8 @@ def test_the_command_tries_every_receiver(mails: tuple[Mails, MailServer], tmp_p
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "nobody would get a notice; add the table web_hook or mail"),
-        ('[notify.web_hook]\nurl = "mailto:x"\n', "url is no web address"),
+        ("", "no receiver is named; add the table web_hook or mail"),
+        ('[notify.web_hook]\nurl = "mailto:x"\n', "url is not a web address"),
         (
             '[notify.web_hook]\nurl = "http://far.example/x"\ntoken_variable = "T"\n',
             "the token would cross the network unencrypted",

@@ -13,7 +13,7 @@ from pymodbus.client import AsyncModbusTcpClient
 
 from compensator import PiController, PiSettings
 from fieldlink.lab.plc import VirtualPlc, serve
-from fieldlink.lab.plc.sources import ClientState
+from fieldlink.lab.plc.op_sources import ClientState
 from fieldlink.registers import DataType, Table, decode, encode
 from fieldlink.site import Site, SiteError, load_site
 

@@ -1,4 +1,4 @@
-"""Many FMUs in one PLC: one that hangs or crashes keeps nobody else waiting."""
+"""Many FMUs in one PLC: one that hangs or crashes delays no other."""
 
 from __future__ import annotations
 

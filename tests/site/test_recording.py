@@ -218,7 +218,7 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         (b"\x00\x01\x02", {}, "is not a CSV file: it is a binary file"),
         (b"PK\x03\x04 no workbook", {}, "is a binary file and no workbook"),
         (b"PAR1 and no more", {}, "cannot be read as Parquet"),
-        (b"MATLAB 5.0 and no more", {}, "is no MATLAB file that can be read"),
+        (b"MATLAB 5.0 and no more", {}, "is not a MATLAB file that can be read"),
         (b"\xd0\xcf\x11\xe0 of 1997", {}, "save it as .xlsx or CSV"),
         ('op,pv\n"1,2\n' + "1,2\n" * 60, {}, "is not a CSV file"),
     ],

@@ -1,4 +1,4 @@
-"""Brokers that end every connection, and messages from above that are no commands."""
+"""Brokers that end every connection, and messages from above that are not commands."""
 
 from __future__ import annotations
 

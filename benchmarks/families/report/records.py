@@ -1,4 +1,4 @@
-"""What a historian makes of a signal: holding, compression, decimation, gaps, coarse converters."""
+"""How a historian changes a signal: holding, compression, decimation, gaps, coarse converters."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:
         closed.clear()
         folders.sort()
         if RUN_FILE in names or {RECORD, "loops.csv"} <= set(names) or _is_known(folder, seen):
-            # The folder of a run: its tables are no recordings. Or one that was read already.
+            # The folder of a run: its tables are not recordings. Or one that was read already.
             folders.clear()
             continue
         for name in sorted(names):
@@ -165,7 +165,7 @@ def _shown(path: Path, where: str, shown: str) -> str:
 
 
 def _refusal(path: str) -> str | None:
-    """Why a path is not opened: opening a pipe would wait for ever for somebody who writes."""
+    """Why a path is not opened: opening a pipe would wait for a writer without end."""
     if Path(path).is_dir():
         return f"the folder {_why_closed(path)}"
     if Path(path).exists() and not Path(path).is_file():

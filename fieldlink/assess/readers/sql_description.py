@@ -109,7 +109,7 @@ def read_description(path: Path) -> SqlTable:
     """Read a description; relative paths in it are beside it.
 
     Raises:
-        SiteError: it is no such description; every mistake with its line.
+        SiteError: it is not such a description; every mistake with its line.
         AssessError: its password file cannot be read.
     """
     table = validated(TomlSource(path), _File).sql

@@ -42,7 +42,7 @@ def main() -> int:
     def read() -> None:
         for line in stdin:
             lines.put(line)
-        # The process that asked is gone: an answer would be read by nobody.
+        # The process that asked is gone: no process would read an answer.
         os._exit(0)
 
     def send(message: dict[str, Any]) -> None:

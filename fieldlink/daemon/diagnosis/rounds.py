@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.diagnosis.window_diagnosis import (
     DiagnosisRequest,
     diagnose_window,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.diagnosis.rounds import DiagnosisRounds
 from fieldlink.daemon.estimation.judging import WindowJudging
 from fieldlink.daemon.reporting.journal import Journal

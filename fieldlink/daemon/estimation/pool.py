@@ -84,7 +84,7 @@ class PoolReport:
 
 
 class _PoolGoneError(Exception):
-    """The pool that a window was meant for has been replaced."""
+    """The pool that was to judge a window has been replaced."""
 
 
 class EstimatorPool:

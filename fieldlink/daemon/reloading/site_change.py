@@ -94,7 +94,7 @@ class FileWatch:
         return settled and now != self._known
 
     def accept(self) -> None:
-        """Take the files as they are now as known; to be called before they are read."""
+        """Remember the present state of the files; call it before they are read."""
         self._known = self._seen = self._look()
 
     def follow(self, site: Site) -> None:

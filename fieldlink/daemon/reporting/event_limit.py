@@ -22,7 +22,7 @@ WINDOW = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What was held back: its kind and source, and a sentence."""
+    """The events that were held back: kind, source and a sentence."""
 
     kind: str
     source: str

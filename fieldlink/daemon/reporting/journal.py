@@ -120,7 +120,7 @@ class Journal:
         return kept
 
     def event(self, kind: str, source: str, message: str, *, bad: bool = False) -> None:
-        """Log and store something that happened to ``source``, unless that happens all the time."""
+        """Log and store something that happened to ``source``, unless it repeats too often."""
         # In a simulation nothing else asks every second.
         self.summarize()
         if self._limit.admits(kind, source, message):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.estimation.estimating import Estimate
 from fieldlink.daemon.estimation.pool import PoolReport
 from fieldlink.daemon.sampling.lateness import LatenessReport
@@ -105,7 +105,7 @@ class DaemonStatus:
         pool: what the estimator's processes have done.
         clock_steps: times the wall clock was seen to step.
         reloads: site files taken over while running; refused: those that were wrong.
-        defects: errors met that the program does not foresee; the log tells where.
+        defects: unforeseen errors; the log shows where.
         upward: messages delivered to the broker and waiting; None where the site publishes nothing.
         findings: why loops swing; None where the site switches the diagnosis off.
         notices: notices delivered and waiting; None where none are configured.

@@ -9,7 +9,7 @@ import math
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from fieldlink.daemon.diagnosis.report import FindingsReport
+from fieldlink.daemon.diagnosis.counts import FindingsReport
 from fieldlink.daemon.reporting.status import DaemonStatus, DeviceStatus, LoopStatus
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.findings import describe_finding

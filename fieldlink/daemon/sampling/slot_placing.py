@@ -99,8 +99,8 @@ class CounterPlacer:
 
         A step back, or one far beyond what the elapsed time allows, means that the counter began
         again: then the gap is as long as the time that went by. A controller that stood still for a
-        moment and catches up is no restart, its counts are the truth. A number with a fraction is
-        no count, as little as one that is too large.
+        moment and catches up is not a restart, its counts are the truth. A number with a fraction
+        is no count, as little as one that is too large.
         """
         if not (abs(counter) <= LARGEST_COUNT and abs(counter - round(counter)) <= WHOLE):
             return self._place_by_clock(now)

@@ -99,7 +99,8 @@ async def wait_for(event: asyncio.Event, seconds: float) -> bool:
         async with asyncio.timeout(max(0.0, seconds)):
             await event.wait()
     except TimeoutError:
-        return False
+        # It may have been set in the very turn in which the time was over.
+        return event.is_set()
     return True
 
 

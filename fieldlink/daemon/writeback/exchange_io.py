@@ -144,7 +144,7 @@ class Exchange:
         A PLC of an earlier layout refuses the optional ones; they are not asked for again.
 
         Raises:
-            NoAreaError: all of them hold one number that is no zero.
+            NoAreaError: all of them hold one number that is not zero.
         """
         found = await self._any_control()
         if found.filler is not None:

@@ -83,7 +83,7 @@ class RecordedHandover:
         self._begun = _Begun(attempt, self._keep(attempt), now)
 
     def contradict(self, findings: Findings) -> None:
-        """Let nothing be written of an attempt that newer findings contradict."""
+        """Stop an attempt that newer findings contradict; nothing of it is written."""
         begun = self._begun
         if begun is not None and begun.attempt.candidate.is_contradicted_by(findings):
             self._begun = replace(begun, contradicted=True)

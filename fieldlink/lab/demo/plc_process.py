@@ -6,6 +6,7 @@ What really happened inside comes back through a pipe when it ends, for judging.
 from __future__ import annotations
 
 import asyncio
+import logging
 import multiprocessing
 import signal
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import structlog
 
+from fieldlink.daemon import configure_logging
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.demo.site_files import DEVICE, DemoError
 from fieldlink.lab.plc import PlcServer, Truth, serve
@@ -32,7 +34,7 @@ _log = structlog.get_logger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class PlcCourse:
-    """What a PLC tells of itself: the loop's true course so far, and its own late scans."""
+    """The true signals of the loop so far, and how many scans of the PLC were late."""
 
     truth: Truth
     late_scans: int
@@ -112,8 +114,8 @@ class PlcProcess:
         except EOFError as error:
             self._process.join(2.0)
             raise DemoError(
-                f"the simulated PLC ended with status {self._process.exitcode}; what it said "
-                "stands above"
+                f"the simulated PLC ended with status {self._process.exitcode}; its "
+                "message is above"
             ) from error
         if isinstance(answer, _Failed):
             raise DemoError(answer.message)
@@ -122,6 +124,8 @@ class PlcProcess:
 
 def _run(pipe: Connection, site_file: Path, loop: str) -> None:
     """Serve until told to stop, or until the process that started this is gone."""
+    # Without it pymodbus prints the frames of a dropped connection among the demo's lines.
+    configure_logging(logging.WARNING)
     # Ctrl-C reaches every process of the terminal; the program that started this one ends it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

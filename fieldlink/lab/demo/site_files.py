@@ -98,7 +98,7 @@ def recorded_scene(folder: Path, recording: Path) -> Scene:
     """Return a loop that replays a recording.
 
     Raises:
-        RecordingError: the file is no recording of a loop.
+        RecordingError: the file is not a recording of a loop.
         DemoError: OP of the recording is constant.
     """
     recorded = read_recording(recording)

@@ -83,7 +83,7 @@ def round_to_125(raw: float) -> float:
 
 
 def divide(start: float, stop: float, step: float, *, variable: bool) -> Steps:
-    """Divide a run into steps; the last is shorter where ``stop`` is no multiple of ``step``.
+    """Divide a run into steps; the last is shorter where ``stop`` is not a multiple of ``step``.
 
     Args:
         start: second of the first step.

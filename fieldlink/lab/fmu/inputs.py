@@ -107,7 +107,7 @@ def _read_cells(file: Path) -> tuple[list[str], list[list[str]], bool]:
         raise FmuError(f"{file}: the inputs cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise FmuError(
-            f"{file}: the inputs are no text in UTF-8; save them as CSV in UTF-8"
+            f"{file}: the inputs are not text in UTF-8; save them as CSV in UTF-8"
         ) from error
     lines = text.splitlines()
     if not lines:
@@ -119,7 +119,7 @@ def _read_cells(file: Path) -> tuple[list[str], list[list[str]], bool]:
             for row in csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
         ]
     except csv.Error as error:
-        raise FmuError(f"{file}: the inputs are no CSV: {error}") from error
+        raise FmuError(f"{file}: the inputs are not CSV: {error}") from error
     header = rows[0]
     for number, row in enumerate(rows[1:], start=2):
         if row and len(row) != len(header):

@@ -58,7 +58,7 @@ class RowWriter:
         return columns
 
     def write_some(self) -> None:
-        """Put rows on the disk now and then; all but the last, whose inputs may still change."""
+        """Write the rows so far to the disk; all but the last, whose inputs may still change."""
         if time.monotonic() > self._written_at + _WRITE_SECONDS:
             self._write_until(self._table.rows - 1)
             self._written_at = time.monotonic()

@@ -84,7 +84,7 @@ def respond(fmu: FmuSummary, wish: LoopWish) -> StepResponse:
     """Step the FMU's input by 10 % and describe what its output does.
 
     Raises:
-        FmuError: a variable that is no input or no output, or an output that does not answer.
+        FmuError: a variable is neither input nor output, or an output does not answer.
         PlantError: the FMU does not run.
     """
     _require(fmu, wish.op, "input")

@@ -19,9 +19,9 @@ from compensator import (
 )
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc.control import ControlledLoop, SelfControlledLoop, Signals
+from fieldlink.lab.plc.op_sources import ByClient, ByHand, OpSource, Supervised, TimeOut
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.program import LoopProgram, ReplayedLoop
-from fieldlink.lab.plc.sources import ByClient, ByHand, OpSource, Supervised, TimeOut
 from fieldlink.site import Loop, PlantSettings, Site, read_recording
 from fmu_models import (
     CatalogueModel,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from compensator import Supervisor
 from fieldlink.compensate.offers import refusal_of
+from fieldlink.lab.plc.op_sources import OpSource, Supervised
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.program import Commands, LoopFailedError
-from fieldlink.lab.plc.sources import OpSource, Supervised
 from fieldlink.lab.plc.truth import CycleRecord
 from fieldlink.registers import Refusal
 

@@ -16,7 +16,7 @@ from fieldlink.site import Loop
 __all__ = ["HostedLoop", "exact_period", "manual_value"]
 
 SETTLE = 1.0
-"""Seconds that who asks for the truth waits for a plant at work."""
+"""Seconds that a request for the true signals waits for a plant at work."""
 
 
 def exact_period(loop: Loop) -> Fraction:
@@ -139,7 +139,7 @@ class HostedLoop:
         self._amend()
 
     def _amend(self) -> None:
-        """Put the stem into the last record when the plant has only just told it."""
+        """Put the stem into the last record, when the plant gives it only now."""
         plant = self.program.plant
         if self._stem_comes and plant is not None and not plant.is_at_work:
             self.log.amend_stem(self.program.stem)

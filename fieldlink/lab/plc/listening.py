@@ -166,7 +166,7 @@ async def listen(devices: list[SimDevice], place: Listening) -> tuple[ModbusBase
         await server.serve_forever(background=True)
     except RuntimeError as error:
         raise PortError(
-            f"cannot listen on {place.where}: {error}; check that it is there and that nobody else "
+            f"cannot listen on {place.where}: {error}; check that it is there and no other program "
             "uses it"
         ) from error
     return server, _port_of(server.transport)

@@ -102,8 +102,8 @@ def _sources(
 ) -> list[tuple[str, str]] | None:
     """Return loop and role of each tag; None where the registers themselves must be looked at.
 
-    That is so where an operator may write what a loop reads, where a tag is no loop's or more than
-    one's, and where tags share registers.
+    That is so where an operator may write what a loop reads, where a tag is not a loop's or more
+    than one's, and where tags share registers.
     """
     owners: dict[str, list[tuple[str, str]]] = {}
     for name, loop in loops.items():

@@ -165,7 +165,7 @@ class VirtualPlc:
         return hosted.log.arrays(last)
 
     def block(self, loop: str) -> ReaderState | None:
-        """Return what the loop's last cycle made of its parameter block; None without an area."""
+        """Return the outcome of the parameter block in the last cycle; None without an area."""
         return self._loops[loop].block
 
     def supervisor(self, loop: str) -> Supervisor | None:

@@ -1,4 +1,4 @@
-"""Rehearsals: a scenario file says what happens in a plant and what must come of it.
+"""Rehearsals: a scenario file says what happens in a plant and which results are expected.
 
     file = load_scenario(find_scenario("growing-stiction"))
     rehearsal = rehearse(file)
@@ -8,8 +8,8 @@ The daemon, the write-back, the PLC's block reader and the compensator are the r
 is virtual.
 """
 
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.errors import ScenarioError
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.load import (
     ScenarioFile,
     find_scenario,

@@ -255,7 +255,7 @@ def list_site_work(rehearsal: Rehearsal) -> list[str]:
         )
     if any(w.verdict == "not_assessable" for w in course.windows):
         lines.append(
-            "A window that is not assessable says why; it is no sign of a good valve. Wait for one "
+            "A window that is not assessable says why; it does not clear the valve. Wait for one "
             "with OP moving, or move the set-point."
         )
     if scenario.daemon.write_back:

@@ -1,4 +1,4 @@
-"""The daemon's estimator with what a scenario or a defect makes of its findings."""
+"""The daemon's estimator with the changes that a scenario or a defect makes to its findings."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from fieldlink.daemon import Estimate, Findings, Interval
 from fieldlink.daemon.estimation.estimating import EstimateRequest, estimate
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.happenings import Misestimate
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.models import Scenario
 from loop_model import LoopModel, ValveModel
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.expected import END
 from fieldlink.lab.rehearse.happenings import Misestimate, NetworkFault, Repair
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.models import Scenario, ValveWear
 
 __all__ = ["inject_into_scene"]

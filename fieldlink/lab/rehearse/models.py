@@ -11,7 +11,6 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.expected import Expectation
 from fieldlink.lab.rehearse.happenings import (
     Load,
@@ -23,6 +22,7 @@ from fieldlink.lab.rehearse.happenings import (
     Seconds,
     SensorFault,
 )
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.site.models import Span
 from fieldlink.site.start_value import StartValue
 
@@ -168,7 +168,7 @@ class Scenario(ScenarioModel):
     daemon: DaemonSettings = DaemonSettings()
     """How fieldlink watches the loop."""
     expect: tuple[Expectation, ...] = Field(min_length=1)
-    """What must come of it."""
+    """The expected results."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

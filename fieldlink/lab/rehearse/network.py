@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from fieldlink.lab.plc import LockstepLink
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.happenings import Disable
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.simulated_site import SimulatedSite
 from fieldlink.links import (

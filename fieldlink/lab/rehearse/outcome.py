@@ -65,8 +65,8 @@ class RunCourse:
     """A run from its beginning to its end.
 
     Attributes:
-        trend: what really was, scan by scan.
-        windows: what the daemon made of it, in order.
+        trend: true values, scan by scan.
+        windows: the daemon's results, in order.
         writebacks, events: the daemon's records, in order.
         counts: of the samples, by outcome.
         track: S and J over the windows that tell them; None without any.
@@ -83,8 +83,8 @@ class RunCourse:
 def track_of(windows: Sequence[Window]) -> Track | None:
     """Follow S and J over the windows that tell both; None without any.
 
-    A window without stiction counts as such: what S would be if the valve did stick is no course of
-    a valve that does not.
+    A window without stiction counts as such: what S would be if the valve did stick is not a course
+    of a valve that does not.
     """
     told = [
         (window.end, *_STICK_NOT)

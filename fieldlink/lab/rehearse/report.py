@@ -88,7 +88,7 @@ def write_report(rehearsal: Rehearsal, folder: Path) -> Path:
 
 
 def rehearsal_figure(course: RunCourse, *, title: str, unit: str = "") -> Figure:
-    """Draw OP and stem, PV and SP, and the stick band with what every window made of it.
+    """Draw OP and stem, PV and SP, and the stick band with the estimate of every window.
 
     Args:
         course: the run.

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.daemon import DaemonStatus, LockstepRun
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.estimating import RehearsalEstimator
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.injection import inject_into_scene
 from fieldlink.lab.rehearse.judge import Finding, judge
 from fieldlink.lab.rehearse.load import ScenarioFile
@@ -119,7 +119,7 @@ def rehearse(
         finally:
             stage.close()
     course = _course(scenario.plant.period, stage, status, records)
-    # Judged by what was asked for, not by what a defect made of it.
+    # Judged by the scenario as written, without the defect.
     findings = tuple(judge(expected, course) for expected in file.scenario.expect)
     return Rehearsal(file, inject, course, findings, time.monotonic() - begun, site_text)
 

@@ -22,8 +22,8 @@ from fieldlink.lab.plc import (
     LoopProgram,
     LoopSetup,
 )
-from fieldlink.lab.rehearse.defects import Defect
 from fieldlink.lab.rehearse.happenings import Manual
+from fieldlink.lab.rehearse.injected_defects import Defect
 from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.piecewise import value_at
 from fieldlink.lab.rehearse.worn_plant import WornPlant
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 class Moment:
     """The true values of one scan of the loop; the signals are those of `CycleRecord`.
 
-    ``pv`` is the true one, ``measured`` what the transmitter made of it; ``stick_band`` and
+    ``pv`` is the true one, ``measured`` the transmitter's value; ``stick_band`` and
     ``slip_jump`` are the valve's. NaN where unknown.
     """
 

@@ -24,7 +24,7 @@ class WornPlant:
         op: OP at which it rests.
 
     Attributes:
-        true_pv, measured_pv: PV now, and what the transmitter makes of it.
+        true_pv, measured_pv: PV now, and the transmitter's value.
 
     Raises:
         ScenarioError: the plant lacks a variable that the scenario needs.

@@ -49,7 +49,7 @@ class Setup:
 
     Attributes:
         process: what the plant's own controller (PI, unaware MPC) is tuned for.
-        model: valve and process that the compensators believe in.
+        model: valve and process in the compensators.
         limits: of OP.
         weight: factor on the setting that trades PV against travel: the unaware MPC's and the
             embedding's price of OP, the hybrid's price of a move, the two-move method's tolerance;

@@ -38,8 +38,8 @@ class Simulation:
         parameters: of the plant, such as ``noise_std`` or ``valve``.
         seed: of the plant's noise.
         rate: largest change of OP per scan.
-        valve_error, gain_error: factors on the frictions and the gain that compensators believe.
-        identified: whether they believe what `estimator.identify` finds before the take-over.
+        valve_error, gain_error: factors on the frictions and the gain in the compensators' model.
+        identified: whether they use the model that `estimator.identify` finds before the take-over.
     """
 
     plant: str
@@ -65,7 +65,7 @@ class SimulationResult:
         trace: the signals.
         before, after: figures of the samples before and after the take-over (a tenth of each part
             is left out at its beginning).
-        model: what the compensator believed; None where there was nothing to believe.
+        model: the compensator's model; None for a controller without one.
         fell_back: why a supervised compensator lost the loop; empty if it did not.
         milliseconds: median and 99th percentile of processor time to decide.
     """

@@ -6,7 +6,7 @@ from typing import Any
 
 from fieldlink.daemon import LoopStatus, WritebackOutcome
 from fieldlink.web.view.store_queries import Row
-from fieldlink.web.view.words import BLOCK_WORDS
+from fieldlink.web.view.texts import BLOCK_WORDS
 
 __all__ = ["block_document"]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from fieldlink.findings import describe_finding
 from fieldlink.web.view.store_queries import DAY_MS, Row, StoreQueries
-from fieldlink.web.view.words import iso_time
+from fieldlink.web.view.texts import iso_time
 
 __all__ = ["Causes", "cause_document", "findings_document", "findings_of_loop"]
 

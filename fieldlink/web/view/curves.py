@@ -55,7 +55,7 @@ def curves(
         judged: the last estimate with a verdict, for the stem; None without one.
         since_ms, until_ms: the range; until now, and from an hour before, where None.
         last_ms: instead of a range, so many milliseconds up to its end.
-        live: whether the end is now; in a store that nobody writes it is the newest sample.
+        live: whether the end is now; in a store without a writer it is the newest sample.
         points: the most points for each signal.
 
     Returns:

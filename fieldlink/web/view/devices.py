@@ -8,7 +8,7 @@ from typing import Any
 from fieldlink.daemon import DaemonStatus, DeviceStatus
 from fieldlink.site import Site
 from fieldlink.web.view.store_queries import DAY_MS, StoreQueries
-from fieldlink.web.view.words import iso_time
+from fieldlink.web.view.texts import iso_time
 
 __all__ = ["devices_document"]
 

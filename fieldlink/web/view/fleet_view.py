@@ -21,7 +21,7 @@ from fieldlink.web.view.causes import Causes, cause_document
 from fieldlink.web.view.loop_state import device_of, device_state_of, quality_of
 from fieldlink.web.view.store_queries import Row, StoreQueries
 from fieldlink.web.view.stored_loops import StoredLoop, StoredLoops
-from fieldlink.web.view.words import iso_time, verdict_of
+from fieldlink.web.view.texts import iso_time, verdict_of
 
 __all__ = ["Document", "Fleet", "FleetView"]
 
@@ -96,7 +96,7 @@ class FleetView:
             return self._fleet
 
     def read_ahead(self) -> None:
-        """Read what the store has of every loop, before somebody looks.
+        """Read what the store has of every loop, before the first request.
 
         Raises:
             StoreError: the store cannot be read.

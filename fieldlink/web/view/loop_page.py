@@ -13,7 +13,7 @@ from fieldlink.web.view.compensation import before_and_after
 from fieldlink.web.view.fleet_view import Document, Fleet, FleetView
 from fieldlink.web.view.reasons import what_to_do, what_would_help, why
 from fieldlink.web.view.store_queries import DAY_MS, Row, StoreQueries
-from fieldlink.web.view.words import iso_time
+from fieldlink.web.view.texts import iso_time
 
 __all__ = ["ATTEMPTS", "loop_document"]
 

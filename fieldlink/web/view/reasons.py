@@ -7,7 +7,7 @@ from typing import Any
 
 from fieldlink.site import Loop
 from fieldlink.web.view.store_queries import Row
-from fieldlink.web.view.words import duration_text, number_text, percent_text
+from fieldlink.web.view.texts import duration_text, number_text, percent_text
 
 __all__ = ["what_to_do", "what_would_help", "why"]
 

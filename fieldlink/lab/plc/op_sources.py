@@ -133,7 +133,7 @@ class ByClient:
         self._silent = 0
 
     def decide(self, pv: float, op: float, commands: Commands) -> Decision:
-        """Return the client's OP, or what the policy makes of its silence."""
+        """Return the client's OP, or the value that the policy gives when it is silent."""
         self._silent = 0 if commands.op_was_written else self._silent + 1
         if self._own is not None:
             self._own.observe(pv, op)

@@ -10,9 +10,9 @@ import pytest
 
 from estimator import identify
 from estimator.estimate import Estimate
+from estimator.identifiability import identifiability
 from estimator.intervals.posterior import Peak
 from estimator.result import Interval, Process
-from estimator.words import identifiability
 from loop_model import ProcessModel
 
 UNKNOWN = Interval.unknown()

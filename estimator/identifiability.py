@@ -9,7 +9,7 @@ __all__ = ["dead_time_bound", "identifiability"]
 _VAGUE = 0.5
 """Width of an interval, as a share of its value, from which it is called vague."""
 _NOTHING = 0.05
-"""Slip jump, as a share of the stick band, that nobody can tell from none."""
+"""Slip jump, as a share of the stick band, that cannot be distinguished from zero."""
 _ANOTHER = 0.05
 """How far two stick bands are apart, as a share, to be worth a sentence."""
 
