@@ -83,6 +83,7 @@ class HybridMpc:
         self._dwells = self._lingers = 0
         self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
         self._way = 0.0
+        self._limited = False
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -187,13 +188,13 @@ class HybridMpc:
             return Action(self._op, ActionStatus.PV_BAD)
         tracker = self.tracker
         belief = tracker.best
-        self._prices.follow(tracker, sp, self._way)
+        self._prices.follow(tracker, sp, self._way, in_reach=not self._limited)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         moves = self._moves()
         target = moves.stem_for(wanted - tracker.drive(belief), belief.direction)
         low, high = self._reach
-        limited = not low <= target <= high
+        limited = self._limited = not low <= target <= high
         target = min(max(target, low), high)
         self._moving = self._moving or bool(plan.times) or self._dwells > 0
         goes_on = bool(plan.times) and plan.changes[0] * belief.direction > 0.0

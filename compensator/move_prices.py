@@ -40,9 +40,13 @@ class MovePrices:
         self._tolerated = share * deviation
         self._thrift = Thrift(deviation, travel, horizon, s.thrift)
 
-    def follow(self, tracker: StemTracker, sp: float, way: float) -> None:
-        """Take in a scan: belief, set-point, way of the stem."""
-        if self._thrift is not None:
+    def follow(self, tracker: StemTracker, sp: float, way: float, *, in_reach: bool) -> None:
+        """Take in a scan: belief, set-point, way of the stem, whether SP is in OP's reach."""
+        if self._thrift is None:
+            return
+        if not in_reach:  # no travel brings PV there
+            self._thrift.restart()
+        else:
             self._thrift.push(float(tracker.best.state[0]), sp, way, tracker.carried_variance)
 
     def of_move(self, tracker: StemTracker, smallest: float) -> tuple[float, float]:

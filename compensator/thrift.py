@@ -96,8 +96,11 @@ class Thrift:
         self._rate = 1.0 / max(self.settings.memory, horizon)
         self._step, self._settling = self.settings.stepped * deviation, horizon // 2
         self._sp, self._pause = math.nan, 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was seen: the first moves, to the set-point, are none to save."""
         self.price = 1.0
-        # The first moves, to the set-point, are none to save.
         self._square, self._travel = 0.5 * self._enough, 0.5 * self._budget
 
     def push(self, pv: float, sp: float, way: float, noise: float = 0.0) -> None:

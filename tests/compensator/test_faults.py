@@ -156,7 +156,7 @@ class LoopUnderStress(RuleBasedStateMachine):
 
 
 LoopUnderStress.TestCase.settings = settings(
-    max_examples=25,
+    max_examples=20,
     stateful_step_count=8,
     deadline=None,
     derandomize=True,
