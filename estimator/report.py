@@ -69,7 +69,7 @@ def _runners_up(window: Window, weighing: Weighing) -> tuple[RunnerUp, ...]:
     found: list[tuple[str, Hypothesis]] = [("healthy valve", weighing.healthy)]
     span = window.op_span
     found += [
-        (f"{one.valve.law} valve, S {span * one.valve.band:.3g}", one)
+        (f"sticky valve (law {one.valve.law}), S {span * one.valve.band:.3g}", one)
         for one in weighing.laws
         if one.valve is not None
     ]

@@ -62,7 +62,7 @@ def verdict_text(result: Identification) -> Text:
 def _runner_up_text(result: Identification) -> str:
     """The explanation that is the least behind the best one, and how far."""
     nearest = result.runners_up[0]
-    return f"{nearest.explanation}, {number(nearest.behind, 3)} nats less likely"
+    return f"{nearest.explanation}; log-likelihood {number(nearest.behind, 3)} lower"
 
 
 def process_text(process: Process) -> str:

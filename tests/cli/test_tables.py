@@ -43,7 +43,7 @@ def test_the_table_names_the_next_explanation_and_what_cannot_be_told(
     with console.capture() as printed:
         console.print(identification_table(result))
     rows = {line[:21].strip(): line[21:].strip() for line in printed.get().splitlines()}
-    assert rows["next explanation"].endswith("healthy valve, 12.3 nats less likely")
+    assert rows["next explanation"].endswith("healthy valve; log-likelihood 12.3 lower")
     assert rows["cannot tell"].endswith("the slip jump is vague")
 
 
