@@ -15,7 +15,8 @@ from estimator.diagnosis.tuning import Advice
 __all__ = ["rank_causes"]
 
 _INFERRED = 0.9
-"""Weight of slow tuning beside a wave from outside, at the most: share of the wave's weight."""
+"""Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
+tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
 
 
 def rank_causes(
@@ -26,17 +27,23 @@ def rank_causes(
         (_manual(found, settings), _sensor(found, settings), _saturation(found, settings)), settings
     )
     if not facts and _may_stick(found, settings):
-        return (_unproven(found),)
-    outside, slow = find_outside(found, settings), _slow(found, settings, proposal)
-    if outside is not None and slow is not None:
-        # the wave shows itself; slow tuning is inferred from what is left of the error
-        slow = replace(slow, weight=min(slow.weight, _INFERRED * outside.weight))
+        return (_unproven(found, settings),)
+    sticky, outside = _sticky(found), find_outside(found, settings)
+    slow = _slow(found, settings, proposal)
+    for shown in (sticky, outside):
+        if shown is not None and slow is not None:
+            # slow tuning is inferred from what these leave of the error
+            slow = replace(slow, weight=min(slow.weight, _INFERRED * shown.weight))
+    curved, limit = _characteristic(found, settings), _saturation(found, settings)
+    if curved is not None and limit is not None:
+        # a valve at its limit bends the characteristic that is fitted
+        curved = replace(curved, weight=min(curved.weight, _INFERRED * limit.weight))
     causes = facts + _told(
         (
-            _sticky(found),
+            sticky,
             find_tight(found, settings),
             outside,
-            _characteristic(found, settings),
+            curved,
             slow,
         ),
         settings,
@@ -115,7 +122,7 @@ def _sticky(found: Gathered) -> Cause | None:
         sticky_weight(found),
         (
             f"a sticky valve explains PV better than any other explanation: log Bayes factor "
-            f"{one.sticking:.0f}, {one.spread:.0f} without the quarter of the record that shows it "
+            f"{one.sticking:.0f}, {one.spread:.0f} without the part of the record that shows it "
             f"best",
             f"stick band about {one.band:.3g}, slip jump about {one.jump:.3g} in units of OP",
         ),
@@ -130,17 +137,23 @@ def _may_stick(found: Gathered, settings: DiagnosisSettings) -> bool:
     return one.sticking >= judging.threshold and one.spread >= judging.unsure
 
 
-def _unproven(found: Gathered) -> Cause:
+def _unproven(found: Gathered, settings: DiagnosisSettings) -> Cause:
     one = found.explained
     assert one is not None
+    text = (
+        f"a sticky valve explains PV better than any other explanation (log Bayes factor "
+        f"{one.sticking:.0f}), "
+    )
+    if one.sticking < settings.judging.threshold:
+        text += f"but {settings.judging.threshold:g} are needed"
+    else:
+        text += "but too few strokes of the record show it"
+    if math.isfinite(one.spread):
+        text += f" (log Bayes factor without the part that shows it best: {one.spread:.0f})"
     return Cause(
         CauseName.UNDETERMINED,
         found.swing.share if found.swing.present else 0.0,
-        (
-            f"a sticky valve explains PV better than any other explanation (log Bayes factor "
-            f"{one.sticking:.0f}), but too few strokes of the record show it ({one.spread:.0f} "
-            f"without the quarter that shows it best)",
-        ),
+        (text,),
         "Record longer, or move OP in small steps in manual and see when PV follows.",
     )
 
@@ -151,7 +164,7 @@ def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | Non
         return None
     ratio = math.exp(min(50.0, abs(one.bend) * found.op_middle))
     is_process = one.process > 2.0 * judging.threshold
-    if not (is_process and judging.ratio <= ratio <= judging.most_ratio):
+    if not is_process or ratio < judging.ratio:
         return None
     return Cause(
         CauseName.CHARACTERISTIC,
@@ -217,6 +230,9 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 CauseName.UNDETERMINED, 0.0, (text,),
                 "Give a record of ten integral times and more: it shows whether the loop is slow.",
             )  # fmt: skip
+        if found.explained is not None and found.explained.sticking > 0.0:
+            # nothing is wrong that shows, but a valve that sticks is likelier than not
+            return _unproven(found, settings)
         evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
         if swing.present:
             evidence = [
@@ -225,6 +241,8 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 f"twentieth of the control error"
             ]
         return Cause(CauseName.QUIET, 1.0, tuple(evidence))
+    if found.explained is not None and found.explained.sticking > settings.judging.unsure:
+        return _unproven(found, settings)
     evidence = [
         f"there is an oscillation with a period of {swing.period_s:.4g} s "
         f"({swing.cycles:.1f} periods, regularity {swing.regularity:.2g})"

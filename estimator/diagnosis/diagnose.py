@@ -17,7 +17,7 @@ from estimator.arrays import Array
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import Limits, limits_of, sensor_of, share_by_hand
+from estimator.diagnosis.facts import Limits, Sensor, limits_of, sensor_of, share_by_hand
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.linear_loop import LinearLoop
@@ -98,7 +98,7 @@ def diagnose(
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
-    cut = explained_rows(record, swing, settings)
+    cut = explained_rows(_without_spikes(record, sensor, settings), swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
@@ -153,6 +153,14 @@ def diagnose(
         period_s=period,
         notes=tuple(reason.text for reason in explained.reasons) if explained else (),
     )
+
+
+def _without_spikes(record: LoopRecord, sensor: Sensor, settings: DiagnosisSettings) -> LoopRecord:
+    """The record without PV's spikes, where they matter: they say nothing of the process."""
+    matter = sensor.spike_cost >= settings.judging.told
+    if not matter or sensor.spikes > settings.weighing.most_jumps:
+        return record
+    return replace(record, good=record.good & ~sensor.spiked)
 
 
 def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:

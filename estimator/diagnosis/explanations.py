@@ -7,8 +7,8 @@ explanation is the estimator's own likelihood on its own rows, so that all compa
 Once no valve sticks, rows in which the load jumps (innovations far outside) are left out, for every
 explanation alike: one jump outweighs hundreds of rows that show the process.
 
-This module, `rivals` and `plausible` are the only ones of the diagnosis that know the estimator's
-hypotheses.
+This module, `rivals`, `valve_evidence` and `plausible` are the only ones of the diagnosis that know
+the estimator's hypotheses.
 """
 
 from __future__ import annotations
@@ -24,11 +24,9 @@ from estimator.diagnosis import rivals
 from estimator.diagnosis.plausible import FittedWindow
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
-from estimator.evidence.effect import effect_of
+from estimator.diagnosis.valve_evidence import judge_valve
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
-from estimator.evidence.verdict import count_strokes
-from estimator.evidence.weighing import fit_healthy, weigh
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.hypotheses.nuisances import Sinusoid
@@ -65,8 +63,9 @@ class Explained:
         bend: the gain grows by ``exp(bend * change of OP)``; 0 for a straight characteristic.
         band, jump: S and J of the sticky valve, units of OP; 0 where none sticks.
         jumps: rows that were left out as jumps of the load.
-        spread: evidence for the sticky valve without the quarter of the window that holds most of
-            it: a valve that sticks does so at every stroke, a jump of the load only once.
+        spread: evidence for the sticky valve without the part of the window that holds most of it
+            (an eighth, or a stroke where that is longer): a valve that sticks does so at every
+            stroke, a jump of the load only once.
         sticks: whether the sticky valve is the explanation.
         effect: share of PV's variance that sticking makes.
         fitted: the likeliest explanation with the rows it was fitted on; None without one.
@@ -92,24 +91,6 @@ class Explained:
     fitted: FittedWindow | None = None
     beside_wave: ProcessModel | None = None
     wave: OutsideWave | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Valve:
-    """What speaks for a sticky valve.
-
-    Attributes:
-        fit: the likeliest one, None where none was looked for or found.
-        evidence, spread: see `Explained.sticking` and `Explained.spread`.
-        effect: share of PV's variance that sticking makes.
-        sticks: whether all of it is enough for a verdict.
-    """
-
-    fit: Hypothesis | None = None
-    evidence: float = -math.inf
-    spread: float = -math.inf
-    effect: float = 0.0
-    sticks: bool = False
 
 
 def explain(
@@ -151,7 +132,13 @@ def explain(
     modelling = settings.modelling
     sign = math.copysign(1.0, action) if abs(action) > modelling.action_t else 0.0
     case = Case(rows_of(window, sign, modelling), settings)
-    valve, plain = _judge_valve(case, cycles, weighing, valve_is_healthy)
+    as_recorded = None
+    if late:
+        recorded = harmonise(given, pv, sp, auto, period, settings.screening)
+        as_recorded = replace(case, rows=rows_of(recorded, sign, modelling))
+    valve, plain = judge_valve(
+        case, cycles, weighing, valve_is_healthy=valve_is_healthy, as_recorded=as_recorded
+    )
     outside, curved, jumps = 0.0, 0.0, 0
     swung: Rival | None = None
     wave: OutsideWave | None = None
@@ -202,39 +189,6 @@ def _model(window: Window, of: Rival, late: int) -> ProcessModel:
     return replace(model, dead_time=model.dead_time + late)
 
 
-def _judge_valve(
-    case: Case, cycles: float, weighing: Weighing, valve_is_healthy: bool
-) -> tuple[_Valve, Hypothesis]:
-    """The sticky valve against every rival, and the healthy valve with nothing beside it."""
-    if valve_is_healthy:
-        return _Valve(), settle(case, fit_healthy(case))
-    found = weigh(case)
-    plain = found.healthy
-    if plain.nuisances:
-        plain = settle(case, polish(case, None, plain, (), plain.taps, wide=True))
-    sticky, evidence = found.sticky, found.evidence
-    judging = case.settings.judging
-    if sticky is None or evidence < judging.threshold:
-        return _Valve(sticky, evidence), plain
-    others = [Rival(case, plain), Rival(case, found.healthy)]
-    others += rivals.waves(case, plain, cycles, weighing)
-    others += rivals.curved(case, plain, weighing)
-    rival = max(others, key=lambda one: one.likelihood)
-    evidence = sticky.likelihood - rival.likelihood
-    if evidence < judging.threshold:
-        return _Valve(sticky, evidence), plain
-    spread = without_best(case, rival, sticky, weighing.parts)
-    strokes, from_there = judging.few
-    assert sticky.valve is not None
-    # as the estimator's own verdict, but for few strokes: a curved characteristic explains them too
-    sticks = (
-        spread >= judging.threshold
-        and sticky.valve.band >= case.settings.screening.min_band
-        and (count_strokes(sticky.stem) >= strokes or spread >= from_there)
-    )
-    return _Valve(sticky, evidence, spread, effect_of(case, sticky), sticks), plain
-
-
 def _without_valve(
     case: Case, healthy: Hypothesis, cycles: float, weighing: Weighing
 ) -> tuple[Rival, Rival | None, float, float, int]:
@@ -248,16 +202,23 @@ def _without_valve(
     masked, jumps = rivals.without_jumps(case, healthy, weighing)
     again = polish(masked, None, healthy, (), healthy.taps, wide=True)
     plain = Rival(masked, settle(masked, again))
-    bends = [
-        replace(one, price=one.price + _concentration(masked, one, plain, weighing))
-        for one in rivals.curved(masked, plain.fit, weighing)
-    ]
-    bent = max(bends, key=lambda one: one.likelihood)
+    bent = max(rivals.curved(masked, plain.fit, weighing), key=lambda one: one.likelihood)
     curved = bent.likelihood - plain.likelihood
-    # what the characteristic explains needs no wave
-    base = bent if curved >= least else plain
-    waves = rivals.waves(base.case, base.fit, cycles, weighing)
-    wave = max(waves, key=lambda one: one.likelihood, default=None)
+    if curved >= least:
+        judging = case.settings.judging
+        spread = without_best(masked, plain, bent.fit, judging.parts) - bent.price
+        # a characteristic is curved all the time, a load jumps once
+        curved = curved if spread >= judging.steady else spread
+    base, wave = plain, _best_wave(plain, cycles, weighing)
+    if curved >= least:
+        beside = _best_wave(bent, cycles, weighing)
+        # a wave must not explain as well what the characteristic does
+        if wave is not None and beside is not None:
+            curved = max(bent.likelihood, beside.likelihood - bent.price) - max(
+                plain.likelihood, wave.likelihood
+            )
+        if curved >= least:
+            base, wave = bent, beside
     if wave is None:
         return base, None, -math.inf, curved, jumps
     outside = wave.likelihood - base.fit.likelihood
@@ -265,14 +226,9 @@ def _without_valve(
     return chosen, wave, outside, curved, jumps
 
 
-def _concentration(case: Case, one: Rival, other: Rival, weighing: Weighing) -> float:
-    """Nats of an explanation's evidence that come from the best part of the window."""
-    evidence = one.likelihood - other.likelihood
-    if evidence <= 0.0:
-        return 0.0
-    return max(
-        0.0, evidence - without_best(case, other, one.fit, weighing.curved_parts) + one.price
-    )
+def _best_wave(base: Rival, cycles: float, weighing: Weighing) -> Rival | None:
+    found = rivals.waves(base.case, base.fit, cycles, weighing)
+    return max(found, key=lambda one: one.likelihood, default=None)
 
 
 def _stem(window: Window, fit: Hypothesis) -> Array:

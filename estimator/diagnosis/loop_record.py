@@ -93,7 +93,11 @@ def explained_rows(
     scope = settings.scope
     size = record.op.size
     if swing.present:
-        every = max(1, int(swing.period_s / record.period // scope.per_period))
+        # no more than brings the whole record into the window
+        every = min(
+            max(1, int(swing.period_s / record.period // scope.per_period)),
+            math.ceil(size / scope.rows),
+        )
         if size // every < scope.rows // 2:
             # few periods: as many rows as there are, within bounds
             every = max(1, size // scope.rows)

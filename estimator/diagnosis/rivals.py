@@ -147,7 +147,8 @@ def curved(case: Case, plain: Hypothesis, weighing: Weighing) -> list[Rival]:
             bend = side * size
             u = np.expm1(bend * case.rows.u) / bend
             bent = replace(case, rows=replace(case.rows, u=u))
-            fit = polish(bent, None, plain, (), plain.taps, passes=1, wide=False)
+            # the straight process of a curved one is far from its own
+            fit = polish(bent, None, plain, (), plain.taps, passes=2, wide=True)
             if fit.likelihood > best:
                 best = fit.likelihood
                 found.append(Rival(bent, fit, price, bend))

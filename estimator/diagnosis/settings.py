@@ -123,9 +123,8 @@ class Weighing:
             whose phase wanders.
         bends: curvatures over OP's span in the window: at 1 the gain varies by e, at 4 by 55, the
             range of an equal-percentage valve.
-        parts, curved_parts: parts of the window; the evidence for a sticky valve, and for a curved
-            characteristic, must be there without the best one (tuning family: a slow loop whose
-            load jumps a few times looks curved in one half).
+        in_doubt: nats for a sticky valve between which it is looked for a second time: below, the
+            estimator gives it up at once; above, a few strokes are enough for its verdict.
     """
 
     jump: float = 5.0
@@ -133,8 +132,7 @@ class Weighing:
     harmonics: tuple[tuple[int, ...], ...] = ((1,), (1, 2, 3))
     resonances: tuple[tuple[float, float], ...] = ((0.003, 0.2),)
     bends: tuple[float, ...] = (0.5, 1.0, 2.0, 3.0, 4.5)
-    parts: int = 4
-    curved_parts: int = 3
+    in_doubt: tuple[float, float] = (-8.0, 50.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,8 +215,8 @@ class Judging:
         frozen: share of samples in which PV stands still.
         seen: share of the record beyond which an integral time is too long for the record to show
             how fast the loop is.
-        ratio: between the largest and the smallest gain over OP's middle nine tenths.
-        most_ratio: a larger one is no valve's (equal percentage: 50) but another effect.
+        ratio: between the largest and the smallest gain over OP's middle nine tenths, from which
+            the characteristic is a cause: tuning rules leave a gain margin of two to three.
         by_hand: share of samples in manual from which that is the finding.
     """
 
@@ -243,8 +241,7 @@ class Judging:
     noisy: float = 0.5
     frozen: float = 0.08
     seen: float = 0.2
-    ratio: float = 3.0
-    most_ratio: float = 60.0
+    ratio: float = 2.0
     by_hand: float = 0.3
 
 

@@ -64,6 +64,9 @@ def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     one, judging = found.explained, settings.judging
     if one is None or found.loop is None or found.is_sticky:
         return None
+    if one.sticking > settings.judging.unsure:
+        # the process of a healthy valve says little where a sticky one is likelier
+        return None
     here, peak = found.amplification()
     period, damping = found.loop.swing()
     if found.swing.present and not is_aperiodic(found, settings):

@@ -1,0 +1,112 @@
+"""What speaks for a sticky valve: the estimator's search, weighed against every other explanation.
+
+The verdict is the estimator's own rule (`estimator.evidence.verdict`), against more rivals, and
+stricter where a stroke is longer than a part of the window.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from estimator.diagnosis import rivals
+from estimator.diagnosis.rivals import Rival, without_best
+from estimator.diagnosis.settings import Weighing
+from estimator.evidence.effect import effect_of
+from estimator.evidence.verdict import count_strokes
+from estimator.evidence.weighing import fit_healthy, weigh
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.search.descent import refine_valve
+from estimator.search.processes import polish, settle
+
+__all__ = ["ValveEvidence", "judge_valve"]
+
+
+@dataclass(frozen=True, slots=True)
+class ValveEvidence:
+    """What speaks for a sticky valve.
+
+    Attributes:
+        fit: the likeliest one, None where none was looked for or found.
+        evidence, spread: see `Explained.sticking` and `Explained.spread`.
+        effect: share of PV's variance that sticking makes.
+        sticks: whether all of it is enough for a verdict.
+    """
+
+    fit: Hypothesis | None = None
+    evidence: float = -math.inf
+    spread: float = -math.inf
+    effect: float = 0.0
+    sticks: bool = False
+
+
+def judge_valve(
+    case: Case,
+    cycles: float,
+    weighing: Weighing,
+    *,
+    valve_is_healthy: bool = False,
+    as_recorded: Case | None = None,
+) -> tuple[ValveEvidence, Hypothesis]:
+    """The sticky valve against every rival, and the healthy valve with nothing beside it.
+
+    Args:
+        case: the rows.
+        cycles: periods of the window's oscillation, NaN where nothing oscillates.
+        weighing: of the diagnosis.
+        valve_is_healthy: whether no valve is looked for.
+        as_recorded: the same rows with OP not delayed, for a second search; None for none.
+    """
+    if valve_is_healthy:
+        return ValveEvidence(), settle(case, fit_healthy(case))
+    found = weigh(case)
+    plain = found.healthy
+    if plain.nuisances:
+        plain = settle(case, polish(case, None, plain, (), plain.taps, wide=True))
+    sticky, judging = found.sticky, case.settings.judging
+    low, high = weighing.in_doubt
+    if sticky is not None and as_recorded is not None and low < found.evidence < high:
+        sticky = _search_again(case, sticky, as_recorded)
+    if sticky is None:
+        return ValveEvidence(), plain
+    evidence = sticky.likelihood - found.healthy.likelihood
+    if evidence <= 0.0:
+        return ValveEvidence(sticky, evidence), plain
+    others = [Rival(case, plain), Rival(case, found.healthy)]
+    others += rivals.waves(case, plain, cycles, weighing)
+    others += rivals.curved(case, plain, weighing)
+    rival = max(others, key=lambda one: one.likelihood)
+    evidence = sticky.likelihood - rival.likelihood
+    if evidence < judging.threshold:
+        return ValveEvidence(sticky, evidence), plain
+    strokes, screening = count_strokes(sticky.stem), case.settings.screening
+    if strokes < screening.min_strokes:
+        return ValveEvidence(sticky, evidence), plain
+    # no part is shorter than a stroke: it would leave most of the one that shows it all
+    spread = without_best(case, rival, sticky, min(judging.parts, max(2, strokes)))
+    enough, from_there = judging.few
+    assert sticky.valve is not None
+    sticks = (
+        spread >= judging.steady
+        and sticky.valve.band >= screening.min_band
+        and (strokes >= enough or spread >= from_there)
+    )
+    return ValveEvidence(sticky, evidence, spread, effect_of(case, sticky), sticks), plain
+
+
+def _search_again(case: Case, sticky: Hypothesis, other: Case) -> Hypothesis:
+    """The likelier of a valve and that of a second search, both on the same rows.
+
+    A search tries some dead times only; delayed rows and rows as recorded differ in which.
+    """
+    again = weigh(other).sticky
+    if again is None:
+        return sticky
+    moved = polish(case, again.valve, again, again.nuisances, again.taps, wide=True)
+    moved = refine_valve(case, settle(case, moved), _NEAR)
+    return moved if moved.likelihood > sticky.likelihood else sticky
+
+
+_NEAR = 0.03
+"""First reach of the refinement of a valve that was found on rows shifted by a sample, as a share
+of its stick band."""
