@@ -23,8 +23,10 @@ from compensator import HybridSettings, RetrySettings, SupervisorSettings, Watch
 from compensator.cycles import CycleSettings
 from compensator.figures import FiguresSettings
 from compensator.friction import FrictionPrior
+from compensator.harm import HarmSettings
 from compensator.innovations import InnovationSettings
 from compensator.load_steps import LoadStepSettings
+from compensator.promise import PromiseSettings
 from compensator.record_check import RecordCheckSettings
 from compensator.setpoint_trend import SetpointTrendSettings
 from compensator.thrift import ThriftSettings
@@ -69,6 +71,8 @@ COMPENSATOR = (
     FiguresSettings(),
     WatchSettings(),
     CycleSettings(),
+    HarmSettings(),
+    PromiseSettings(),
     RetrySettings(),
 )
 """What the compensator's page is made of."""

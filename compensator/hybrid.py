@@ -4,8 +4,7 @@ With stick band and slip jump known, ``OP = x* +/- fD`` puts the stem at any pos
 least J away, and any OP inside the band leaves it where it is. So each scan: where is the stem
 (`StemTracker`), which few moves bring PV to SP at the least cost (`MovePlanner`: the global
 optimum, no warm start), then either the first move of the plan or OP in the middle of the band,
-where no disturbance of OP can make it slip. A move has a price, set from the noise that the loop
-shows: an error that noise explains is not worth a move.
+where no disturbance of OP can make it slip. A move has a price (`MovePrices`).
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from compensator.action import (
 )
 from compensator.friction import Uncertainty
 from compensator.hybrid_settings import HybridSettings
+from compensator.move_prices import MovePrices
 from compensator.moves import MovePlan, MovePlanner, Ramp
 from compensator.prediction import NoiseModel, Prediction
 from compensator.setpoint_trend import SetpointTrend
 from compensator.stem import StemTracker
 from compensator.sure_moves import SureMoves, plausible_stems
-from compensator.thrift import Thrift
 from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
@@ -79,12 +78,12 @@ class HybridMpc:
         self._reach = self.require_reachable(model.valve)
         self._op = math.nan
         self._pv_bad = False
-        self._tolerated = 0.0
+        self._prices = MovePrices(s, self.prediction, self.planner.duration)
         self._moving = self.stem_moved = False
         self._dwells = self._lingers = 0
         self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
-        self._thrift: Thrift | None = None
         self._way = 0.0
+        self._limited = False
 
     def require_reachable(self, valve: ValveModel) -> tuple[float, float]:
         """Return the positions that moves can end at; raise `CompensatorError` if none is left."""
@@ -156,10 +155,7 @@ class HybridMpc:
         """Take in PV's deviation and the stem's travel per scan before compensation: a small share
         of the deviation is worth no move, and travel is saved where PV is good enough.
         """
-        s = self.settings
-        share = s.tolerated_level if self.prediction.process.is_integrating else s.tolerated
-        self._tolerated = share * deviation
-        self._thrift = Thrift(deviation, travel, self.horizon, s.thrift)
+        self._prices.improve_on(deviation, travel, self.horizon)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""
@@ -192,14 +188,13 @@ class HybridMpc:
             return Action(self._op, ActionStatus.PV_BAD)
         tracker = self.tracker
         belief = tracker.best
-        if self._thrift is not None:
-            self._thrift.push(float(belief.state[0]), sp, self._way)
+        self._prices.follow(tracker, sp, self._way, in_reach=not self._limited)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         moves = self._moves()
         target = moves.stem_for(wanted - tracker.drive(belief), belief.direction)
         low, high = self._reach
-        limited = not low <= target <= high
+        limited = self._limited = not low <= target <= high
         target = min(max(target, low), high)
         self._moving = self._moving or bool(plan.times) or self._dwells > 0
         goes_on = bool(plan.times) and plan.changes[0] * belief.direction > 0.0
@@ -257,22 +252,7 @@ class HybridMpc:
 
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""
-        tracker, s, valve = self.tracker, self.settings, self.tracker.valve
-        smallest = self._moves().smallest
-        # An offset not yet known well is no reason to move: waiting will tell.
-        # A level drifts away from a wrong position, so that there a move cannot wait.
-        weight = 1.0 if self.prediction.process.is_integrating else s.unknown
-        variance = tracker.held_variance + weight * tracker.offset_variance + s.noise_band**2
-        variance = max(variance, self._tolerated**2)
-        if self._thrift is not None:
-            variance *= self._thrift.price
-        if tracker.best.direction == 0.0:
-            variance *= s.unseen
-        # A floor for loops without noise: a thousandth of what one slip makes of PV.
-        floor = (1e-3 * self.prediction.scale * max(smallest, 1e-3)) ** 2
-        move_cost = s.move_penalty * max(variance, floor) * self.planner.duration
-        travel_cost = s.travel_penalty * move_cost / max(smallest, valve.static_friction, 1e-9)
-        return move_cost, travel_cost
+        return self._prices.of_move(self.tracker, self._moves().smallest)
 
     def plan_op(self, sp: float, samples: int) -> NDArray[np.float64]:
         """Return the OP, scan by scan, that carries out the present plan, shape ``(samples,)``."""

@@ -3,6 +3,11 @@
 A loop that is merely no worse than before is not worth another controller. So the figures of a long
 stretch are asked for more than the watch asks for at first. What noise alone makes of PV is taken
 off: a loop that is held as still as its noise allows has nothing left to gain.
+
+How much that is depends on the stem. While it travels, a wrong model passes its own mistakes for
+noise, so only the least noise ever seen is taken off. While it rests, PV deviates by noise and load
+alone, and the loop's own controller would only set the stem in motion again: what the noise of this
+window makes is taken off, with the margin that so short a look at a slow noise needs.
 """
 
 from __future__ import annotations
@@ -26,6 +31,11 @@ class PromiseSettings:
             the half that is promised, because two stretches of one loop differ by as much.
         travel: factor of the stem's travel before that is too much, with the same tenth.
         strokes: stick bands of travel in the window that are too much for no loop.
+        resting: share of the travel before up to which the stem rests, beside one correction of two
+            stick bands.
+        noise: multiple of the variance that noise makes which is taken off while the stem rests: a
+            window holds some ten values of a noise as slow as the loop, and the variance of ten
+            values is known to a factor of two.
         shortest: scans that are averaged at least: four corrections of a slow loop.
         persist: share of the window for which the promise must have been broken.
     """
@@ -33,6 +43,8 @@ class PromiseSettings:
     deviation: float = 0.55
     travel: float = 1.1
     strokes: float = 4.0
+    resting: float = 0.1
+    noise: float = 2.0
     shortest: int = 240
     persist: float = 0.125
 
@@ -42,6 +54,8 @@ class PromiseSettings:
             deviation=self.deviation,
             travel=self.travel,
             strokes=self.strokes,
+            resting=self.resting,
+            noise=self.noise,
             persist=self.persist,
         )
         require_whole("PromiseSettings", 1, shortest=self.shortest)
@@ -70,10 +84,10 @@ class PromiseWatch:
         length = max(window, s.shortest)
         self._square = s.deviation**2 * mean_square
         self._way = s.travel * travel * length + s.strokes * stroke
+        self._rest = s.resting * travel * length + 2.0 * stroke
         self._lasting = math.ceil(s.persist * length)
-        self._squares: deque[float] = deque(maxlen=length)
-        self._ways: deque[float] = deque(maxlen=length)
-        self._sum_squares = self._sum_ways = 0.0
+        self._squares, self._ways, self._noises = (_RunningMean(length) for _ in range(3))
+        self._length, self._least = length, math.inf
         self._run = 0
 
     def push(self, error: float, way: float, noise: float) -> Literal["", "deviation", "travel"]:
@@ -82,20 +96,45 @@ class PromiseWatch:
         Args:
             error: PV minus SP.
             way: of the stem, less what the set-point asks for.
-            noise: variance that noise alone makes.
+            noise: variance that noise alone makes, by what is known of it now.
         """
-        if len(self._squares) == self._squares.maxlen:
-            self._sum_squares -= self._squares[0]
-            self._sum_ways -= self._ways[0]
-        self._squares.append(error**2)
-        self._ways.append(way)
-        self._sum_squares += error**2
-        self._sum_ways += way
-        if len(self._squares) < (self._squares.maxlen or 0):
+        self._squares.push(error**2)
+        self._ways.push(way)
+        self._noises.push(noise)
+        self._least = min(self._least, noise)
+        if not self._squares.is_full:
             return ""
-        deviates = self._sum_squares / len(self._squares) - noise > self._square
-        travels = self._sum_ways > self._way
+        travelled = self._ways.mean * self._length
+        rests = travelled <= self._rest
+        noise = self.settings.noise * self._noises.mean if rests else self._least
+        deviates = self._squares.mean - noise > self._square
+        travels = travelled > self._way
         self._run = self._run + 1 if deviates or travels else 0
         if self._run < self._lasting:
             return ""
         return "travel" if travels else "deviation"
+
+
+class _RunningMean:
+    """Mean of the latest values, at most ``length`` of them."""
+
+    def __init__(self, length: int) -> None:
+        self._values: deque[float] = deque(maxlen=length)
+        self._sum = 0.0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there are as many values as are kept."""
+        return len(self._values) == self._values.maxlen
+
+    @property
+    def mean(self) -> float:
+        """Mean of the values."""
+        return self._sum / len(self._values)
+
+    def push(self, value: float) -> None:
+        """Take in a value; the oldest one goes."""
+        if self.is_full:
+            self._sum -= self._values[0]
+        self._values.append(value)
+        self._sum += value

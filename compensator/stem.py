@@ -111,6 +111,17 @@ class StemTracker:
         return min(seen.variance * max(power, 0.0), max(bound, self._floor))
 
     @property
+    def carried_variance(self) -> float:
+        """The part of `held_variance` that passes through the process: the state holds it too.
+
+        0 where the noise is the measurement's: what its model lets pass allows for model errors.
+        """
+        noise = self.settings.noise
+        if noise.equation < noise.measurement:
+            return 0.0
+        return max(0.0, self.held_variance - self.innovations.variance * noise.measurement**2)
+
+    @property
     def offset_variance(self) -> float:
         """Variance of the lasting PV offset that is still unknown (PV squared)."""
         return self._covariance.load_variance * self.prediction.scale**2

@@ -267,7 +267,7 @@ class LoopWatch:
         return WatchVerdict.FINE
 
     def _promised(self, seen: Watched) -> WatchVerdict:
-        broken = self._promise.push(seen.error, self._travels[-1], self._quietest)
+        broken = self._promise.push(seen.error, self._travels[-1], seen.noise_variance)
         if not broken:
             return WatchVerdict.FINE
         return WatchVerdict.TRAVEL if broken == "travel" else WatchVerdict.NO_GAIN

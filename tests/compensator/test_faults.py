@@ -10,12 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from compensator import HybridSettings, OpLimits, Supervisor, SupervisorSettings, UnawareMpc
+from compensator.loop_judge import LoopJudge
 from compensator.record_check import RecordCheckSettings
+from compensator.watch import WatchVerdict
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 
@@ -28,6 +31,8 @@ PROCESSES = {
 }
 BLIND = RecordCheckSettings(shortest=10**6)
 """The record refuses no model beforehand: the watch alone has to notice."""
+UNDISTURBED = 200
+"""Scans after an offer: without a watch a model of the wrong sign has left the range by then."""
 TOLERATED = 60
 """Scans in a row that a compensated loop may be far beyond what was known of it."""
 
@@ -54,8 +59,12 @@ class LoopUnderStress(RuleBasedStateMachine):
         blind=st.booleans(),
         seed=st.integers(0, 1000),
         warm=st.integers(60, 300),
+        by_hand=st.sampled_from([0, 5, 40]),
+        number=st.sampled_from([0, 1, 2, 3, 3, 3, 4, 5]),
     )
-    def begin(self, process: str, blind: bool, seed: int, warm: int) -> None:
+    def begin(
+        self, process: str, blind: bool, seed: int, warm: int, by_hand: int, number: int
+    ) -> None:
         self.process, self.blind = PROCESSES[process], blind
         self.models = models_of(self.process)
         # A unit of PV is what it is in Example 1.
@@ -67,6 +76,8 @@ class LoopUnderStress(RuleBasedStateMachine):
         self.op, self.sp, self.load = 50.0, self.rest + 2.5 * self.unit, 0.0
         self.known, self.far, self.worst, self.since = 0.0, 0, 0, 0
         self.run(warm)
+        self.run(by_hand, manual=self.op)
+        self.offer(number)
 
     def fresh(self) -> Supervisor:
         check = BLIND if self.blind else RecordCheckSettings()
@@ -98,13 +109,16 @@ class LoopUnderStress(RuleBasedStateMachine):
         self.run(scans)
 
     @rule(number=st.integers(0, 5))
+    def offer_another(self, number: int) -> None:
+        self.offer(number)
+
     def offer(self, number: int) -> None:
         model = self.models[number]
         taken = self.supervisor.offer(model)
         assert taken or self.supervisor.refusal
         if not taken and model.valve.stick_band > 0.0 and sum(model.process.b) > 0.0:
             assert "worse" in self.supervisor.refusal
-        self.run(80)
+        self.run(UNDISTURBED)
 
     @rule(step=st.floats(-8.0, 8.0))
     def change_setpoint(self, step: float) -> None:
@@ -142,10 +156,21 @@ class LoopUnderStress(RuleBasedStateMachine):
 
 
 LoopUnderStress.TestCase.settings = settings(
-    max_examples=25,
-    stateful_step_count=12,
+    max_examples=20,
+    stateful_step_count=8,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
 )
 TestLoopUnderStress = LoopUnderStress.TestCase
+
+
+@pytest.mark.parametrize("process", sorted(PROCESSES))
+def test_the_search_sees_a_loop_without_a_watch_run_away(
+    process: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LoopJudge, "push", lambda *_: WatchVerdict.FINE)
+    state = LoopUnderStress()
+    state.begin(process=process, blind=True, seed=2, warm=180, by_hand=0, number=3)
+    state.wait(scans=100)
+    assert state.worst > TOLERATED

@@ -231,6 +231,21 @@ def test_travel_is_saved_only_while_pv_is_good_enough() -> None:
     for _ in range(300):
         thrift.push(47.2, 47.0, 0.0)
     assert thrift.price == 1.0
+    for _ in range(300):  # noise alone
+        thrift.push(47.9, 47.0, 0.0, 0.7)
+    assert thrift.price == 1.0
+    for _ in range(300):  # above the promised half, and travel is left to spend
+        thrift.push(47.9, 47.0, 0.0)
+    assert thrift.price == pytest.approx(0.25)
+    thrift.restart()
+    assert thrift.price == 1.0
+    for _ in range(300):
+        thrift.push(47.9, 47.0, 0.0)
+    for _ in range(300):
+        thrift.push(47.2, 47.0, 0.0)
+    assert thrift.price == 1.0
+    with pytest.raises(CompensatorError, match="least is a factor above 0 and at most 1"):
+        ThriftSettings(least=1.5)
     with pytest.raises(CompensatorError, match="most is a factor of at least 1"):
         ThriftSettings(most=0.5)
 

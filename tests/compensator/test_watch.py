@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from compensator import (
     LoopFigures,
@@ -180,3 +181,14 @@ def test_a_loop_is_given_back_that_gains_less_than_was_promised(
     found = [watch.push(share, way, noise) for _ in range(400)]
     assert found[-1] == broken
     assert not any(found[: PromiseSettings().shortest - 1])
+
+
+@pytest.mark.parametrize(("way", "broken"), [(0.0, False), (0.3, True)])
+def test_slow_noise_is_taken_off_where_the_stem_rests(way: float, broken: bool) -> None:
+    # Noise of the variance 0.25 that repeats itself over thirty scans, once believed far smaller.
+    steps = np.random.default_rng(5).normal(0.0, 0.5 * math.sqrt(1.0 - 0.93**2), 4000)
+    errors = np.asarray(lfilter([1.0], [1.0, -0.93], steps))
+    watch = PromiseWatch(mean_square=0.64, travel=1.0, stroke=5.0, window=240)
+    assert watch.push(0.0, way, 0.01) == ""
+    found = {watch.push(float(error), way, 0.25) for error in errors}
+    assert ("deviation" in found) is broken

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -49,7 +50,11 @@ def test_the_paper_is_drawn_and_its_loop_found(
     for name in ("figure2.png", "figure3.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
     lines = capsys.readouterr().out.splitlines()
-    unaware, aware = (float(s.split("by ")[1].split(",")[0]) for s in lines if "deviates" in s)
-    assert aware < 0.8 * unaware
+    figures = [re.search(r"by ([\d.]+), stem moves: (\d+)", s) for s in lines if "deviates" in s]
+    (unaware, before), (aware, moves) = (map(float, f.groups()) for f in figures if f)
+    # Noise makes most of PV here. Over twenty seeds: 0.44 to 0.96 of the deviation, on the mean
+    # 0.67; at most a third of the moves. The seed that is drawn has 0.59 and none.
+    assert aware < unaware
+    assert moves <= 0.5 * before
     (chem,) = (i for i, line in enumerate(lines) if line.startswith("CHEM 10"))
     assert lines[chem] == "CHEM 10: stiction" or "is not there" in lines[chem]
