@@ -126,5 +126,5 @@ def test_a_site_file_takes_texts_and_words(mini_fmus: Minis, tmp_path: Path) -> 
     with pytest.raises(Exception, match="loop L: plant mini: mode = 'quick' cannot be set"):
         VirtualPlc(load_site(file), "plc")
     file.write_text(SITE.format(fmu=mini_fmus["fmi2"], parameters="mode = [1]"))
-    with pytest.raises(Exception, match="give a finite number, true or false, or a"):
+    with pytest.raises(Exception, match="give a finite number, true, false, or a"):
         load_site(file)

@@ -60,7 +60,7 @@ WriteScenario = Callable[..., Path]
             {"expect": '[[expect]]\nkind = "take_over"'},
             r"expect.0: give either by = SECONDS or never = true; keep one of them",
         ),
-        ({"expect": ""}, r"expect: is missing; add it \(What must come of it\)"),
+        ({"expect": ""}, r"expect: is missing; add it \(The expected results\)"),
         (
             {"controller": 'kind = "pi"\ngain = 1\nintegral_time = 5\ncompensate = true'},
             r"compensate = true needs blocks; set daemon.write_back = true",

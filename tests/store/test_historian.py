@@ -227,7 +227,7 @@ def test_a_file_that_is_no_database_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("url", "message"),
-    [("nonsense", "no database address"), ("oracle7://x/y", "no driver")],
+    [("nonsense", "not a database address"), ("oracle7://x/y", "no driver")],
 )
 def test_a_wrong_address_is_named(url: str, message: str) -> None:
     with pytest.raises(StoreError, match=message):
