@@ -156,7 +156,7 @@ class LoopUnderStress(RuleBasedStateMachine):
 
 
 LoopUnderStress.TestCase.settings = settings(
-    max_examples=20,
+    max_examples=12,
     stateful_step_count=8,
     deadline=None,
     derandomize=True,
