@@ -227,7 +227,10 @@ def _respond_rows(stems: Array, process: Array, begin: int, end: int, out: Array
 
 @kernel
 def _whiten_rows(signals: Array, taps: Array, begin: int, end: int, out: Array) -> None:
-    """Rows of what `lanes.whiten_lanes` gives for signals ``(n, L)``."""
+    """Rows of what `lanes.whiten_lanes` gives for signals ``(n, L)``.
+
+    Twice on purpose: one kernel for a tile and for whole signals slows the local search.
+    """
     n, lanes = signals.shape
     for k in range(begin, min(end, taps.size)):
         out[k] = signals[k]
