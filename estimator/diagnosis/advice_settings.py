@@ -29,7 +29,8 @@ class Advising:
             farther out, a limit or a bend of the characteristic, is not in the record.
         noise_order: length of the noise model under which the process is fitted once more. In
             closed loop a noise model that is too short biases the process (Ljung 1999, section
-            13.4); 16 hold a load behind three lags with noise of the transmitter beside it.
+            13.4); 16 hold a load behind three lags with noise of the transmitter beside it. A valve
+            that sticks must be likelier under it too.
         reflection: largest reflection coefficient of that noise model: loads that drift behind a
             slow process need one nearer to 1 than the valve's verdict does.
         screen, behind: nats behind the likeliest process up to which one is refined, and counts.

@@ -209,6 +209,7 @@ def _explain(
     return explain(
         cut.op, pv, cut.sp, auto, cut.period, cycles,
         late=int(late), valve_is_healthy=valve_is_healthy, weighing=settings.weighing,
+        advising=settings.advising,
     )  # fmt: skip
 
 

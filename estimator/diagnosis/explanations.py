@@ -7,8 +7,8 @@ explanation is the estimator's own likelihood on its own rows, so that all compa
 Once no valve sticks, rows in which the load jumps (innovations far outside) are left out, for every
 explanation alike: one jump outweighs hundreds of rows that show the process.
 
-This module, `rivals`, `valve_evidence` and `plausible` are the only ones of the diagnosis that know
-the estimator's hypotheses.
+This module, `rivals`, `valve_evidence`, `long_noise` and `plausible` are the only ones of the
+diagnosis that know the estimator's hypotheses.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis import rivals
+from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.plausible import FittedWindow
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
@@ -105,6 +106,7 @@ def explain(
     valve_is_healthy: bool = False,
     settings: Settings = SETTINGS,
     weighing: Weighing = DIAGNOSIS.weighing,
+    advising: Advising = DIAGNOSIS.advising,
 ) -> Explained:
     """Weigh the explanations of a window.
 
@@ -116,7 +118,7 @@ def explain(
             of its own sample, which would otherwise be read as a process without dead time.
         valve_is_healthy: whether the valve was judged before and none is looked for.
         settings: of the estimator.
-        weighing: of the diagnosis.
+        weighing, advising: of the diagnosis.
     """
     given = op
     if late:
@@ -137,8 +139,9 @@ def explain(
         recorded = harmonise(given, pv, sp, auto, period, settings.screening)
         as_recorded = replace(case, rows=rows_of(recorded, sign, modelling))
     valve, plain = judge_valve(
-        case, cycles, weighing, valve_is_healthy=valve_is_healthy, as_recorded=as_recorded
-    )
+        case, cycles, weighing, advising,
+        valve_is_healthy=valve_is_healthy, as_recorded=as_recorded,
+    )  # fmt: skip
     outside, curved, jumps = 0.0, 0.0, 0
     swung: Rival | None = None
     wave: OutsideWave | None = None

@@ -21,6 +21,7 @@ from estimator.algebra import filter_rows
 from estimator.arrays import Array
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis.advice_settings import Advising
+from estimator.diagnosis.long_noise import with_long_noise
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, delay, fit_linear
 from estimator.intervals.posterior import NUDGE, pole_derivatives
@@ -75,7 +76,7 @@ class PlausibleProcesses:
 
 def find_plausible(of: FittedWindow, settings: Advising) -> PlausibleProcesses:
     """The plausible processes of a window, in units of OP and PV."""
-    case = _with_long_noise(of.case, settings)
+    case = with_long_noise(of.case, settings)
     fit = of.fit
     fit = settle(case, polish(case, fit.valve, fit, fit.nuisances, fit.taps, passes=3, wide=True))
     modes = _modes(case, fit, settings)
@@ -115,21 +116,6 @@ def _halves(case: Case, whole: Hypothesis) -> list[tuple[Case, Hypothesis]]:
         if half.evidence_of_process(mode) >= case.settings.judging.threshold:
             found.append((half, mode))
     return found
-
-
-def _with_long_noise(case: Case, settings: Advising) -> Case:
-    """The case with the long noise model, and past enough for it."""
-    modelling = replace(
-        case.settings.modelling,
-        noise_orders=(settings.noise_order,),
-        max_reflection=settings.reflection,
-    )
-    rows = case.rows
-    first = min(modelling.max_dead_time + settings.noise_order + 2, rows.size // 4)
-    weight = rows.weight.copy()
-    weight[:first] = 0.0
-    rows = replace(rows, weight=weight, first=max(first, rows.first), count=float(weight.sum()))
-    return Case(rows, replace(case.settings, modelling=modelling))
 
 
 def _model(of: FittedWindow, poles: Poles, mode: Hypothesis, part: LinearFit) -> ProcessModel:

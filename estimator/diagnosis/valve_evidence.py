@@ -1,7 +1,8 @@
 """What speaks for a sticky valve: the estimator's search, weighed against every other explanation.
 
 The verdict is the estimator's own rule (`estimator.evidence.verdict`), against more rivals, and
-stricter where a stroke is longer than a part of the window.
+stricter where a stroke is longer than a part of the window. The valve must be the likelier one
+under a long noise model as well (`estimator.diagnosis.long_noise`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import math
 from dataclasses import dataclass
 
 from estimator.diagnosis import rivals
+from estimator.diagnosis.advice_settings import Advising
+from estimator.diagnosis.long_noise import valve_under_long_noise
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import Weighing
 from estimator.evidence.effect import effect_of
@@ -44,6 +47,7 @@ def judge_valve(
     case: Case,
     cycles: float,
     weighing: Weighing,
+    advising: Advising,
     *,
     valve_is_healthy: bool = False,
     as_recorded: Case | None = None,
@@ -53,7 +57,7 @@ def judge_valve(
     Args:
         case: the rows.
         cycles: periods of the window's oscillation, NaN where nothing oscillates.
-        weighing: of the diagnosis.
+        weighing, advising: of the diagnosis.
         valve_is_healthy: whether no valve is looked for.
         as_recorded: the same rows with OP not delayed, for a second search; None for none.
     """
@@ -77,6 +81,10 @@ def judge_valve(
     others += rivals.curved(case, plain, weighing)
     rival = max(others, key=lambda one: one.likelihood)
     evidence = sticky.likelihood - rival.likelihood
+    if evidence > 0.0:
+        under_long = valve_under_long_noise(case, sticky, plain, advising)
+        if under_long <= 0.0:
+            return ValveEvidence(sticky, under_long), plain
     if evidence < judging.threshold:
         return ValveEvidence(sticky, evidence), plain
     strokes, screening = count_strokes(sticky.stem), case.settings.screening

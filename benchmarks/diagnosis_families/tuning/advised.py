@@ -16,17 +16,18 @@ from numba import njit
 from benchmarks.diagnosis_families.records import Floats, LoopRecord
 from benchmarks.diagnosis_families.tuning.singles import log_uniform, red
 
-__all__ = ["KINDS", "draw_advised"]
+__all__ = ["KINDS", "WARM", "Plant", "draw_advised", "simulate", "time_scale"]
 
 KINDS = ("well", "tight_tuning", "slow_tuning", "external_oscillation", "sticky_valve")
-_WARM = 600
+WARM = 600
+"""Scans before the record begins."""
 _STEPS = 10
 """Steps of the process in a scan."""
 _ATTEMPTS = 40
 
 
 @dataclass(frozen=True)
-class _Plant:
+class Plant:
     """Times in scans; ``inverse`` is the share of the gain that answers first, in the wrong sense.
 
     An integrating plant has an integrator behind its lags; ``actuator`` is the lag of the stem.
@@ -84,7 +85,7 @@ def _run(  # type: ignore[no-untyped-def]
     return out
 
 
-def _response(plant: _Plant, w: Floats) -> np.ndarray:
+def _response(plant: Plant, w: Floats) -> np.ndarray:
     """Of the process with sample and hold, ``w`` in radians a scan."""
     s = 1j * w
     found = plant.gain * np.exp(-s * (plant.dead + 0.5)) / (1.0 + plant.actuator * s)
@@ -96,7 +97,7 @@ def _response(plant: _Plant, w: Floats) -> np.ndarray:
     return np.asarray(found * (1.0 + plant.inverse - plant.inverse * rest))
 
 
-def _pi(plant: _Plant, sensitivity: float) -> tuple[float, float]:
+def _pi(plant: Plant, sensitivity: float) -> tuple[float, float]:
     """A PI controller of that Ms; its integral time goes with the process's ultimate period."""
     w = np.geomspace(1e-4, 3.0, 1500)
     found = _response(plant, w)
@@ -118,7 +119,7 @@ def _pi(plant: _Plant, sensitivity: float) -> tuple[float, float]:
     return low * math.copysign(1.0, plant.gain), ti
 
 
-def _draw_plant(rng: np.random.Generator) -> _Plant:
+def _draw_plant(rng: np.random.Generator) -> Plant:
     integrating = bool(rng.uniform() < 0.2)
     slow = log_uniform(rng, 3.0, 30.0)
     count = int(rng.integers(0 if integrating else 1, 5))
@@ -136,48 +137,48 @@ def _draw_plant(rng: np.random.Generator) -> _Plant:
     actuator = float(rng.uniform(0.3, 2.0)) if rng.uniform() < 0.5 else 0.0
     if integrating:
         gain, inverse = gain / slow, 0.0
-    return _Plant(gain, lags, dead, integrating, inverse, actuator)
+    return Plant(gain, lags, dead, integrating, inverse, actuator)
 
 
-def _scale(plant: _Plant) -> float:
+def time_scale(plant: Plant) -> float:
     return plant.dead + sum(plant.lags) + plant.actuator + 1.0
 
 
 def _disturb(
-    plant: _Plant, rng: np.random.Generator, n: int, kind: str
+    plant: Plant, rng: np.random.Generator, n: int, kind: str
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Load before the process (OP), behind it (PV), noise of the transmitter and set-point."""
-    steady = abs(plant.gain) * (_scale(plant) if plant.integrating else 1.0)
+    steady = abs(plant.gain) * (time_scale(plant) if plant.integrating else 1.0)
     load, behind, sp = np.zeros(n), np.zeros(n), np.zeros(n)
     for _ in range(int(rng.integers(1, 3))):
-        size, time = log_uniform(rng, 0.1, 1.5), _scale(plant) * log_uniform(rng, 1.0, 10.0)
+        size, time = log_uniform(rng, 0.1, 1.5), time_scale(plant) * log_uniform(rng, 1.0, 10.0)
         if rng.uniform() < 0.6:
             load += red(rng, n, size, time)
         else:
             behind += steady * red(rng, n, size, time)
     if rng.uniform() < 0.3:
         drift = np.cumsum(rng.standard_normal(n))
-        behind += steady * log_uniform(rng, 0.1, 1.0) * drift / math.sqrt(30.0 * _scale(plant))
+        behind += steady * log_uniform(rng, 0.1, 1.0) * drift / math.sqrt(30.0 * time_scale(plant))
     if kind == "slow_tuning" or rng.uniform() < 0.2:
         at = 0.0
         while at < n:
             load[int(at) :] = load[int(at) :] + rng.uniform(-6.0, 6.0)
-            at += 30.0 * _scale(plant) * rng.uniform(0.4, 1.6)
+            at += 30.0 * time_scale(plant) * rng.uniform(0.4, 1.6)
         load -= load.mean()
     if kind == "external_oscillation":
-        period = _scale(plant) * log_uniform(rng, 3.0, 20.0)
+        period = time_scale(plant) * log_uniform(rng, 3.0, 20.0)
         wander = np.cumsum(rng.standard_normal(n)) * rng.choice([0.0, 0.02])
         load += log_uniform(rng, 2.0, 6.0) * np.sin(2.0 * math.pi * np.arange(n) / period + wander)
     noise = steady * log_uniform(rng, 0.005, 0.1) * rng.standard_normal(n)
     if rng.uniform() < 0.6:
-        steps = rng.integers(0, n, max(2, int(n / 40.0 / _scale(plant))))
+        steps = rng.integers(0, n, max(2, int(n / 40.0 / time_scale(plant))))
         for one in steps:
             sp[one:] = steady * rng.uniform(-4.0, 4.0)
     return load, behind, noise, sp
 
 
-def _simulate(
-    plant: _Plant,
+def simulate(
+    plant: Plant,
     settings: tuple[float, float],
     valve: tuple[float, float],
     put_in: tuple[Floats, Floats, Floats, Floats],
@@ -185,7 +186,7 @@ def _simulate(
     op, pv, _ = _run(
         plant.gain, np.array(plant.lags), round(_STEPS * plant.dead), plant.integrating,
         plant.inverse, plant.actuator, *settings, *valve, *put_in,
-    )[:, _WARM:]  # fmt: skip
+    )[:, WARM:]  # fmt: skip
     return op, pv
 
 
@@ -197,7 +198,7 @@ def draw_advised(
 ) -> LoopRecord:
     """Return a loop by kind and seed, with ``settings`` under that PI (times in scans)."""
     key = zlib.crc32(f"advised/{kind}".encode())
-    n = samples + _WARM
+    n = samples + WARM
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([key, seed, attempt])
         plant = _draw_plant(rng)
@@ -211,16 +212,16 @@ def draw_advised(
         jump = stick * rng.uniform(0.2, 1.0)
         put_in = _disturb(plant, rng, n, kind)
         scan = float(rng.choice([1.0, 2.0, 5.0]))
-        op, pv = _simulate(plant, (kc, ti), (stick, jump), put_in)
+        op, pv = simulate(plant, (kc, ti), (stick, jump), put_in)
         if not np.isfinite(pv).all() or np.mean((op <= 0.0) | (op >= 100.0)) > 0.0:
             continue
         if settings is not None:
             kc, ti = settings
-            op, pv = _simulate(plant, settings, (stick, jump), put_in)
+            op, pv = simulate(plant, settings, (stick, jump), put_in)
         _, _, noise, sp = put_in
         causes = () if kind == "well" else (kind,)
         return LoopRecord(
-            f"{kind}-{seed}", causes, op, pv, sp[_WARM:], np.ones(samples, dtype=bool), scan,
+            f"{kind}-{seed}", causes, op, pv, sp[WARM:], np.ones(samples, dtype=bool), scan,
             (kc, ti * scan, 0.0), float(np.std(noise)), math.nan,
             f"gain {plant.gain:.3g}, lags {[round(v, 1) for v in plant.lags]}, dead "
             f"{plant.dead:.1f}, actuator {plant.actuator:.1f}, inverse {plant.inverse:.2f}"
