@@ -8,9 +8,9 @@ noise harms the autocorrelation at lag zero only. A slow trend or a second oscil
 crossings of the wanted one, so the signal is looked at in a band around each high peak of its
 spectrum. The band is two octaves wide: noise holds too many frequencies there to swing regularly.
 
-An oscillation must also stand out: it makes most of what moves as fast as itself or faster (a trend
-does not count against it), and either its peak is far above the smooth spectrum around it, or the
-autocorrelation comes back at least half way (Miao and Seborg, 1999).
+An oscillation must also stand out: with its harmonics it makes most of what moves as fast as itself
+or faster (a trend does not count against it), and either its peak is far above the smooth spectrum
+around it, or the autocorrelation comes back at least half way (Miao and Seborg, 1999).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from scipy import fft, signal, special
 
 from estimator.arrays import Array
 from estimator.diagnosis.settings import DIAGNOSIS, Swinging
+from estimator.diagnosis.swing_share import local_share
 from estimator.outcomes import EstimatorError
 
 __all__ = [
@@ -120,7 +121,7 @@ def detect_oscillations(
             continue
         one = replace(
             one,
-            share=_local_share(power, x.size, one.period_s, settings),
+            share=local_share(power, x.size, one.period_s, settings),
             prominence=_prominence(power, x.size, frequency, settings),
         )
         _merge(found, one, settings)
@@ -257,15 +258,6 @@ def _crossings(values: Array) -> Array:
 def _height(lags: Array, at: float, reach: float) -> float:
     around = lags[int(at - reach) : int(at + reach) + 2]
     return max(0.0, float(around.max())) if around.size else 0.0
-
-
-def _local_share(power: Array, n: int, period: float, settings: Swinging) -> float:
-    """Power within half an octave of the period over all that is not slower than a trend."""
-    cycles = np.arange(power.size) / n * period
-    fast = float(power[cycles > 1.0 / settings.trend].sum())
-    half = 2.0**settings.local
-    near = float(power[(cycles > 1.0 / half) & (cycles < half)].sum())
-    return near / fast if fast > 0.0 else 0.0
 
 
 _EULER = 0.5772

@@ -48,6 +48,8 @@ class Swinging:
             one period is the limit of Miao and Seborg (1999).
         local, share: half-width in octaves and least share of the oscillation in all that moves
             as fast: one half, so that it is the main motion.
+        chance: standard errors by which the harmonics' power must exceed that between them: noise
+            then passes for an oscillation no more often than without them.
         trend: what is slower than so many periods is a trend.
         around: octaves on each side whose spectrum is the background of a peak.
         alarms: probability that noise is taken for an oscillation by its highest peak, if its
@@ -70,6 +72,7 @@ class Swinging:
     decay: float = 0.5
     local: float = 0.5
     share: float = 0.5
+    chance: float = 2.0
     trend: float = 3.0
     around: float = 1.5
     alarms: float = 1e-3

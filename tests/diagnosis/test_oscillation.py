@@ -42,6 +42,27 @@ def test_noise_and_walks_seldom_oscillate() -> None:
     assert sum(detect_oscillation(row).present for row in walks) <= 8
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_pulses_oscillate_with_the_period_between_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    at = np.cumsum(np.round(60.0 * (1.0 + 0.01 * rng.standard_normal(30)))).astype(int)
+    pulses = np.zeros(1800)
+    for one in at[at < 1790]:
+        pulses[one : one + 6] += rng.uniform(0.6, 1.4)
+    found = detect_oscillation(pulses + 0.1 * rng.standard_normal(pulses.size))
+    assert found.present
+    assert found.period_s == pytest.approx(60.0, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pulses_at_random_times_do_not_oscillate(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pulses = np.zeros(1800)
+    for one in rng.integers(0, 1790, 30):
+        pulses[one : one + 6] += rng.uniform(0.6, 1.4)
+    assert not detect_oscillation(pulses + 0.1 * rng.standard_normal(pulses.size)).present
+
+
 def test_a_constant_has_no_oscillation() -> None:
     assert not detect_oscillation(np.full(500, 3.0)).present
 
