@@ -184,8 +184,6 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
     one, two = found.predictable
     is_known = found.explained is not None and found.explained.process >= judging.threshold
     removable = found.removable if is_known else math.nan
-    # beside a process, what settings would remove has its say; alone, the error must linger longer
-    lingers = two > judging.slow if math.isnan(removable) else one + two > judging.lingering
     if math.isnan(one):
         # a record of few integral times: only the process tells
         is_long = controller.integral_time_s > judging.seen * found.duration_s
@@ -193,7 +191,7 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
             return None
         evidence = [f"the integral time is {controller.integral_time_s:.4g} s"]
         weight = removable
-    elif lingers:
+    elif two > judging.slow or one + two > judging.lingering:
         if removable < judging.removable:
             return None
         evidence = [

@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis_families.tuning.paced import draw_paced
 from benchmarks.diagnosis_families.tuning.singles import draw_loop
 from estimator import EstimatorError
 from fieldlink.diagnosis import Diagnosis, diagnose
@@ -133,20 +132,6 @@ def test_a_load_behind_two_lags_is_no_sticky_valve(seed: int) -> None:
     # the noise model of the verdict is too short for it; a valve stood for what it lacks
     assert answer.indices["log_bayes_factor_sticky"] < 0.0
     assert answer.first.name == "quiet"
-
-
-@pytest.mark.parametrize("seed", [19, 22, 41, 43])
-def test_a_well_tuned_loop_under_slow_loads_is_quiet(seed: int) -> None:
-    loop = draw_paced("quiet", seed)
-    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
-    assert answer.first.name == "quiet"
-
-
-@pytest.mark.parametrize("seed", [1, 2, 13, 24, 55])
-def test_a_slow_loop_under_slow_loads_is_slow(seed: int) -> None:
-    loop = draw_paced("slow_tuning", seed)
-    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
-    assert answer.first.name == "slow_tuning"
 
 
 def test_a_quiet_loop_has_a_json_form_of_the_contract() -> None:
