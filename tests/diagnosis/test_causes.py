@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis_families.tuning.paced import draw_paced
 from benchmarks.diagnosis_families.tuning.singles import draw_loop
 from estimator import EstimatorError
 from fieldlink.diagnosis import Diagnosis, diagnose
@@ -132,6 +133,16 @@ def test_a_load_behind_two_lags_is_no_sticky_valve(seed: int) -> None:
     # the noise model of the verdict is too short for it; a valve stood for what it lacks
     assert answer.indices["log_bayes_factor_sticky"] < 0.0
     assert answer.first.name == "quiet"
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("quiet", seed) for seed in (3, 6, 15, 30)] + [("slow_tuning", seed) for seed in (1, 2, 55)],
+)
+def test_quiet_and_slow_loops_under_slow_loads(kind: str, seed: int) -> None:
+    loop = draw_paced(kind, seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.first.name == kind
 
 
 def test_a_quiet_loop_has_a_json_form_of_the_contract() -> None:
