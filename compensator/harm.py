@@ -26,8 +26,7 @@ class HarmSettings:
         deviation: factor of PV's root mean square that is worse.
         travel: factor of the stem's travel that is worse.
         strokes: stick bands that the stem of a loop that was at rest may travel in a window (it
-            travelled less than a slip jump in a period, in which a limit cycle slips twice): a
-            set-point and a load that step ask for two each.
+            travelled less than one): a set-point and a load that step ask for two each.
         noise: multiple of the variance that noise makes which is not worse. A stem that travels is
             no stem at rest that tolerates an offset of some deviations of the noise; a window holds
             some ten values of a slow noise, and their variance is known to a factor of two.
@@ -57,7 +56,6 @@ class HarmWatch:
         mean_square: of the error that is usual.
         travel: of the stem per scan that is usual.
         stroke: way of a correction, a stick band.
-        rested: whether the loop was at rest.
         settings: window and factors.
     """
 
@@ -67,12 +65,11 @@ class HarmWatch:
         travel: float,
         stroke: float,
         settings: HarmSettings | None = None,
-        *,
-        rested: bool = False,
     ) -> None:
         self.settings = s = settings or HarmSettings()
         self._square = s.deviation**2 * mean_square
-        self._way = s.strokes * stroke if rested else s.travel * travel * s.window
+        usual = travel * s.window
+        self._way = s.strokes * stroke if usual < stroke else s.travel * usual
         self._errors: deque[float] = deque(maxlen=s.window)
         self._ways: deque[float] = deque(maxlen=s.window)
         self._run = 0

@@ -53,7 +53,6 @@ class LoopJudge:
                 horizon=candidate.horizon,
                 dead_time=candidate.prediction.dead_time,
                 stroke=candidate.model.valve.stick_band,
-                jump=candidate.model.valve.slip_jump,
                 step=_step_of(candidate, before.period),
             )
         self._watch.restart(candidate.horizon // 2)

@@ -121,7 +121,6 @@ class LoopWatch:
         dead_time: samples from OP to PV.
         stroke: way that a correction takes (a stick band); what two of them travel in the long
             window is over no budget.
-        jump: slip jump; a loop whose stem went less far in a period was at rest.
         step: what a slip jump makes of PV; no controller sets PV finer without going to and fro.
     """
 
@@ -133,7 +132,6 @@ class LoopWatch:
         horizon: int = 0,
         dead_time: int = 1,
         stroke: float = 0.0,
-        jump: float = 0.0,
         step: float = 0.0,
     ) -> None:
         self.before, self.settings = before, settings or WatchSettings()
@@ -152,8 +150,7 @@ class LoopWatch:
         peaks = max(before.mean_square, 0.5 * step**2)
         self._cycles = GrowingCycles(peaks, self.settings.cycles)
         square = max(before.mean_square, self._finest)
-        rested = before.travel * period < jump
-        self._harm = HarmWatch(square, before.travel, stroke, self.settings.harm, rested=rested)
+        self._harm = HarmWatch(square, before.travel, stroke, self.settings.harm)
         self._promise = PromiseWatch(
             square, before.travel, stroke, self._short, self.settings.promise
         )

@@ -161,23 +161,9 @@ def test_only_more_deviation_and_more_travel_together_are_harm(
 
 
 def test_a_loop_that_was_at_rest_may_make_a_correction() -> None:
-    watch = HarmWatch(mean_square=0.01, travel=0.0, stroke=5.0, rested=True)
+    watch = HarmWatch(mean_square=0.01, travel=0.0, stroke=5.0)
     ways = [5.0 if k in (10, 14) else 0.0 for k in range(300)]
     assert not any(watch.push(1.0, way, quiet=0.0) for way in ways)
-
-
-def test_a_slow_limit_cycle_is_no_loop_at_rest() -> None:
-    """Its stem goes less than a stick band in a window, because a period is longer than one."""
-    watch = LoopWatch(LoopFigures(0.5, 0.04, 90.0, 1.2), QUICK, stroke=6.0, jump=2.0)
-    for k in range(150):
-        verdict = watch.push(Watched(1.3 * math.sin(2.0 * math.pi * k / 90.0), 0.2, 0.01))
-        if verdict is not WatchVerdict.FINE:
-            break
-    assert verdict is WatchVerdict.HUNTING
-    at_rest = LoopWatch(LoopFigures(0.5, 0.004, 90.0, 1.2), QUICK, stroke=6.0, jump=2.0)
-    for k in range(60):  # it may make a correction
-        error = 1.3 * math.sin(2.0 * math.pi * k / 90.0)
-        assert at_rest.push(Watched(error, 0.2, 0.01)) is WatchVerdict.FINE
 
 
 @pytest.mark.parametrize(
