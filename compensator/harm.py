@@ -27,9 +27,8 @@ class HarmSettings:
         travel: factor of the stem's travel that is worse.
         strokes: stick bands that the stem of a loop that was at rest may travel in a window (it
             travelled less than one): a set-point and a load that step ask for two each.
-        noise: multiple of the variance that noise makes which is not worse. A stem that travels is
-            no stem at rest that tolerates an offset of some deviations of the noise; a window holds
-            some ten values of a slow noise, and their variance is known to a factor of two.
+        noise: multiple of the variance that noise makes which is not worse: a window holds some ten
+            values of a slow noise, and their variance is known to a factor of two.
     """
 
     window: int = 60
