@@ -27,8 +27,6 @@ class HarmSettings:
         travel: factor of the stem's travel that is worse.
         strokes: stick bands that the stem of a loop that was at rest may travel in a window (it
             travelled less than one): a set-point and a load that step ask for two each.
-        noise: multiple of the variance that noise makes which is not worse: a window holds some ten
-            values of a slow noise, and their variance is known to a factor of two.
     """
 
     window: int = 60
@@ -36,11 +34,10 @@ class HarmSettings:
     deviation: float = 1.1
     travel: float = 2.0
     strokes: float = 4.0
-    noise: float = 2.0
 
     def __post_init__(self) -> None:
         require_whole("HarmSettings", 1, window=self.window, scans=self.scans)
-        require_positive("HarmSettings", strokes=self.strokes, noise=self.noise)
+        require_positive("HarmSettings", strokes=self.strokes)
         if not (self.deviation >= 1.0 and self.travel >= 1.0):
             raise CompensatorError(
                 "HarmSettings: deviation and travel are factors of at least 1; got "

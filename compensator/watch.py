@@ -199,7 +199,7 @@ class LoopWatch:
         unexplained = max(0.0, abs(seen.error) - expected)
         unasked = max(0.0, seen.travel - self._asked)
         if not seen.limited and self._harm.push(
-            unexplained, unasked, self.settings.harm.noise * self._quietest
+            unexplained, unasked, self.settings.quiet * self._quietest
         ):
             return WatchVerdict.HUNTING
         if self._still_settling(seen.error) or seen.limited:
@@ -285,7 +285,7 @@ class LoopWatch:
         """
         s = self.settings
         rests = (travel - 0.1 * self.before.travel) * count <= 2.0 * self._stroke
-        noise = s.quiet if rests else s.harm.noise
+        noise = s.quiet if rests else s.moving
         return max(self.before.mean_square, noise * self._quietest, self._finest)
 
     def _room(self, travel: float) -> float:

@@ -226,8 +226,6 @@ def test_a_loop_without_gain_is_given_back_within_three_and_a_half_periods() -> 
 def test_what_a_wrong_model_takes_for_noise_excuses_no_travelling_stem() -> None:
     # The noise believed is a third of the mean square known: its three deviations are more than it.
     known, noise = 0.5, 0.17
-    harmed = LoopWatch(LoopFigures(known, 1.0, 60.0, 1.2), QUICK)
-    assert first_verdict(harmed, 1.2, 2.5, noise, 60.0)[1] is WatchVerdict.HUNTING
     worse = LoopWatch(LoopFigures(known, 1.0, 60.0, 1.2), QUICK)
     assert first_verdict(worse, 1.2, 0.8, noise, 60.0)[1] is WatchVerdict.WORSE
     resting = LoopWatch(LoopFigures(known, 1.0, 60.0, 1.2), QUICK)
