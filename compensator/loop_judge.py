@@ -53,7 +53,7 @@ class LoopJudge:
                 horizon=candidate.horizon,
                 dead_time=candidate.prediction.dead_time,
                 stroke=candidate.model.valve.stick_band,
-                step=_step_of(candidate),
+                step=_step_of(candidate, before.period),
             )
         self._watch.restart(candidate.horizon // 2)
         self._own_scans = 0
@@ -117,9 +117,12 @@ class LoopJudge:
         return agrees < 0
 
 
-def _step_of(compensator: Compensator) -> float:
-    """Return what a slip jump makes of PV; of a level what it has made when PV first shows it."""
+def _step_of(compensator: Compensator, period: float) -> float:
+    """Return what a slip jump makes of PV before the next one: in half a period of the loop before.
+
+    A slow process, as a level often is taken for, has made little of its gain by then. Of a level
+    it is what has been made when PV first shows it.
+    """
     jump, prediction = compensator.model.valve.slip_jump, compensator.prediction
-    if prediction.process.is_integrating:
-        return float(jump * abs(prediction.step_response(prediction.dead_time + 1)).max())
-    return float(jump * prediction.scale)
+    scans = 1 if prediction.process.is_integrating else math.ceil(0.5 * period)
+    return float(jump * abs(prediction.step_response(prediction.dead_time + scans)).max())

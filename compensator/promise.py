@@ -83,12 +83,11 @@ class PromiseWatch:
         self.settings = s = settings or PromiseSettings()
         length = max(window, s.shortest)
         self._square = s.deviation**2 * mean_square
-        self._way = s.travel * travel * length + s.strokes * stroke
-        self._rest = s.resting * travel * length + 2.0 * stroke
+        self._usual, self._stroke = travel, stroke
         self._lasting = math.ceil(s.persist * length)
         self._squares, self._ways, self._noises = (_RunningMean(length) for _ in range(3))
         self._length, self._least = length, math.inf
-        self._run = 0
+        self._run = self._travel_run = 0
 
     def push(self, error: float, way: float, noise: float) -> Literal["", "deviation", "travel"]:
         """Take in a scan; return which part of the promise has been broken for too long.
@@ -102,17 +101,34 @@ class PromiseWatch:
         self._ways.push(way)
         self._noises.push(noise)
         self._least = min(self._least, noise)
+        if self._travels():
+            return "travel"
+        return "deviation" if self._deviates() else ""
+
+    def _travels(self) -> bool:
+        """Whether the stem has travelled too much for too long.
+
+        The strokes that no loop is refused make up for a window that is not full: a slow loop is
+        judged by what its stem has done since the take-over.
+        """
+        s, count = self.settings, self._ways.count
+        if count < s.shortest:
+            return False
+        much = s.travel * self._usual * count + s.strokes * self._stroke
+        travels = self._ways.mean * count > much
+        self._travel_run = self._travel_run + 1 if travels else 0
+        return self._travel_run >= s.persist * s.shortest
+
+    def _deviates(self) -> bool:
+        """Whether PV has deviated too much for too long."""
+        s, length = self.settings, self._length
         if not self._squares.is_full:
-            return ""
-        travelled = self._ways.mean * self._length
-        rests = travelled <= self._rest
-        noise = self.settings.noise * self._noises.mean if rests else self._least
+            return False
+        rests = (self._ways.mean - s.resting * self._usual) * length <= 2.0 * self._stroke
+        noise = s.noise * self._noises.mean if rests else self._least
         deviates = self._squares.mean - noise > self._square
-        travels = travelled > self._way
-        self._run = self._run + 1 if deviates or travels else 0
-        if self._run < self._lasting:
-            return ""
-        return "travel" if travels else "deviation"
+        self._run = self._run + 1 if deviates else 0
+        return self._run >= self._lasting
 
 
 class _RunningMean:
@@ -126,6 +142,11 @@ class _RunningMean:
     def is_full(self) -> bool:
         """Whether there are as many values as are kept."""
         return len(self._values) == self._values.maxlen
+
+    @property
+    def count(self) -> int:
+        """Number of the values."""
+        return len(self._values)
 
     @property
     def mean(self) -> float:

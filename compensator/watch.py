@@ -152,7 +152,7 @@ class LoopWatch:
         square = max(before.mean_square, self._finest)
         self._harm = HarmWatch(square, before.travel, stroke, self.settings.harm)
         self._promise = PromiseWatch(
-            square, before.travel, stroke, self._long, self.settings.promise
+            square, before.travel, stroke, self._short, self.settings.promise
         )
         self._quietest = math.inf
         self._skip = self._patience = self._bad_for = self._excused = 0
@@ -239,7 +239,6 @@ class LoopWatch:
 
     def _judge(self) -> WatchVerdict:
         s = self.settings
-        known = max(self.before.mean_square, s.quiet * self._quietest, self._finest)
         # Beside the travel of before, a loop that was at rest may make two corrections a window.
         usual = self.before.travel
         allowance = 4.0 * self._stroke / self._long
@@ -251,13 +250,14 @@ class LoopWatch:
         if len(self._squares) < self._short:
             return WatchVerdict.FINE
         square, travel = self._means(self._short)
-        if square > s.much_worse * self._room(travel) * known:
+        if square > s.much_worse * self._room(travel) * self._usual(travel, self._short):
             return WatchVerdict.WORSE
         if travel > 1.5 * s.travel_budget * usual + 2.0 * allowance:
             return WatchVerdict.TRAVEL
         if len(self._squares) < self._long:
             return WatchVerdict.FINE
         square, travel = self._means(self._long)
+        known = self._usual(travel, self._long)
         if square > s.worse_by * self._room(travel) * known:
             return WatchVerdict.WORSE
         if travel > s.travel_budget * usual + allowance:
@@ -276,6 +276,17 @@ class LoopWatch:
         """Return the mean square error and the mean travel of the last ``count`` samples."""
         squares, travels = list(self._squares)[-count:], list(self._travels)[-count:]
         return math.fsum(squares) / count, math.fsum(travels) / count
+
+    def _usual(self, travel: float, count: int) -> float:
+        """Return the mean square that ``count`` scans with this travel may have.
+
+        A stem at rest tolerates some deviations of the noise; one that travels has no such excuse,
+        and a wrong model passes its own mistakes for noise.
+        """
+        s = self.settings
+        rests = (travel - 0.1 * self.before.travel) * count <= 2.0 * self._stroke
+        noise = s.quiet if rests else s.moving
+        return max(self.before.mean_square, noise * self._quietest, self._finest)
 
     def _room(self, travel: float) -> float:
         """Return the factor of the mean square that is allowed for little travel."""

@@ -24,6 +24,8 @@ class WatchSettings:
             what PV does then is noise, or a load about to be compensated.
         quiet: multiple of the variance that noise alone makes which never counts as worse: three
             deviations.
+        moving: the same while the stem travels: the variance of the some ten values of a slow noise
+            that a window holds is known to a factor of two.
         travel_budget: factor of the stem's travel, against before, that is too much over the long
             window; over the short one it is half as much again, over the quick one three times.
         hunting: factor of the stem's travel that is too much while PV is no better than
@@ -48,6 +50,7 @@ class WatchSettings:
     much_worse: float = 1.8
     at_rest: float = 2.0
     quiet: float = 9.0
+    moving: float = 2.0
     travel_budget: float = 2.0
     hunting: float = 1.5
     hunting_share: float = 0.8
@@ -82,6 +85,7 @@ class WatchSettings:
         require_not_negative(
             "WatchSettings",
             quiet=self.quiet,
+            moving=self.moving,
             hunting_share=self.hunting_share,
             persist=self.persist,
         )

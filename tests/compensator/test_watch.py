@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from compensator import (
-    LoopFigures,
-)
-from compensator.figures import oscillation_period
+from compensator import HybridMpc, LoopFigures, SupervisorSettings
+from compensator.figures import LoopRecord, oscillation_period
 from compensator.harm import HarmWatch
+from compensator.loop_judge import LoopJudge
 from compensator.promise import PromiseSettings, PromiseWatch
+from compensator.record_check import RecordCheckSettings
 from compensator.watch import LoopWatch, Watched, WatchVerdict
 from compensator.watch_settings import WatchSettings
+from loop_model import LoopModel, ProcessModel, ValveModel
 
 QUICK = WatchSettings(promise=PromiseSettings(shortest=10**6))
 """What the long run must reach is not asked."""
@@ -192,3 +193,62 @@ def test_slow_noise_is_taken_off_where_the_stem_rests(way: float, broken: bool) 
     assert watch.push(0.0, way, 0.01) == ""
     found = {watch.push(float(error), way, 0.25) for error in errors}
     assert ("deviation" in found) is broken
+
+
+def test_a_slow_loop_that_travels_far_too_much_is_given_back_before_its_window_is_full() -> None:
+    watch = PromiseWatch(mean_square=1.0, travel=0.05, stroke=6.0, window=1000)
+    found = [watch.push(0.3, 0.2, 0.0) for _ in range(300)]
+    assert found[-1] == "travel"
+    assert not any(found[: PromiseSettings().shortest - 1])
+    # The strokes that it is allowed are not refused to it in so short a time.
+    watch = PromiseWatch(mean_square=1.0, travel=0.05, stroke=6.0, window=1000)
+    assert not any(watch.push(0.3, 0.1, 0.0) for _ in range(300))
+
+
+def first_verdict(
+    watch: LoopWatch, amplitude: float, travel: float, noise: float, period: float
+) -> tuple[int, WatchVerdict]:
+    for k in range(1000):
+        error = amplitude * math.sin(2.0 * math.pi * k / period)
+        verdict = watch.push(Watched(error, travel, noise))
+        if verdict is not WatchVerdict.FINE:
+            return k, verdict
+    return 1000, WatchVerdict.FINE
+
+
+def test_a_loop_without_gain_is_given_back_within_three_and_a_half_periods() -> None:
+    watch = LoopWatch(LoopFigures(0.5, 1.0, 120.0, 1.2))
+    scans, verdict = first_verdict(watch, 0.8, 0.8, 0.01, 120.0)
+    assert verdict is WatchVerdict.NO_GAIN
+    assert scans < 3.5 * 120
+
+
+def test_what_a_wrong_model_takes_for_noise_excuses_no_travelling_stem() -> None:
+    # The noise believed is a third of the mean square known: its three deviations are more than it.
+    known, noise = 0.5, 0.17
+    worse = LoopWatch(LoopFigures(known, 1.0, 60.0, 1.2), QUICK)
+    assert first_verdict(worse, 1.2, 0.8, noise, 60.0)[1] is WatchVerdict.WORSE
+    resting = LoopWatch(LoopFigures(known, 1.0, 60.0, 1.2), QUICK)
+    assert first_verdict(resting, 1.2, 0.0, noise, 60.0)[1] is WatchVerdict.FINE
+
+
+@pytest.mark.parametrize("pole", [0.9, 0.998])
+def test_a_level_taken_for_a_slow_lag_is_not_excused_by_the_gain_that_it_never_reaches(
+    pole: float,
+) -> None:
+    """Both models make the same of a slip at first; the loop swung with a period of 12."""
+    slow = LoopModel(ValveModel(6.0, 2.0), ProcessModel((-pole,), (0.02,), 2, 0.0, 1.0))
+    settings = SupervisorSettings(check=RecordCheckSettings(shortest=10**6))
+    judge = LoopJudge(settings, LoopRecord(1200))
+    compensator = HybridMpc(slow)
+    errors = np.random.default_rng(4).normal(0.0, 0.02, 900)
+    for k in range(100):
+        compensator.observe(float(errors[k]), 50.0)
+    judge.begin(LoopFigures(0.03, 2.5, 12.0, 0.5), compensator)
+    verdict = WatchVerdict.FINE
+    for k in range(900):
+        error = 0.36 * math.sin(0.07 * k) + float(errors[k])
+        verdict = judge.push(compensator, error, 0.0, 50.0, 1.0)
+        if verdict is not WatchVerdict.FINE:
+            break
+    assert verdict in (WatchVerdict.WORSE, WatchVerdict.NO_GAIN)
