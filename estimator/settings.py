@@ -106,7 +106,7 @@ class Searching:
             refined last.
         lanes: candidates of a round of any refinement.
         rounds, turns: rounds of the last refinement, and how often the noise model follows.
-        swept: other slip jumps and stick bands from which the last refinement is repeated.
+        swept: valves nearby that a sweep refines, and sweeps in a row at most.
         enough: nats of a turn below which it was the last.
     """
 

@@ -138,6 +138,7 @@ def _sharpened(
             found = tried(Sinusoid(moved, wave.harmonics), best.taps)
             if found.likelihood > held.likelihood:
                 held, cycles = found, moved
+                break
     found = best if held is best else tried(Sinusoid(cycles, wave.harmonics))
     return found if found.likelihood > best.likelihood else best
 

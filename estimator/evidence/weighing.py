@@ -14,8 +14,9 @@ from estimator.evidence.growing import add_best, fit_waves
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.noise import DRIFT, WHITE
 from estimator.processes.poles import COARSE
-from estimator.search.descent import refine_valve, sweep_jump
+from estimator.search.descent import refine_valve
 from estimator.search.processes import polish, settle
+from estimator.search.sweep import sweep_valves
 from estimator.search.valves import find_valves
 from estimator.valves.laws import LAWS
 
@@ -89,7 +90,7 @@ def weigh(case: Case) -> Weighing:
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLEAR:
-        sticky = sweep_jump(case, sticky)
+        sticky = sweep_valves(case, sticky)
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:

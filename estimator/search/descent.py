@@ -20,7 +20,6 @@ from estimator.processes.poles import (
     SHAPE_NUMBERS,
     Poles,
     Shape,
-    coefficients,
     coefficients_of,
     moved_poles,
 )
@@ -33,7 +32,6 @@ __all__ = [
     "descend",
     "moved_valves",
     "refine_valve",
-    "sweep_jump",
     "turned_points",
 ]
 
@@ -260,60 +258,4 @@ def refine_valve(
         if gained < searching.enough:
             break
         width *= 0.5
-    return best
-
-
-_SWEPT_JUMPS = np.linspace(0.0, 1.0, 17)
-_SWEPT_BANDS = np.linspace(-0.06, 0.06, 13)
-"""Slip jumps over S, and steps in log S, of the sweep."""
-_OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
-"""Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
-
-
-def sweep_jump(case: Case, start: Hypothesis) -> Hypothesis:
-    """The hypothesis from the best of all slip jumps, where that is likelier.
-
-    Where a stroke is one slip, J moves no slip and trades against the gain: its valley is flat and
-    long, with a step wherever one slip becomes two.
-    """
-    assert start.valve is not None
-    valve = np.array(start.valve.numbers)
-    ratio = valve[1] / valve[0]
-    friction = 0.5 * (valve[0] + valve[1])
-    design = case.design(start.nuisances, start.taps, start.stem, start.poles, start.dead_time)
-    row = np.array([[start.poles.slow, start.poles.fast, start.poles.third]])
-    processes = np.repeat(coefficients(start.poles.shape, row), _SWEPT_JUMPS.size, axis=1)
-    shortest = max(0, start.dead_time - 1)
-    count = min(3, case.max_dead_time + 1 - shortest)
-    tables, costs = [], []
-    for log_band in _SWEPT_BANDS:
-        # the first slip stays where it is, upwards or downwards
-        for side in (-1.0, 0.0, 1.0):
-            steps = np.zeros((_SWEPT_JUMPS.size, 3))
-            steps[:, 0] = log_band
-            steps[:, 1] = _SWEPT_JUMPS - ratio
-            table = moved_valves(valve, steps)
-            table[:, 2] += side * (0.5 * (table[:, 0] + table[:, 1]) - friction)
-            stems = LAWS[start.valve.law](case.rows.u, table)
-            tables.append(table)
-            cost = design.paired(stems, processes, shortest, count).min(axis=0)
-            costs.append(np.where(case.tells(stems), cost, np.inf))
-    every, all_costs = np.vstack(tables), np.concatenate(costs)
-    best, tried = start, [(ratio, 0.0)]
-    for i in order_of(all_costs):
-        if len(tried) > case.settings.searching.swept or not np.isfinite(all_costs[i]):
-            break
-        band, jump, first = (float(v) for v in every[i])
-        here = jump / band, float(np.log(band / valve[0]))
-        if any(
-            abs(here[0] - one[0]) < _OTHER_JUMP and abs(here[1] - one[1]) < _OTHER_BAND
-            for one in tried
-        ):
-            continue
-        tried.append(here)
-        moved = replace(start.valve, band=band, jump=jump, start=first)
-        at = case.fit(moved, start.poles, start.dead_time, start.nuisances, start.taps)
-        found = refine_valve(case, at, 0.01)
-        if found.likelihood > best.likelihood:
-            best = found
     return best

@@ -1,0 +1,136 @@
+"""Other valves of nearly the same strokes, which lie in narrow valleys that no descent crosses.
+
+A slip comes at a sample. Stick bands and slip jumps whose slips fall on the same samples form a
+cell, in J often narrower than a hundredth of S; within a cell the cost is smooth, from cell to cell
+it jumps. One-step errors rank thousands of valves of such a lattice in the time in which a
+simulation costs a hundred.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.algebra import order_of
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.processes.poles import coefficients
+from estimator.search.descent import moved_valves, refine_valve
+from estimator.search.one_step import OneStep
+from estimator.valves.laws import LAWS
+
+__all__ = ["sweep_valves"]
+
+_LATTICE = np.linspace(-0.1, 0.1, 21), np.linspace(0.0, 1.0, 65)
+"""Steps in log S, and slip jumps over S, that one-step errors rank: about as fine as cells are, and
+S as far as it trades against one sample of dead time."""
+_LINES = np.linspace(-0.03, 0.03, 5), np.linspace(0.0, 1.0, 17)
+"""The same for simulation: where a stroke is one slip, J trades against the gain along a flat
+valley, in which one-step errors tell little."""
+_SIDES = np.array([-1.0, 0.0, 1.0])
+"""The first slip stays where it is upwards, the stem before it stays, or the slip downwards."""
+_PAST = 3
+"""PV's own past in the ranking by one-step errors, samples."""
+_CHOSEN = 16
+"""Valves of that ranking that are simulated."""
+_OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
+"""Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
+_REACH = 0.01
+"""First reach of a refinement from a valve of the lattice, as a share of S: its own cell."""
+_AGAIN = 3.0
+"""Nats that a sweep must gain to be repeated from where it ended: a factor of twenty."""
+
+
+def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
+    """The hypothesis of the likeliest valve nearby, ``start`` where none is likelier.
+
+    All slip jumps are tried, with stick bands to a tenth around. From a clearly better valve the
+    sweep is repeated.
+    """
+    best = start
+    for _ in range(case.settings.searching.swept):
+        found = _swept(case, best)
+        gained = found.likelihood - best.likelihood
+        best = found
+        if gained < _AGAIN:
+            break
+    return best
+
+
+def _swept(case: Case, start: Hypothesis) -> Hypothesis:
+    """The likeliest of the start and of what the best valves around it are refined to."""
+    assert start.valve is not None
+    valve = np.array(start.valve.numbers)
+    ranked = _best_by_one_step(case, start, valve)
+    table = np.vstack([ranked, _around(valve, *_LINES)])
+    costs = _simulated(case, start, table)
+    chosen = _best_apart(table, costs, case.settings.searching.swept, valve)
+    if len(ranked) > 0 and 0 not in chosen:
+        # the best one by one-step errors, whatever its simulation says with this process
+        chosen.append(0)
+    best = start
+    for i in chosen:
+        band, jump, first = (float(v) for v in table[i])
+        moved = replace(start.valve, band=band, jump=jump, start=first)
+        at = case.fit(moved, start.poles, start.dead_time, start.nuisances, start.taps)
+        found = refine_valve(case, at, _REACH)
+        if found.likelihood > best.likelihood:
+            best = found
+    return best
+
+
+def _best_by_one_step(case: Case, start: Hypothesis, valve: Array) -> Array:
+    """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first."""
+    lattice = _around(valve, *_LATTICE)
+    columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
+    shortest = max(1, start.dead_time - 1)
+    shifts = min(3, case.max_dead_time + 1 - shortest)
+    if shifts < 1:
+        return lattice[:0]
+    ranking = OneStep(case.rows, columns, _PAST)
+    costs, _ = ranking.costs(lattice, shortest, shifts, case.settings.searching.reversals)
+    return lattice[_best_apart(lattice, costs, _CHOSEN)]
+
+
+def _around(valve: Array, bands: Array, jumps: Array) -> Array:
+    """Valves ``(m, 3)`` with stick bands around one, all slip jumps, on each of the sides."""
+    each = jumps.size * _SIDES.size
+    steps = np.zeros((bands.size * each, 3))
+    steps[:, 0] = np.repeat(bands, each)
+    steps[:, 1] = np.tile(np.repeat(jumps, _SIDES.size), bands.size) - valve[1] / valve[0]
+    table: Array = moved_valves(valve, steps)
+    more = 0.5 * (table[:, 0] + table[:, 1] - valve[0] - valve[1])
+    table[:, 2] += np.tile(_SIDES, bands.size * jumps.size) * more
+    return table
+
+
+def _simulated(case: Case, start: Hypothesis, table: Array) -> Array:
+    """Sums of squares ``(m,)`` that valves leave with the start's process and noise model."""
+    assert start.valve is not None
+    design = case.design(start.nuisances, start.taps, start.stem, start.poles, start.dead_time)
+    row = np.array([[start.poles.slow, start.poles.fast, start.poles.third]])
+    processes = np.repeat(coefficients(start.poles.shape, row), len(table), axis=1)
+    shortest = max(0, start.dead_time - 1)
+    count = min(3, case.max_dead_time + 1 - shortest)
+    stems = LAWS[start.valve.law](case.rows.u, table)
+    costs = design.paired(stems, processes, shortest, count).min(axis=0)
+    found: Array = np.where(case.tells(stems), costs, np.inf)
+    return found
+
+
+def _best_apart(table: Array, costs: Array, count: int, but: Array | None = None) -> list[int]:
+    """Numbers of the cheapest valves that are unlike each other, and unlike one of them."""
+    found: list[int] = []
+    taken = [] if but is None else [(but[1] / but[0], np.log(but[0]))]
+    for i in order_of(costs):
+        if len(found) == count or not np.isfinite(costs[i]):
+            break
+        here = table[i, 1] / table[i, 0], np.log(table[i, 0])
+        if not any(
+            abs(here[0] - jump) < _OTHER_JUMP and abs(here[1] - band) < _OTHER_BAND
+            for jump, band in taken
+        ):
+            taken.append(here)
+            found.append(int(i))
+    return found
