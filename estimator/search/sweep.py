@@ -8,13 +8,11 @@ simulation costs a hundred.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from estimator.algebra import order_of
 from estimator.arrays import Array
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.processes.poles import coefficients
 from estimator.search.descent import moved_valves, refine_valve
 from estimator.search.one_step import OneStep
@@ -66,14 +64,23 @@ def _swept(case: Case, start: Hypothesis) -> Hypothesis:
     table = np.vstack([ranked, _around(valve, *_LINES)])
     costs = _simulated(case, start, table)
     chosen = _best_apart(table, costs, case.settings.searching.swept, valve)
+    own, first = start.valve.law, case.settings.searching.laws[0]
     if len(ranked) > 0 and 0 not in chosen:
         # the best one by one-step errors, whatever its simulation says with this process
         chosen.append(0)
+    best = _likeliest(case, start, table[chosen], own)
+    if own != first and len(ranked) > 0 and best.likelihood < start.likelihood + _AGAIN:
+        # one-step errors are those of the first law: it may lie in another valley there
+        best = max(best, _likeliest(case, start, ranked[:1], first), key=lambda one: one.likelihood)
+    return best
+
+
+def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothesis:
+    """The likeliest of the start and of what valves ``(m, 3)`` of a law are refined to."""
     best = start
-    for i in chosen:
-        band, jump, first = (float(v) for v in table[i])
-        moved = replace(start.valve, band=band, jump=jump, start=first)
-        at = case.fit(moved, start.poles, start.dead_time, start.nuisances, start.taps)
+    for row in table:
+        valve = Valve(float(row[0]), float(row[1]), float(row[2]), law)
+        at = case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps)
         found = refine_valve(case, at, _REACH)
         if found.likelihood > best.likelihood:
             best = found
