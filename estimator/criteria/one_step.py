@@ -106,7 +106,7 @@ def arx_estimate(
     assert best.valve is not None
     start = best.valve
     columns = case.rows.columns(integrating=False)
-    ranking = OneStep(case.rows, columns, 3)
+    ranking = OneStep(case.rows, columns)
     longest = max(1, min(_LONGEST, case.max_dead_time - 3))
     centre = np.array([start.band, start.jump, start.start])
     tables, costs = [np.zeros((1, 3))], []

@@ -27,8 +27,6 @@ _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
 _TRIAL = 3
 """Rounds that every seed of a look is followed; only the best ones go on."""
-_PAST = 3
-"""PV's own past in the ranking by one-step errors, samples."""
 _SHIFTS = 6
 """Dead times of that ranking."""
 _TOPS, _NEAR = 16, 28
@@ -150,7 +148,7 @@ def one_step_starts(
     table = _table(_fine_bands(searching), searching.fine_jumps, searching.fine_starts)
     valves = _placed(table, float(case.rows.u[0]))
     columns = case.columns(nuisances, near.stem, COARSE[0], near.dead_time)
-    ranking = OneStep(case.rows, columns, _PAST)
+    ranking = OneStep(case.rows, columns)
     cost, late = ranking.costs(valves, 1, shifts)
     points = spread_points(_NEAR + 1, 3)[1:]
     for reach in _REACHES:

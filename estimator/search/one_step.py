@@ -19,6 +19,9 @@ from estimator.search.slip_sums import BLOCK, add_slips, slip_moments, walk
 
 __all__ = ["OneStep", "one_step_costs"]
 
+_PAST = 3
+"""PV's own past in the ranking, samples."""
+
 LATEST = 32
 """Longest dead time and coefficients of the stem, in samples, that the sums leave room for."""
 
@@ -160,7 +163,7 @@ def one_step_costs(
 class OneStep:
     """PV and its past made ready for the ranking; ``columns`` ``(m, n)`` are beside the stem."""
 
-    def __init__(self, rows: Rows, columns: Array, past: int) -> None:
+    def __init__(self, rows: Rows, columns: Array, past: int = _PAST) -> None:
         n = rows.size
         shifted = np.zeros((past, n))
         for i in range(past):

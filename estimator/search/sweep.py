@@ -28,8 +28,6 @@ _LINES = np.linspace(-0.03, 0.03, 5), np.linspace(0.0, 1.0, 17)
 valley, in which one-step errors tell little."""
 _SIDES = np.array([-1.0, 0.0, 1.0])
 """The first slip stays where it is upwards, the stem before it stays, or the slip downwards."""
-_PAST = 3
-"""PV's own past in the ranking by one-step errors, samples."""
 _CHOSEN = 16
 """Valves of that ranking that are simulated."""
 _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
@@ -95,13 +93,16 @@ def _best_by_one_step(case: Case, start: Hypothesis, valve: Array) -> Array:
     shifts = min(3, case.max_dead_time + 1 - shortest)
     if shifts < 1:
         return lattice[:0]
-    ranking = OneStep(case.rows, columns, _PAST)
+    ranking = OneStep(case.rows, columns)
     costs, _ = ranking.costs(lattice, shortest, shifts, case.settings.searching.reversals)
     return lattice[_best_apart(lattice, costs, _CHOSEN)]
 
 
 def _around(valve: Array, bands: Array, jumps: Array) -> Array:
-    """Valves ``(m, 3)`` with stick bands around one, all slip jumps, on each of the sides."""
+    """Valves ``(m, 3)`` with stick bands around one, all slip jumps, on each of the sides.
+
+    On a side the start moves with what fS changes, against it, or not at all.
+    """
     each = jumps.size * _SIDES.size
     steps = np.zeros((bands.size * each, 3))
     steps[:, 0] = np.repeat(bands, each)
