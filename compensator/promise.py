@@ -60,6 +60,13 @@ class PromiseSettings:
         )
         require_whole("PromiseSettings", 1, shortest=self.shortest)
 
+    def rests(self, travel: float, usual: float, scans: int, stroke: float) -> bool:
+        """Whether a stem rests that travels so much a scan, ``usual`` before, over so many scans.
+
+        ``stroke`` is of one correction, in per cent of OP.
+        """
+        return (travel - self.resting * usual) * scans <= 2.0 * stroke
+
 
 class PromiseWatch:
     """Follows error and travel of settled scans under the compensator; `push` once for each.
@@ -124,7 +131,7 @@ class PromiseWatch:
         s, length = self.settings, self._length
         if not self._squares.is_full:
             return False
-        rests = (self._ways.mean - s.resting * self._usual) * length <= 2.0 * self._stroke
+        rests = s.rests(self._ways.mean, self._usual, length, self._stroke)
         noise = s.noise * self._noises.mean if rests else self._least
         deviates = self._squares.mean - noise > self._square
         self._run = self._run + 1 if deviates else 0

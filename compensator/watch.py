@@ -284,7 +284,7 @@ class LoopWatch:
         and a wrong model passes its own mistakes for noise.
         """
         s = self.settings
-        rests = (travel - 0.1 * self.before.travel) * count <= 2.0 * self._stroke
+        rests = s.promise.rests(travel, self.before.travel, count, self._stroke)
         noise = s.quiet if rests else s.moving
         return max(self.before.mean_square, noise * self._quietest, self._finest)
 
