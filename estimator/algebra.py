@@ -22,6 +22,7 @@ __all__ = [
     "orthonormal",
     "project_out",
     "solve_spd",
+    "stepped",
 ]
 
 _AT_ONCE = 4
@@ -36,6 +37,12 @@ _ALIKE = 1e-10
 @kernel
 def order_of(costs: Array) -> Index:
     """Numbers of the costs ``(m,)`` in rising order; those that are alike in the order given."""
+    return np.argsort(stepped(costs), kind="mergesort")
+
+
+@kernel
+def stepped(costs: Array) -> Array:
+    """The costs in steps within which they are alike; none where the least cost is zero."""
     steps = costs.copy()
     unit = 0.0
     if costs.size > 0:
@@ -43,7 +50,7 @@ def order_of(costs: Array) -> Index:
     if 0.0 < unit < np.inf:
         for i in range(costs.size):
             steps[i] = np.floor(costs[i] / unit + 0.5)
-    return np.argsort(steps, kind="mergesort")
+    return steps
 
 
 @kernel

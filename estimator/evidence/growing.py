@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from compiled import kernel
 from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis
@@ -17,6 +18,7 @@ from estimator.hypotheses.nuisances import (
     Characteristic,
     Nuisance,
     Sinusoid,
+    sine_and_cosine,
     spectral_peaks,
 )
 from estimator.search.processes import polish
@@ -165,25 +167,44 @@ def _frequency(case: Case, of: Hypothesis, other: Hypothesis) -> float | None:
         left = project_out(filter_rows(of.residual[None], taps, rows.weight)[0], basis)
         whole = dot(left, left)
 
-        def gain(
-            cycles: float, taps: Array = taps, basis: Array = basis, left: Array = left
-        ) -> float:
-            wave = Sinusoid(cycles).columns(of.stem, of.poles, of.dead_time)
-            mine = filter_rows(wave, taps, rows.weight)
-            mine = orthonormal(np.stack([project_out(row, basis) for row in mine]))
-            return float(sum(dot(row, left) ** 2 for row in mine))
-
         for peak in peaks:
             if peak < FEWEST_CYCLES:
                 continue
-            cycles, least = peak, gain(peak)
-            for step in _STEPS:
-                for moved in (cycles - step, cycles + step):
-                    more = gain(moved)
-                    if more > least:
-                        cycles, least = moved, more
+            cycles, taken = _best_cycles(peak, np.array(_STEPS), taps, rows.weight, basis, left)
             # the share of what was left that it explains, in nats
-            nats = -0.5 * rows.count * math.log(max(1e-12, 1.0 - least / whole)) if whole else 0.0
+            nats = -0.5 * rows.count * math.log(max(1e-12, 1.0 - taken / whole)) if whole else 0.0
             if nats > best:
                 best, found = nats, cycles
     return found
+
+
+@kernel
+def _best_cycles(
+    peak: float, steps: Array, taps: Array, weight: Array, basis: Array, left: Array
+) -> tuple[float, float]:
+    """Cycles near a peak of the sinusoid that takes most away, and the sum of squares it takes.
+
+    Of what an orthonormal ``basis`` ``(m, n)`` leaves of the residual, ``left`` ``(n,)``, both
+    under the noise model of ``taps``; the frequency moves by each of the ``steps`` in turn.
+    """
+    cycles, most = peak, _taken(peak, taps, weight, basis, left)
+    for step in steps:
+        below, above = cycles - step, cycles + step
+        for moved in (below, above):
+            more = _taken(moved, taps, weight, basis, left)
+            if more > most:
+                cycles, most = moved, more
+    return cycles, most
+
+
+@kernel
+def _taken(cycles: float, taps: Array, weight: Array, basis: Array, left: Array) -> float:
+    """Sum of squares that one sinusoid takes away; see `_best_cycles`."""
+    wave = filter_rows(sine_and_cosine(cycles, left.size), taps, weight)
+    for r in range(2):
+        wave[r] = project_out(wave[r], basis)
+    mine = orthonormal(wave)
+    total = 0.0
+    for r in range(mine.shape[0]):
+        total += dot(mine[r], left) ** 2
+    return total

@@ -25,6 +25,7 @@ __all__ = [
     "Sinusoid",
     "columns_of",
     "price_of",
+    "sine_and_cosine",
     "spectral_peaks",
 ]
 
@@ -84,6 +85,12 @@ def _multiples(angle: float, n: int, harmonics: Index) -> Array:
             at += 1
         out[2 * i], out[2 * i + 1] = sine, cosine
     return out
+
+
+@kernel
+def sine_and_cosine(cycles: float, n: int) -> Array:
+    """The rows ``(2, n)`` of a sinusoid of so many cycles in the window."""
+    return _multiples(2.0 * math.pi * cycles / n, n, np.ones(1, np.int64))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from itertools import product
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import order_of
+from estimator.algebra import stepped
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import COARSE
-from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
+from estimator.search.descent import LEAST_BAND, TRIAL, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
 from estimator.search.ranking import Ranking
@@ -25,8 +25,6 @@ __all__ = ["Look", "first_apart", "one_step_starts", "ranking_of", "simulated_st
 _INTEGRATING = next(poles for poles in COARSE if poles.integrating)
 _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
-_TRIAL = 3
-"""Rounds that every seed of a look is followed; only the best ones go on."""
 _SHIFTS = 6
 """Dead times of that ranking."""
 _TOPS, _NEAR = 16, 28
@@ -59,24 +57,28 @@ def _placed(table: Array, first_op: float) -> Array:
 
 
 def first_apart(bands: Array, costs: Array, count: int, share: float) -> list[int]:
-    """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``."""
+    """The cheapest ones whose stick bands are apart by a ``share``, at most ``count``.
+
+    All that are cheapest, whatever their stick bands, with a ``share`` below zero.
+    """
     return [int(i) for i in _first_apart(bands, costs, count, share)]
 
 
 @kernel
 def _first_apart(bands: Array, costs: Array, count: int, share: float) -> Index:
     found = np.empty(min(count, bands.size), dtype=np.int64)
+    left = np.where(np.isfinite(costs), stepped(costs), np.inf)
     some = 0
-    for i in order_of(costs):
-        if some == found.size or not np.isfinite(costs[i]):
+    while some < found.size:
+        top = left.argmin()
+        if not np.isfinite(left[top]):
             break
-        apart = True
-        for j in found[:some]:
-            if abs(bands[i] - bands[j]) <= share * max(bands[i], bands[j]):
-                apart = False
-        if apart:
-            found[some] = i
-            some += 1
+        found[some] = top
+        some += 1
+        left[top] = np.inf
+        for i in range(bands.size):
+            if abs(bands[i] - bands[top]) <= share * max(bands[i], bands[top]):
+                left[i] = np.inf
     return found[:some]
 
 
@@ -122,10 +124,10 @@ def simulated_starts(
             design = designs[int(poles.integrating)]
             ways.append(Descent(case, design, start, searching.wide, searching.lanes, stride))
         for way in ways:
-            way.go_on(_TRIAL)
+            way.go_on(TRIAL)
         ways.sort(key=lambda way: way.squares)
         for way in ways[:basins]:
-            way.go_on(searching.generations - _TRIAL)
+            way.go_on(searching.generations - TRIAL)
         ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])
@@ -154,8 +156,7 @@ def one_step_starts(
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley
         tops = first_apart(valves[:, 0], cost, _TOPS, reach)
-        tops = sorted({*tops, *(int(i) for i in order_of(cost)[:_TOPS])})
-        tops = [top for top in tops if np.isfinite(cost[top])]
+        tops = sorted({*tops, *first_apart(valves[:, 0], cost, _TOPS, -1.0)})
         more = np.vstack([_around(valves[top], points, reach) for top in tops] or [valves[:1]])
         more_cost, more_late = ranking.costs(more, 1, shifts)
         valves = np.vstack([valves, more])

@@ -15,7 +15,7 @@ from compiled import kernel
 from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array, Index
 from estimator.rows import Rows
-from estimator.search.slip_sums import BLOCK, add_slips, slip_moments, walk
+from estimator.search.slip_sums import BLOCK, add_slips, ahead_judged, slip_moments, walk
 
 __all__ = ["OneStep", "one_step_costs"]
 
@@ -96,7 +96,8 @@ def one_step_costs(
     n, m, columns = op.size, valves.shape[0], sums.shape[1]
     cost, best = np.full(m, np.inf), np.full(m, shortest)
     wide = shifts + 2
-    tables = (sums[shortest:].ravel(), counts[shortest:], judged[shortest:])
+    plain = ahead_judged(judged, wide)
+    tables = (sums[shortest:].ravel(), counts[shortest:], judged[shortest:], plain[shortest:])
     shared, products = np.empty(wide * columns), np.empty((3, wide))
     at, level, turns = np.empty(n + 2, np.int64), np.empty(n + 3), np.empty(n + 2, np.int64)
     moments = np.empty((5, n + 2))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from compiled import kernel
 from estimator.arrays import Array, Index
 
-__all__ = ["BLOCK", "add_slips", "slip_moments", "walk"]
+__all__ = ["BLOCK", "add_slips", "ahead_judged", "slip_moments", "walk"]
 
 BLOCK = 8
 """Samples that a walk skips at once where they stay inside the stick band."""
@@ -81,25 +83,57 @@ def slip_moments(at: Index, level: Array, slips: int, out: Array) -> None:
 
 
 @kernel
+def ahead_judged(judged: Array, wide: int) -> Array:
+    """1 where a row and the ``wide`` rows after it are judged, 0 elsewhere."""
+    found = np.zeros(judged.size)
+    run = 0
+    for k in range(judged.size - 1, -1, -1):
+        run = run + 1 if judged[k] != 0.0 else 0
+        if run > wide:
+            found[k] = 1.0
+    return found
+
+
+@kernel
 def add_slips(
     at: Index,
     moments: Array,
     slips: int,
     factor: float,
-    tables: tuple[Array, Array, Array],
+    tables: tuple[Array, Array, Array, Array],
     columns: int,
     shared: Array,
     products: Array,
 ) -> None:
     """Add ``factor`` times the sums of the first ``slips`` at all dead times.
 
-    ``shared`` ``(w c,)`` are the sums with PV and the columns, ``products`` ``(3, w)`` those of the
-    stem with itself: its square, and what products one and two samples apart lack.
+    ``tables`` are the sums with PV and the columns, the judged rows from a row on, the judged rows,
+    and what `ahead_judged` gives for them. ``shared`` ``(w c,)`` are the sums with PV and the
+    columns, ``products`` ``(3, w)`` those of the stem with itself: its square, and what products
+    one and two samples apart lack.
     """
-    flat, counts, judged = tables
+    flat, counts, judged, plain = tables
     own, next_, second = products[0], products[1], products[2]
     step, more, after, twice, alone = moments[0], moments[1], moments[2], moments[3], moments[4]
     wide = own.size
+    counted = mores = afters = seconds = 0.0
+    for j in range(slips):
+        k = at[j]
+        if plain[k] != 0.0:
+            # a row later one judged row less is left: one sum stands for all dead times
+            counted += more[j] * counts[k]
+            mores += more[j]
+            afters += after[j]
+            seconds += twice[j] + alone[j]
+        else:
+            for w in range(wide):
+                own[w] += factor * more[j] * counts[k + w]
+                next_[w] += factor * after[j] * judged[k + w]
+                second[w] += factor * (twice[j] * judged[k + w] + alone[j] * judged[k + w + 1])
+    for w in range(wide):
+        own[w] += factor * (counted - w * mores)
+        next_[w] += factor * afters
+        second[w] += factor * seconds
     j = 0
     while j + _AT_ONCE <= slips:
         k0, k1, k2, k3 = at[j], at[j + 1], at[j + 2], at[j + 3]
@@ -110,33 +144,9 @@ def add_slips(
         p2, p3 = flat[k2 * columns :], flat[k3 * columns :]
         for i in range(shared.size):
             shared[i] = shared[i] + s0 * p0[i] + s1 * p1[i] + s2 * p2[i] + s3 * p3[i]
-        s0, s1 = factor * more[j], factor * more[j + 1]
-        s2, s3 = factor * more[j + 2], factor * more[j + 3]
-        p0, p1, p2, p3 = counts[k0:], counts[k1:], counts[k2:], counts[k3:]
-        for w in range(wide):
-            own[w] = own[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
-        s0, s1 = factor * after[j], factor * after[j + 1]
-        s2, s3 = factor * after[j + 2], factor * after[j + 3]
-        p0, p1, p2, p3 = judged[k0:], judged[k1:], judged[k2:], judged[k3:]
-        for w in range(wide):
-            next_[w] = next_[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
-        s0, s1 = factor * twice[j], factor * twice[j + 1]
-        s2, s3 = factor * twice[j + 2], factor * twice[j + 3]
-        for w in range(wide):
-            second[w] = second[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
-        s0, s1 = factor * alone[j], factor * alone[j + 1]
-        s2, s3 = factor * alone[j + 2], factor * alone[j + 3]
-        p0, p1, p2, p3 = judged[k0 + 1 :], judged[k1 + 1 :], judged[k2 + 1 :], judged[k3 + 1 :]
-        for w in range(wide):
-            second[w] = second[w] + s0 * p0[w] + s1 * p1[w] + s2 * p2[w] + s3 * p3[w]
         j += _AT_ONCE
     while j < slips:
-        k = at[j]
-        part = flat[k * columns :]
+        now, part = factor * step[j], flat[at[j] * columns :]
         for i in range(shared.size):
-            shared[i] += factor * step[j] * part[i]
-        for w in range(wide):
-            own[w] += factor * more[j] * counts[k + w]
-            next_[w] += factor * after[j] * judged[k + w]
-            second[w] += factor * (twice[j] * judged[k + w] + alone[j] * judged[k + w + 1])
+            shared[i] += now * part[i]
         j += 1
