@@ -182,7 +182,7 @@ class Spreading:
         lead: nats by which a law is ahead that make it e times surer (tuning family).
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, for the likeliest valve and for each
-            other one; and rounds.
+            other one or one that is not called; and rounds.
         reach: first standard deviations in log S, J over S and start over S.
         wider, narrowest: factor on the deviations of the next round, and their least value.
     """

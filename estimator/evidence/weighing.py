@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.evidence.growing import add_best, fit_waves
-from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
+from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.noise import DRIFT, WHITE
 from estimator.processes.poles import COARSE
 from estimator.search.descent import refine_valve
@@ -136,27 +136,15 @@ def _grown(case: Case, start: Hypothesis, other: Hypothesis, most: int | None = 
 
 
 def _others(sticky: Hypothesis, valves: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
-    """Valves of the search with another stick band: S trades against the dead time.
-
-    Of those of one law that are alike the likeliest stands for all.
-    """
+    """Valves of the search with another stick band: S trades against the dead time."""
     assert sticky.valve is not None
     band = sticky.valve.band
-    found: list[Hypothesis] = []
-    for one in valves:
-        assert one.valve is not None
-        another = abs(one.valve.band - band) > _ANOTHER * max(one.valve.band, band)
-        if another and not any(_are_one(one.valve, other.valve) for other in found):
-            found.append(one)
-    return tuple(found)
-
-
-def _are_one(valve: Valve, other: Valve | None) -> bool:
-    """Whether two valves are the same law with nearly the same numbers."""
-    if other is None or other.law != valve.law:
-        return False
-    near = _ANOTHER * max(valve.band, other.band)
-    return abs(valve.band - other.band) <= near and abs(valve.jump - other.jump) <= near
+    return tuple(
+        one
+        for one in valves
+        if one.valve is not None
+        and abs(one.valve.band - band) > _ANOTHER * max(one.valve.band, band)
+    )
 
 
 def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:

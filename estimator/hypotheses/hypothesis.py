@@ -27,6 +27,9 @@ from estimator.valves.laws import stem_of
 
 __all__ = ["Case", "Hypothesis", "Valve"]
 
+_MANY_ROWS = 400
+"""Judged rows from which every second one is enough for a ranking."""
+
 
 @dataclass(frozen=True, slots=True)
 class Valve:
@@ -99,6 +102,11 @@ class Case:
         return max(
             0, min(self.settings.modelling.max_dead_time, self.rows.first - longest_noise - 2)
         )
+
+    @property
+    def ranking_stride(self) -> int:
+        """Judged rows of which each is enough for a ranking: every second one of many."""
+        return 2 if self.rows.count > _MANY_ROWS else 1
 
     @property
     def own_cycles(self) -> float | None:

@@ -100,7 +100,9 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
         behind = best.likelihood - one.likelihood
         if behind > spreading.law_nats:
             continue
-        found, log_weight = _sample(case, one, spreading.lanes[one is not best])
+        # one alone is no verdict's; of others their place matters more than their shape
+        fewer = one is not best or len(explanations) == 1
+        found, log_weight = _sample(case, one, spreading.lanes[fewer])
         weight = np.exp(log_weight - log_weight.max())
         valves.append(found)
         # a law that is a little behind may still be that of the valve: no law is quite

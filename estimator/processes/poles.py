@@ -84,9 +84,10 @@ class Poles:
     @property
     def coefficients(self) -> tuple[float, float, float, float]:
         """``c1, c2`` of the two main poles, the third pole, and the gain that makes B(1)/A(1) 1."""
-        row = np.array([[self.slow, self.fast, self.third]])
-        c1, c2, third, gain = (float(v) for v in coefficients(self.shape, row)[:, 0])
-        return c1, c2, third, gain
+        found: tuple[float, float, float, float] = _coefficients_of_one(
+            SHAPE_NUMBERS[self.shape], self.slow, self.fast, self.third
+        )
+        return found
 
     @property
     def denominator(self) -> tuple[float, ...]:
@@ -145,25 +146,32 @@ def moved_poles(shape: int, start: Array, steps: Array) -> Array:
 
 
 @kernel
+def _coefficients_of_one(
+    shape: int, slow: float, fast: float, third: float
+) -> tuple[float, float, float, float]:
+    """Coefficients of one process; see `Poles.coefficients`."""
+    last = math.exp(-1.0 / third) if third > 0.0 else 0.0
+    if shape == 1:
+        angle = 2.0 * math.pi / slow
+        size = math.exp(-fast * angle)
+        c1 = 2.0 * size * math.cos(angle * math.sqrt(max(0.0, 1.0 - fast * fast)))
+        c2 = -size * size
+        return c1, c2, last, 1.0 - c1 - c2
+    q = math.exp(-1.0 / fast) if fast > 0.0 else 0.0
+    if shape == 2:
+        return 1.0 + q, -q, last, INTEGRATOR * (1.0 - q)
+    p = math.exp(-1.0 / slow) if slow > 0.0 else 0.0
+    return p + q, -p * q, last, (1.0 - p) * (1.0 - q)
+
+
+@kernel
 def coefficients_of(shape: int, table: Array) -> Array:
     """``c1``, ``c2``, third pole and gain as rows ``(4, m)``; see `Poles.coefficients`."""
     found = np.empty((4, table.shape[0]))
     for j in range(table.shape[0]):
-        slow, fast, third = table[j, 0], table[j, 1], table[j, 2]
-        found[2, j] = math.exp(-1.0 / third) if third > 0.0 else 0.0
-        if shape == 1:
-            angle = 2.0 * math.pi / slow
-            size = math.exp(-fast * angle)
-            c1 = 2.0 * size * math.cos(angle * math.sqrt(max(0.0, 1.0 - fast * fast)))
-            c2 = -size * size
-            found[0, j], found[1, j], found[3, j] = c1, c2, 1.0 - c1 - c2
-            continue
-        q = math.exp(-1.0 / fast) if fast > 0.0 else 0.0
-        if shape == 2:
-            found[0, j], found[1, j], found[3, j] = 1.0 + q, -q, INTEGRATOR * (1.0 - q)
-            continue
-        p = math.exp(-1.0 / slow) if slow > 0.0 else 0.0
-        found[0, j], found[1, j], found[3, j] = p + q, -p * q, (1.0 - p) * (1.0 - q)
+        found[0, j], found[1, j], found[2, j], found[3, j] = _coefficients_of_one(
+            shape, table[j, 0], table[j, 1], table[j, 2]
+        )
     return found
 
 

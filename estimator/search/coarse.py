@@ -23,8 +23,6 @@ from estimator.settings import Searching
 __all__ = ["Look", "first_apart", "one_step_starts", "ranking_of", "simulated_starts"]
 
 _INTEGRATING = next(poles for poles in COARSE if poles.integrating)
-_MANY_ROWS = 400
-"""Judged rows from which every second one is enough for a ranking."""
 _SHIFTS = 6
 """Dead times of that ranking."""
 _TOPS, _NEAR = 16, 28
@@ -113,7 +111,6 @@ def simulated_starts(
     seeds, basins = searching.seeds[other], searching.basins[other]
     starts = searching.fine_starts[1::2] if other else searching.starts
     valves = _placed(_table(searching.bands, searching.jumps, starts), case.rows.u[0])
-    stride = 2 if case.rows.count > _MANY_ROWS else 1
     found = []
     for look, rank, designs in zip(looks, ranking.of(law, valves), ranking.looks, strict=True):
         ways = []
@@ -122,7 +119,9 @@ def simulated_starts(
             valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
             start = Found(float(rank.cost[i]), valve, poles, int(rank.late[i]))
             design = designs[int(poles.integrating)]
-            ways.append(Descent(case, design, start, searching.wide, searching.lanes, stride))
+            ways.append(
+                Descent(case, design, start, searching.wide, searching.lanes, case.ranking_stride)
+            )
         for way in ways:
             way.go_on(TRIAL)
         ways.sort(key=lambda way: way.squares)
@@ -157,8 +156,11 @@ def one_step_starts(
         # the best, and the best of each neighbourhood, so that not all stand in one valley
         tops = first_apart(valves[:, 0], cost, _TOPS, reach)
         tops = sorted({*tops, *first_apart(valves[:, 0], cost, _TOPS, -1.0)})
-        more = np.vstack([_around(valves[top], points, reach) for top in tops] or [valves[:1]])
-        more_cost, more_late = ranking.costs(more, 1, shifts)
+        if not tops:
+            break
+        more = _around(valves[tops], points, reach)
+        soonest = np.clip(late[tops] - 1, 1, max(1, shifts - 2)).repeat(_NEAR)
+        more_cost, more_late = ranking.costs(more, soonest, min(3, shifts))
         valves = np.vstack([valves, more])
         cost, late = np.concatenate([cost, more_cost]), np.concatenate([late, more_late])
     return [
@@ -167,9 +169,10 @@ def one_step_starts(
     ]
 
 
-def _around(valve: Array, points: Array, reach: float) -> Array:
-    """Valves ``(m, 3)`` around one, ``reach`` wide as a share of S."""
-    band = np.clip(valve[0] * np.exp(2.0 * reach * points[:, 0]), LEAST_BAND, WIDEST_BAND)
-    jump = np.clip(valve[1] + 2.0 * reach * band * points[:, 1], 0.0, band)
-    start = valve[2] + reach * band * points[:, 2]
-    return np.ascontiguousarray(np.stack([band, jump, start], axis=1))
+def _around(valves: Array, points: Array, reach: float) -> Array:
+    """Valves ``(k m, 3)`` around each of ``(k, 3)``, ``reach`` wide as a share of S."""
+    wide = reach * points
+    band = np.clip(valves[:, :1] * np.exp(2.0 * wide[:, 0]), LEAST_BAND, WIDEST_BAND)
+    jump = np.clip(valves[:, 1:2] + 2.0 * band * wide[:, 1], 0.0, band)
+    start = valves[:, 2:] + band * wide[:, 2]
+    return np.stack([band.ravel(), jump.ravel(), start.ravel()], axis=1)

@@ -79,7 +79,7 @@ def one_step_costs(
     counts: Array,
     judged: Array,
     rest: float,
-    shortest: int,
+    shortest: Index,
     shifts: int,
     sign: float,
     reversals: int,
@@ -90,14 +90,14 @@ def one_step_costs(
     ``sums`` ``(n + p, c)`` holds, of PV (first) and the columns beside the stem, the sums from a
     row to the end; ``counts`` ``(n + p,)`` the judged rows from a row to the end, ``judged`` 1 for
     each of them. All are zero from row ``n`` on, for the longest dead time. ``shifts`` dead times
-    are tried from ``shortest`` on. Valves of one S and J that follow each other cost little more
-    than one of them.
+    are tried from each valve's ``shortest`` on, ``(m,)``. Valves of one S, J and dead time that
+    follow each other cost little more than one of them.
     """
     n, m, columns = op.size, valves.shape[0], sums.shape[1]
-    cost, best = np.full(m, np.inf), np.full(m, shortest)
+    cost, best = np.full(m, np.inf), shortest.copy()
     wide = shifts + 2
     plain = ahead_judged(judged, wide)
-    tables = (sums[shortest:].ravel(), counts[shortest:], judged[shortest:], plain[shortest:])
+    flat = sums.ravel()
     shared, products = np.empty(wide * columns), np.empty((3, wide))
     at, level, turns = np.empty(n + 2, np.int64), np.empty(n + 3), np.empty(n + 2, np.int64)
     moments = np.empty((5, n + 2))
@@ -106,8 +106,10 @@ def one_step_costs(
     known_moments, known_shared, known_products = moments.copy(), shared.copy(), products.copy()
     known = 0
     for v in range(m):
-        if v == 0 or valves[v, 0] != valves[v - 1, 0] or valves[v, 1] != valves[v - 1, 1]:
+        if v == 0 or not _share_sums(valves, shortest, v):
             known = 0
+            late = shortest[v]
+            tables = (flat[late * columns :], counts[late:], judged[late:], plain[late:])
         slips, same = walk(
             op,
             blocks,
@@ -156,9 +158,19 @@ def one_step_costs(
                 known_at, known_moments, same + 1 + beside, -1.0, tables, columns, shared, products
             )
             add_slips(at, moments, slips + beside, 1.0, tables, columns, shared, products)
-        cost[v], late = _least(shared, products, columns, rest, sign)
-        best[v] = shortest + late
+        cost[v], more = _least(shared, products, columns, rest, sign)
+        best[v] += more
     return cost, best
+
+
+@kernel
+def _share_sums(valves: Array, shortest: Index, v: int) -> bool:
+    """Whether a valve has the S, J and shortest dead time of the one before."""
+    return bool(
+        valves[v, 0] == valves[v - 1, 0]
+        and valves[v, 1] == valves[v - 1, 1]
+        and shortest[v] == shortest[v - 1]
+    )
 
 
 class OneStep:
@@ -187,15 +199,18 @@ class OneStep:
         self.blocks = padded.max(axis=1), padded.min(axis=1)
 
     def costs(
-        self, valves: Array, shortest: int, shifts: int, reversals: int = 2
+        self, valves: Array, shortest: int | Index, shifts: int, reversals: int = 2
     ) -> tuple[Array, Index]:
         """Cost and dead time of every valve; see :func:`one_step_costs`.
+
+        ``shortest`` is one dead time for all, or one a valve.
 
         Raises:
             ValueError: a dead time beyond `LATEST` samples is asked for.
         """
-        if shortest + shifts > LATEST:
-            asked = shortest + shifts
+        each = np.broadcast_to(np.asarray(shortest, dtype=np.int64), len(valves))
+        asked = int(each.max(initial=0)) + shifts
+        if asked > LATEST:
             raise ValueError(f"dead time and coefficients reach {asked} samples, of {LATEST}")
         found: tuple[Array, Index] = one_step_costs(
             self.rows.u,
@@ -205,7 +220,7 @@ class OneStep:
             self.counts,
             self.judged,
             self.rest,
-            shortest,
+            np.ascontiguousarray(each),
             shifts,
             self.rows.sign,
             reversals,

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.algebra import order_of
-from estimator.arrays import Array
+from estimator.algebra import stepped
+from estimator.arrays import Array, Mask
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.processes.poles import coefficients
 from estimator.search.descent import moved_valves, refine_best
@@ -123,23 +123,24 @@ def _simulated(case: Case, start: Hypothesis, table: Array) -> Array:
     shortest = max(0, start.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     stems = LAWS[start.valve.law](case.rows.u, table)
-    costs = design.paired(stems, processes, shortest, count).min(axis=0)
+    costs = design.paired(stems, processes, shortest, count, case.ranking_stride).min(axis=0)
     found: Array = np.where(case.tells(stems), costs, np.inf)
     return found
 
 
 def _best_apart(table: Array, costs: Array, count: int, but: Array | None = None) -> list[int]:
     """Numbers of the cheapest valves that are unlike each other, and unlike one of them."""
+    places = np.stack([table[:, 1] / table[:, 0], np.log(table[:, 0])], axis=1)
+    left = np.where(np.isfinite(costs), stepped(costs), np.inf)
+    if but is not None:
+        left[_near(places, np.array([but[1] / but[0], np.log(but[0])]))] = np.inf
     found: list[int] = []
-    taken = [] if but is None else [(but[1] / but[0], np.log(but[0]))]
-    for i in order_of(costs):
-        if len(found) == count or not np.isfinite(costs[i]):
-            break
-        here = table[i, 1] / table[i, 0], np.log(table[i, 0])
-        if not any(
-            abs(here[0] - jump) < _OTHER_JUMP and abs(here[1] - band) < _OTHER_BAND
-            for jump, band in taken
-        ):
-            taken.append(here)
-            found.append(int(i))
+    while len(found) < count and np.isfinite(left[top := int(left.argmin())]):
+        found.append(top)
+        left[_near(places, places[top])] = np.inf
     return found
+
+
+def _near(places: Array, place: Array) -> Mask:
+    """Which of the places ``(m, 2)``, J over S and log S, end where this one does."""
+    return np.all(np.abs(places - place) < (_OTHER_JUMP, _OTHER_BAND), axis=1)
