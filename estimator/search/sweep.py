@@ -143,4 +143,6 @@ def _best_apart(table: Array, costs: Array, count: int, but: Array | None = None
 
 def _near(places: Array, place: Array) -> Mask:
     """Which of the places ``(m, 2)``, J over S and log S, end where this one does."""
-    return np.all(np.abs(places - place) < (_OTHER_JUMP, _OTHER_BAND), axis=1)
+    apart = np.abs(places - place)
+    found: Mask = (apart[:, 0] < _OTHER_JUMP) & (apart[:, 1] < _OTHER_BAND)
+    return found
