@@ -75,14 +75,13 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
         return None
     simple, *shaped = _waves_of(case, cycles)
 
+    def start(wave: Sinusoid, taps: Array) -> tuple[Hypothesis, Sinusoid]:
+        return polish(case, None, healthy, (wave,), taps, passes=1), wave
+
     noises = DRIFT, DRIFT_AND_NOISE
-    simplest = [polish(case, None, healthy, (simple,), taps, passes=1) for taps in noises]
-    likely = 0 if simplest[0].likelihood > simplest[1].likelihood - _TIE else 1
-    starts = [(one, simple) for one in simplest]
-    for wave in shaped:
-        # harmonics change the process little
-        start = polish(case, None, simplest[likely], (wave,), noises[likely], passes=1, wide=False)
-        starts.append((start, wave))
+    starts = [start(simple, taps) for taps in noises]
+    likely = noises[0 if starts[0][0].likelihood > starts[1][0].likelihood - _TIE else 1]
+    starts += [start(wave, likely) for wave in shaped]
     starts.sort(key=lambda one: -round(one[0].likelihood, 6))
     found = []
     for at, wave in starts[:_SHARPENED]:

@@ -20,15 +20,12 @@ from estimator.hypotheses.nuisances import (
     spectral_peaks,
 )
 from estimator.lanes import tells
-from estimator.processes.poles import Poles, Shape
+from estimator.processes.poles import SHAPE_NUMBERS, Poles, Shape, pole_prices
 from estimator.rows import Rows
 from estimator.settings import Settings
 from estimator.valves.laws import stem_of
 
 __all__ = ["Case", "Hypothesis", "Valve"]
-
-_MANY_ROWS = 400
-"""Judged rows from which every second one is enough for a ranking."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +101,6 @@ class Case:
         )
 
     @property
-    def ranking_stride(self) -> int:
-        """Judged rows of which each is enough for a ranking: every second one of many."""
-        return 2 if self.rows.count > _MANY_ROWS else 1
-
-    @property
     def own_cycles(self) -> float | None:
         """Cycles of PV's own oscillation in the window; None where PV does not oscillate."""
         cycles = spectral_peaks(self.rows.y * self.rows.weight, 1)[0]
@@ -180,10 +172,7 @@ class Case:
 
     def pole_prices(self, shape: Shape, table: Array) -> Array:
         """What the poles of processes ``(m, 3)`` of one shape cost, in nats, ``(m,)``."""
-        lags = (table > 0.0).sum(axis=1)
-        # an integrator's pole is fixed; its straight line is a parameter
-        extra = 2 * int(shape is Shape.INTEGRATING)
-        found: Array = 0.5 * np.log(self.rows.count) * (lags + extra)
+        found: Array = pole_prices(SHAPE_NUMBERS[shape], table, self.rows.count)
         return found
 
     def fit(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
+from compiled import kernel
 from estimator.algebra import cholesky
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis
@@ -192,7 +193,8 @@ def _sample(case: Case, of: Hypothesis, lanes: int) -> tuple[Array, Array]:
         proposals.append((middle, root))
         every = np.vstack(tables)
         log_like = np.concatenate(likelihoods)
-        log_weight = log_like - _log_mixture(every, proposals)
+        middles, roots = (np.stack(part) for part in zip(*proposals, strict=True))
+        log_weight = log_like - _log_mixture(every, middles, roots)
         weight = np.exp(log_weight - log_weight.max())
         weight /= weight.sum()
         middle = weight @ every
@@ -205,13 +207,26 @@ def _sample(case: Case, of: Hypothesis, lanes: int) -> tuple[Array, Array]:
     return valves, log_weight
 
 
-def _log_mixture(points: Array, proposals: list[tuple[Array, Array]]) -> Array:
-    """Log density (up to a constant) of an equal mixture of normal distributions, ``(m,)``."""
-    logs = []
-    for middle, root in proposals:
-        scaled = np.linalg.solve(root, (points - middle).T)
-        logs.append(-0.5 * np.square(scaled).sum(axis=0) - np.log(np.diag(root)).sum())
-    stacked = np.stack(logs)
-    top = stacked.max(axis=0)
-    found: Array = top + np.log(np.exp(stacked - top).sum(axis=0) / len(logs))
-    return found
+@kernel
+def _log_mixture(points: Array, middles: Array, roots: Array) -> Array:
+    """Log density (up to a constant) of an equal mixture of normal distributions, ``(m,)``.
+
+    At points ``(m, w)``; of means ``(p, w)`` and lower factors ``(p, w, w)`` of covariances.
+    """
+    m, wide = points.shape
+    count = middles.shape[0]
+    out = np.empty(m)
+    logs, scaled = np.empty(count), np.empty(wide)
+    for k in range(m):
+        for p in range(count):
+            total = 0.0
+            for i in range(wide):
+                left = points[k, i] - middles[p, i]
+                for c in range(i):
+                    left -= roots[p, i, c] * scaled[c]
+                scaled[i] = left / roots[p, i, i]
+                total -= 0.5 * scaled[i] * scaled[i] + math.log(roots[p, i, i])
+            logs[p] = total
+        top = logs.max()
+        out[k] = top + math.log(np.exp(logs - top).sum() / count)
+    return out

@@ -27,6 +27,7 @@ __all__ = [
     "coefficients",
     "coefficients_of",
     "moved_poles",
+    "pole_prices",
 ]
 
 _NO_LAG = 0.12
@@ -172,6 +173,20 @@ def coefficients_of(shape: int, table: Array) -> Array:
         found[0, j], found[1, j], found[2, j], found[3, j] = _coefficients_of_one(
             shape, table[j, 0], table[j, 1], table[j, 2]
         )
+    return found
+
+
+@kernel
+def pole_prices(shape: int, table: Array, rows: float) -> Array:
+    """What the poles of processes ``(m, 3)`` cost on so many judged rows, in nats, ``(m,)``."""
+    # an integrator's pole is fixed; its straight line is a parameter
+    extra = 2 if shape == 2 else 0
+    found = np.empty(table.shape[0])
+    for j in range(table.shape[0]):
+        lags = extra
+        for i in range(3):
+            lags += 1 if table[j, i] > 0.0 else 0
+        found[j] = 0.5 * math.log(rows) * lags
     return found
 
 

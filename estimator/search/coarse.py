@@ -14,7 +14,7 @@ from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import COARSE
-from estimator.search.descent import LEAST_BAND, TRIAL, WIDEST_BAND, Descent, Found
+from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
 from estimator.search.one_step import OneStep
 from estimator.search.processes import spread_points
 from estimator.search.ranking import Ranking
@@ -23,6 +23,10 @@ from estimator.settings import Searching
 __all__ = ["Look", "first_apart", "one_step_starts", "ranking_of", "simulated_starts"]
 
 _INTEGRATING = next(poles for poles in COARSE if poles.integrating)
+_MANY_ROWS = 400
+"""Judged rows from which every second one is enough for a ranking."""
+_TRIAL = 3
+"""Rounds that every seed of a look is followed; only the best ones go on."""
 _SHIFTS = 6
 """Dead times of that ranking."""
 _TOPS, _NEAR = 16, 28
@@ -111,6 +115,7 @@ def simulated_starts(
     seeds, basins = searching.seeds[other], searching.basins[other]
     starts = searching.fine_starts[1::2] if other else searching.starts
     valves = _placed(_table(searching.bands, searching.jumps, starts), case.rows.u[0])
+    stride = 2 if case.rows.count > _MANY_ROWS else 1
     found = []
     for look, rank, designs in zip(looks, ranking.of(law, valves), ranking.looks, strict=True):
         ways = []
@@ -119,14 +124,12 @@ def simulated_starts(
             valve = Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2]), law)
             start = Found(float(rank.cost[i]), valve, poles, int(rank.late[i]))
             design = designs[int(poles.integrating)]
-            ways.append(
-                Descent(case, design, start, searching.wide, searching.lanes, case.ranking_stride)
-            )
+            ways.append(Descent(case, design, start, searching.wide, searching.lanes, stride))
         for way in ways:
-            way.go_on(TRIAL)
+            way.go_on(_TRIAL)
         ways.sort(key=lambda way: way.squares)
         for way in ways[:basins]:
-            way.go_on(searching.generations - TRIAL)
+            way.go_on(searching.generations - _TRIAL)
         ends = [way.found for way in ways]
         bands = np.array([end.valve.band for end in ends])
         squares = np.array([end.squares for end in ends])

@@ -27,12 +27,10 @@ from estimator.search.processes import spread_points
 from estimator.valves.laws import LAWS
 
 __all__ = [
-    "TRIAL",
     "Descent",
     "Found",
     "descend",
     "moved_valves",
-    "refine_best",
     "refine_valve",
     "turned_points",
 ]
@@ -43,8 +41,6 @@ _WIDTHS = np.array([1.0, 2.0, 2.0, 3.0, 4.0])
 """First reach in log S, J / S, start / S and the logs of two time constants, relative."""
 _LEARNED = 0.7
 """Share of the new covariance in that of the next round."""
-TRIAL = 3
-"""Rounds that every one of several starts is followed; only the best ones go on."""
 _RIDGE = 1e-16
 _TIE = 1e-12
 """Relative gain below which two sums of squares are the same: rounding decides nothing."""
@@ -251,7 +247,11 @@ def refine_valve(
         valve = replace(start.valve, law=law)
         best = case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps)
     for _ in range(searching.turns):
-        found = _turned(case, best, width, searching.rounds)
+        assert best.valve is not None
+        design = case.design(best.nuisances, best.taps, best.stem, best.poles, best.dead_time)
+        at = Found(np.inf, best.valve, best.poles, best.dead_time)
+        end = descend(case, design, at, width, searching.rounds, searching.lanes)
+        found = case.fit(end.valve, end.poles, end.dead_time, best.nuisances, best.taps)
         gained = found.likelihood - best.likelihood
         if gained > 0.0:
             best = found
@@ -259,21 +259,3 @@ def refine_valve(
             break
         width *= 0.5
     return best
-
-
-def refine_best(
-    case: Case, starts: list[Hypothesis], width: float, count: int
-) -> tuple[Hypothesis, ...]:
-    """The starts that are likeliest after a few rounds, so many, refined to the end."""
-    tried = [_turned(case, one, width, TRIAL) for one in starts]
-    tried.sort(key=lambda one: -round(one.likelihood, 6))
-    return tuple(refine_valve(case, one, width) for one in tried[:count])
-
-
-def _turned(case: Case, start: Hypothesis, width: float, rounds: int) -> Hypothesis:
-    """Valve and poles refined under the start's noise model, which then is fitted again."""
-    assert start.valve is not None
-    design = case.design(start.nuisances, start.taps, start.stem, start.poles, start.dead_time)
-    at = Found(np.inf, start.valve, start.poles, start.dead_time)
-    end = descend(case, design, at, width, rounds, case.settings.searching.lanes)
-    return case.fit(end.valve, end.poles, end.dead_time, start.nuisances, start.taps)

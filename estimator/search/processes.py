@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from scipy.special import ndtri
 
+from compiled import kernel
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
-from estimator.processes.poles import STARTS, Poles, Shape, coefficients
+from estimator.lane_costs import Judged, costs_of_stems
+from estimator.processes.poles import (
+    SHAPE_NUMBERS,
+    STARTS,
+    Poles,
+    Shape,
+    coefficients,
+    coefficients_of,
+    moved_poles,
+    pole_prices,
+)
 
 __all__ = [
     "POLE_LANES",
@@ -23,6 +35,7 @@ __all__ = [
     "spread_points",
 ]
 
+_LAGS, _INTEGRATING = SHAPE_NUMBERS[Shape.LAGS], SHAPE_NUMBERS[Shape.INTEGRATING]
 _BETTER = 1e-6
 """Nats by which a candidate must be better: rounding decides nothing."""
 
@@ -113,21 +126,26 @@ def _best_start(
 ) -> tuple[Poles, int]:
     """The best of all starting processes and the given one, with its dead time."""
     best = (np.inf, poles, dead_time)
-    for shape, group in _starts().items():
+    for shape, (group, table, processes) in _starts().items():
         design = case.design(nuisances, taps, stem, replace(poles, shape=shape), dead_time)
-        table = np.array([[p.slow, p.fast, p.third] for p in group])
         stems = np.repeat(stem[:, None], len(group), axis=1)
-        costs = design.paired(stems, coefficients(shape, table), 0, case.max_dead_time + 1)
-        worth = case.worth(costs) + case.pole_prices(shape, table)
-        late, lane = np.unravel_index(int(worth.argmin()), worth.shape)
-        if worth[late, lane] < best[0] - _BETTER:
-            best = (float(worth[late, lane]), group[int(lane)], int(late))
+        costs = design.paired(stems, processes, 0, case.max_dead_time + 1)
+        rows = case.rows.count, case.rows.floor
+        worth, lane, late = _least_worth(costs, SHAPE_NUMBERS[shape], table, rows)
+        if worth < best[0] - _BETTER:
+            best = (worth, group[lane], late)
     return best[1], best[2]
 
 
 @cache
-def _starts() -> dict[Shape, tuple[Poles, ...]]:
-    return {shape: tuple(p for p in STARTS if p.shape is shape) for shape in Shape}
+def _starts() -> dict[Shape, tuple[tuple[Poles, ...], Array, Array]]:
+    """Starting processes of each shape: their numbers ``(m, 3)`` and coefficients ``(4, m)``."""
+    found = {}
+    for shape in Shape:
+        group = tuple(p for p in STARTS if p.shape is shape)
+        table = np.array([[p.slow, p.fast, p.third] for p in group])
+        found[shape] = group, table, coefficients(shape, table)
+    return found
 
 
 POLE_REACH, POLE_NARROWER = 0.6, 0.4
@@ -146,26 +164,66 @@ def refine_poles(
 ) -> tuple[Poles, int]:
     """Poles and dead time of the least cost near the given ones, the noise model held."""
     design = case.design(nuisances, taps, stem, poles, dead_time)
-    stems = np.repeat(stem[:, None], POLE_LANES, axis=1)
-    points = spread_points(POLE_LANES, 3)
-    reach, best = POLE_REACH, np.inf
+    row, late = _refined(
+        np.repeat(stem[:, None], POLE_LANES, axis=1),
+        design.judged,
+        SHAPE_NUMBERS[poles.shape],
+        np.array([poles.slow, poles.fast, poles.third]),
+        (dead_time, case.max_dead_time),
+        spread_points(POLE_LANES, 3),
+        (case.rows.count, case.rows.floor),
+    )
+    return poles.of_row(row), late
+
+
+@kernel
+def _refined(
+    stems: Array,
+    judged: Judged,
+    shape: int,
+    start: Array,
+    dead_times: tuple[int, int],
+    points: Array,
+    rows: tuple[float, float],
+) -> tuple[Array, int]:
+    """Time constants ``(3,)`` and dead time of `refine_poles`.
+
+    ``dead_times`` are the given and the longest one, ``rows`` the number of judged rows and the
+    least variance.
+    """
+    late, longest = dead_times
+    row, reach, best = start, POLE_REACH, np.inf
     for _ in range(POLE_ROUNDS):
-        table = poles.moved(reach * points)
-        if poles.shape is Shape.LAGS and poles.slow == 0.0:
-            table[-4:, 0] = 0.2, 0.4, 0.7, 1.2
-        elif poles.shape is Shape.LAGS and poles.fast == 0.0:
+        table = moved_poles(shape, row, reach * points)
+        if shape == _LAGS and row[0] == 0.0:
+            table[-4:, 0] = np.array([0.2, 0.4, 0.7, 1.2])
+        elif shape == _LAGS and row[1] == 0.0:
             # a second lag of any size where there was none
-            table[-8:] = poles.slow, 0.0, poles.third
-            table[-8:, 1] = np.maximum(0.15, np.linspace(0.05, 1.0, 8) * poles.slow)
-        elif poles.integrating and poles.fast == 0.0:
-            table[-4:, 1] = 0.3, 1.0, 3.0, 8.0
-        shortest = max(0, dead_time - 1)
-        count = min(3, case.max_dead_time + 1 - shortest)
-        costs = design.paired(stems, coefficients(poles.shape, table), shortest, count)
-        worth = case.worth(costs) + case.pole_prices(poles.shape, table)
-        late, lane = np.unravel_index(int(worth.argmin()), worth.shape)
-        if worth[late, lane] < best - _BETTER:
-            best = float(worth[late, lane])
-            poles, dead_time = poles.of_row(table[lane]), shortest + int(late)
+            table[-8:] = row
+            table[-8:, 1] = np.maximum(0.15, np.linspace(0.05, 1.0, 8) * row[0])
+        elif shape == _INTEGRATING and row[1] == 0.0:
+            table[-4:, 1] = np.array([0.3, 1.0, 3.0, 8.0])
+        shortest = max(0, late - 1)
+        count = min(3, longest + 1 - shortest)
+        costs = costs_of_stems(stems, coefficients_of(shape, table), judged, shortest, count, 1)
+        least, lane, at = _least_worth(costs, shape, table, rows)
+        if least < best - _BETTER:
+            best, row, late = least, table[lane].copy(), shortest + at
         reach *= POLE_NARROWER
-    return poles, dead_time
+    return row, late
+
+
+@kernel
+def _least_worth(
+    costs: Array, shape: int, table: Array, rows: tuple[float, float]
+) -> tuple[float, int, int]:
+    """Least of minus the log-likelihood and the poles' price, in nats; its lane and dead time."""
+    count, floor = rows
+    least, lane, late = np.inf, 0, 0
+    price = pole_prices(shape, table, count)
+    for d in range(costs.shape[0]):
+        for j in range(table.shape[0]):
+            worth = 0.5 * count * math.log(max(costs[d, j], 0.0) / count + floor) + price[j]
+            if worth < least:
+                least, lane, late = worth, j, d
+    return least, lane, late

@@ -14,7 +14,7 @@ from estimator.algebra import stepped
 from estimator.arrays import Array, Mask
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.processes.poles import coefficients
-from estimator.search.descent import moved_valves, refine_best
+from estimator.search.descent import moved_valves, refine_valve
 from estimator.search.one_step import OneStep
 from estimator.valves.laws import LAWS
 
@@ -34,9 +34,6 @@ _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 """Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
 _REACH = 0.01
 """First reach of a refinement from a valve of the lattice, as a share of S: its own cell."""
-_FOLLOWED = 2
-"""Refinements that are followed to the end, the likeliest after a few rounds: of 950 nats that
-sweeps of 160 tuning windows gain, 17 are lost."""
 _AGAIN = 3.0
 """Nats that a sweep must gain to be repeated from where it ended: a factor of twenty."""
 
@@ -77,13 +74,15 @@ def _swept(case: Case, start: Hypothesis) -> Hypothesis:
 
 
 def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothesis:
-    """The likeliest of the start and of what the best valves ``(m, 3)`` of a law are refined to."""
-    starts = []
+    """The likeliest of the start and of what valves ``(m, 3)`` of a law are refined to."""
+    best = start
     for row in table:
         valve = Valve(float(row[0]), float(row[1]), float(row[2]), law)
-        starts.append(case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps))
-    ends = refine_best(case, starts, _REACH, _FOLLOWED)
-    return max(start, *ends, key=lambda one: one.likelihood)
+        at = case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps)
+        found = refine_valve(case, at, _REACH)
+        if found.likelihood > best.likelihood:
+            best = found
+    return best
 
 
 def _best_by_one_step(case: Case, start: Hypothesis, valve: Array) -> Array:
@@ -123,7 +122,7 @@ def _simulated(case: Case, start: Hypothesis, table: Array) -> Array:
     shortest = max(0, start.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     stems = LAWS[start.valve.law](case.rows.u, table)
-    costs = design.paired(stems, processes, shortest, count, case.ranking_stride).min(axis=0)
+    costs = design.paired(stems, processes, shortest, count).min(axis=0)
     found: Array = np.where(case.tells(stems), costs, np.inf)
     return found
 
