@@ -11,36 +11,18 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.processors import SETTINGS, environment_of, lacking
 from benchmarks.report import heading, keep, machine, table
 from fieldlink.lab.rehearse import load_scenario, rehearse, shipped_scenarios
 
-__all__ = ["SETTINGS", "Outcome", "main"]
-
-SETTINGS: Mapping[str, Mapping[str, str]] = {
-    "native": {},
-    "generic": {
-        "NUMBA_CPU_NAME": "generic",
-        "NUMBA_CPU_FEATURES": "",
-        "OPENBLAS_CORETYPE": "Prescott",
-        "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3",
-    },
-    "haswell": {
-        "NUMBA_CPU_NAME": "haswell",
-        "NUMBA_CPU_FEATURES": "+avx2,+fma,+bmi,+bmi2",
-        "OPENBLAS_CORETYPE": "Haswell",
-    },
-    "skylakex": {"OPENBLAS_CORETYPE": "SkylakeX"},
-}
-"""Name and features of the processor that Numba, OpenBLAS and NumPy work for. Numba's name alone
-changes nothing: its features are the machine's unless they are given."""
+__all__ = ["Outcome", "main"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +57,14 @@ def _run_here(path: Path, seeds: Sequence[int]) -> list[dict[str, object]]:
 
 def _run_apart(path: Path, setting: str, seeds: Sequence[int]) -> list[Outcome]:
     """Run one scenario under a setting in a process of its own."""
+    if (needed := lacking(setting)) is not None:
+        words = f"did not run: this processor has no {needed}"
+        return [Outcome(path.stem, setting, seeds[0], None, words)]
     command = [sys.executable, "-m", "benchmarks.scenarios", "--here", str(path)]
     command += ["--numbers", *map(str, seeds)]
     done = subprocess.run(
         command,
-        env=os.environ | SETTINGS[setting],
+        env=environment_of(setting),
         capture_output=True,
         text=True,
         check=False,

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
+from benchmarks.processors import SETTINGS, lacking
 from compiled import cache_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,41 +48,23 @@ for name in windows:
 print(json.dumps(found))
 """
 
-HASWELL = "+avx,+avx2,+bmi,+bmi2,+f16c,+fma,+lzcnt,+movbe,+popcnt,+sse3,+sse4.1,+sse4.2,+ssse3"
+
+def _part(setting: str, *prefixes: str) -> dict[str, str]:
+    """The variables of a setting that begin with one of the prefixes."""
+    return {name: text for name, text in SETTINGS[setting].items() if name.startswith(prefixes)}
 
 
-def _features() -> dict[str, bool]:
-    """What NumPy finds in this processor."""
-    return dict(np._core._multiarray_umath.__cpu_features__)
-
-
-def _dispatched(first: str) -> str:
-    """NumPy's optional instruction sets from ``first`` on that this processor has."""
-    names = list(np._core._multiarray_umath.__cpu_dispatch__)
-    begin = names.index(first) if first in names else len(names)
-    return " ".join(name for name in names[begin:] if _features()[name])
-
-
-SETTINGS = {
-    "numba generic": {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""},
-    "numba haswell": {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": HASWELL},
-    "blas prescott, numpy baseline": {
-        "OPENBLAS_CORETYPE": "Prescott",
-        "OPENBLAS_NUM_THREADS": "1",
-        "NPY_DISABLE_CPU_FEATURES": _dispatched("X86_V3"),
-    },
-    "blas haswell, numpy avx2": {
-        "OPENBLAS_CORETYPE": "Haswell",
-        "NPY_DISABLE_CPU_FEATURES": _dispatched("X86_V4"),
-    },
-    "blas skylake": {"OPENBLAS_CORETYPE": "SkylakeX"},
+PARTS = {
+    "numba generic": ("generic", _part("generic", "NUMBA_")),
+    "numba haswell": ("haswell", _part("haswell", "NUMBA_")),
+    "blas prescott, numpy baseline": (
+        "generic",
+        _part("generic", "OPENBLAS_", "NPY_") | {"OPENBLAS_NUM_THREADS": "1"},
+    ),
+    "blas haswell, numpy avx2": ("haswell", _part("haswell", "OPENBLAS_", "NPY_")),
+    "blas skylake": ("skylakex", _part("skylakex", "OPENBLAS_")),
 }
-NEEDED = {
-    "numba haswell": "AVX2",
-    "blas haswell, numpy avx2": "AVX2",
-    "blas skylake": "AVX512F",
-}
-"""Instruction sets without which a setting cannot run."""
+"""Settings taken apart, so that a difference names its library."""
 
 
 def _judged(windows: Path, folder: Path, settings: dict[str, str]) -> dict[str, Any]:
@@ -127,14 +110,13 @@ def native(windows: Path) -> dict[str, Any]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # kernels are compiled anew for two of the settings
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize("name", PARTS)
 def test_no_answer_hangs_on_the_processor(
     name: str, windows: Path, native: dict[str, Any], tmp_path: Path
 ) -> None:
-    needed = NEEDED.get(name, "SSE2")
-    if not _features().get(needed, False):
+    setting, settings = PARTS[name]
+    if (needed := lacking(setting)) is not None:
         pytest.skip(f"this processor has no {needed}")
-    settings = SETTINGS[name]
     own_kernels = any(key.startswith("NUMBA_") for key in settings)
     found = _judged(windows, tmp_path if own_kernels else cache_folder().parent, settings)
     assert found.keys() == native.keys()
