@@ -181,8 +181,7 @@ class Spreading:
             one law is far ahead of the others, and where none is (tuning family).
         lead: nats by which a law is ahead that make it e times surer (tuning family).
         gains: likely valves over which the gain's spread is taken.
-        lanes, rounds: samples of one round of the sampler, for the likeliest valve and for each
-            other one or one that is not called; and rounds.
+        lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
         wider, narrowest: factor on the deviations of the next round, and their least value.
     """
@@ -194,7 +193,7 @@ class Spreading:
     law_jump: tuple[float, float] = (0.1, 0.3)
     lead: float = 30.0
     gains: int = 16
-    lanes: tuple[int, int] = (128, 64)
+    lanes: int = 128
     rounds: int = 5
     reach: tuple[float, float, float] = (0.04, 0.1, 0.15)
     wider: float = 1.5

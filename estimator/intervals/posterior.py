@@ -101,9 +101,7 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
         behind = best.likelihood - one.likelihood
         if behind > spreading.law_nats:
             continue
-        # one alone is no verdict's; of others their place matters more than their shape
-        fewer = one is not best or len(explanations) == 1
-        found, log_weight = _sample(case, one, spreading.lanes[fewer])
+        found, log_weight = _sample(case, one)
         weight = np.exp(log_weight - log_weight.max())
         valves.append(found)
         # a law that is a little behind may still be that of the valve: no law is quite
@@ -158,8 +156,8 @@ def pole_derivatives(of: Hypothesis) -> Array:
     return np.stack(found) if found else np.empty((0, own.size))
 
 
-def _sample(case: Case, of: Hypothesis, lanes: int) -> tuple[Array, Array]:
-    """Valves and log weights of one law's samples, so many a round."""
+def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
+    """Valves and log weights of one law's samples."""
     spreading = case.settings.spreading
     valve = of.valve
     assert valve is not None
@@ -171,7 +169,7 @@ def _sample(case: Case, of: Hypothesis, lanes: int) -> tuple[Array, Array]:
     )
     design = case.design_of(columns, of.taps)
     row = np.array([[of.poles.slow, of.poles.fast, of.poles.third]])
-    process = np.repeat(coefficients(of.poles.shape, row), lanes, axis=1)
+    process = np.repeat(coefficients(of.poles.shape, row), spreading.lanes, axis=1)
     shortest = max(0, of.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     centre = np.array([valve.band, valve.jump, valve.start])
@@ -180,7 +178,7 @@ def _sample(case: Case, of: Hypothesis, lanes: int) -> tuple[Array, Array]:
     middle, root = np.zeros(3), np.diag(np.array(spreading.reach))
     tables, likelihoods, proposals = [], [], []
     for turn in range(spreading.rounds):
-        points = turned_points(lanes, 3, turn)
+        points = turned_points(spreading.lanes, 3, turn)
         table = middle + points @ root.T
         if turn == 0:
             table[0] = 0.0
