@@ -262,7 +262,7 @@ def _advise(
     return advise(
         find_plausible(explained.fitted, settings.advising),
         controller,
-        RecordedLoop.of(cut.pv, sp, explained.stem, ends, valve),
+        RecordedLoop.of(cut.pv, sp, explained.stem, ends, valve, slides=explained.slides),
         settings.advising,
     )
 
