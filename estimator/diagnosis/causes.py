@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
@@ -177,13 +179,30 @@ def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | Non
     )
 
 
+def _lingers(found: Gathered, settings: DiagnosisSettings) -> bool | None:
+    """Whether the error lasts because the tuning is slow; None where smooth loads may make it."""
+    judging = settings.judging
+    # two integral times may be too long for the record
+    one, two = np.nan_to_num(found.predictable)
+    if not (two > judging.slow or one + two > judging.lingering):
+        return False
+    if one + two < judging.lasts:
+        if found.removable_where_known(settings) < judging.removable:
+            return False
+        if found.headroom < judging.likely:
+            return None if found.headroom > judging.unlikely else False
+        return True
+    # against an error that lasts so long it takes both, the process and the headroom
+    little = found.removable_where_known(settings) < judging.removable
+    return not (little and not found.headroom >= judging.likely)
+
+
 def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None) -> Cause | None:
     judging, controller = settings.judging, found.controller
     if controller is None or (found.swing.present and find_tight(found, settings) is not None):
         return None
     one, two = found.predictable
-    is_known = found.explained is not None and found.explained.process >= judging.threshold
-    removable = found.removable if is_known else math.nan
+    removable = found.removable_where_known(settings)
     if math.isnan(one):
         # a record of few integral times: only the process tells
         is_long = controller.integral_time_s > judging.seen * found.duration_s
@@ -191,18 +210,22 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
             return None
         evidence = [f"the integral time is {controller.integral_time_s:.4g} s"]
         weight = removable
-    elif two > judging.slow or one + two > judging.lingering:
-        if removable < judging.removable:
-            return None
+    elif _lingers(found, settings):
+        further = "" if math.isnan(two) else f", {two:.0%} two ahead"
         evidence = [
             f"{one:.0%} of the control error can be predicted one integral time "
-            f"({controller.integral_time_s:.3g} s) ahead, {two:.0%} two ahead; a loop that "
+            f"({controller.integral_time_s:.3g} s) ahead{further}; a loop that "
             f"settles within its integral time has no such error",
         ]
         weight = min(1.0, max(one, two))
     else:
         return None
-    if proposal is not None and proposal.integral_ratio > judging.slower:
+    if found.headroom >= judging.likely:
+        evidence.append(
+            f"with a probability of {found.headroom:.0%} robust settings have "
+            f"{settings.headroom.slower:g} times the integral gain and more"
+        )
+    if proposal is not None and proposal.integral_ratio > settings.headroom.slower:
         evidence.append(
             f"as robust settings have {proposal.integral_ratio:.2g} times the integral gain"
         )
@@ -210,6 +233,19 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
         evidence.append(f"robust settings would remove {removable:.0%} of the squared error")
     shared = found.limits.cost + (found.swing_share if found.swing.present else 0.0)
     return Cause(CauseName.SLOW_TUNING, weight * max(0.0, 1.0 - shared), tuple(evidence))
+
+
+def _slow_or_not(found: Gathered) -> Cause:
+    one, _ = found.predictable
+    return Cause(
+        CauseName.UNDETERMINED,
+        0.0,
+        (
+            f"nothing oscillates; {one:.0%} of the control error can be predicted one integral "
+            f"time ahead: by a slow tuning (probability {found.headroom:.0%}) or a smooth load",
+        ),
+        "Step the set-point once: the answer shows whether the loop is slow.",
+    )
 
 
 def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
@@ -233,6 +269,8 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if found.explained is not None and found.explained.sticking > 0.0:
             # nothing is wrong that shows, but a valve that sticks is likelier than not
             return _unproven(found, settings)
+        if _lingers(found, settings) is None:
+            return _slow_or_not(found)
         evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
         if swing.present:
             evidence = [

@@ -20,6 +20,7 @@ from estimator.diagnosis.explanations import Explained, explain
 from estimator.diagnosis.facts import Limits, Sensor, limits_of, sensor_of, share_by_hand
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.headroom import headroom_of
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.loop_record import (
     LoopRecord,
@@ -103,6 +104,7 @@ def diagnose(
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
     standing = open_loop_swing(record, swing, by_hand | limits.where, settings)
+    predictable = predictable_shares(record, swing, controller, limits, settings)
     gathered = Gathered(
         swing=swing,
         signal=signal,
@@ -116,7 +118,7 @@ def diagnose(
         loop_beside_wave=beside_wave,
         op_span=float(np.ptp(record.op)),
         op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
-        predictable=predictable_shares(record, swing, controller, limits, settings),
+        predictable=predictable,
         samples=cut.op.size,
         duration_s=record.op.size * period,
         setpoint_swings=_setpoint_swings(record, swing, settings),
@@ -125,6 +127,7 @@ def diagnose(
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable_share(error, explained, loop, controller, period, settings),
+        headroom=headroom_of(cut, controller, predictable, limits, settings),
     )
     dead = None
     if explained is not None and explained.model is not None:
@@ -262,7 +265,7 @@ def _advise(
     return advise(
         find_plausible(explained.fitted, settings.advising),
         controller,
-        RecordedLoop.of(cut.pv, sp, explained.stem, ends, valve),
+        RecordedLoop.of(cut.pv, sp, explained.stem, ends, valve, slides=explained.slides),
         settings.advising,
     )
 

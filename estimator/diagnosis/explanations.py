@@ -28,7 +28,7 @@ from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.diagnosis.valve_evidence import judge_valve
 from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.hypotheses.nuisances import Sinusoid
 from estimator.outcomes import Reason
@@ -72,6 +72,7 @@ class Explained:
         fitted: the likeliest explanation with the rows it was fitted on; None without one.
         beside_wave: the process as fitted beside a wave from outside, likely or not: what shows it
             away from the oscillation; None where no wave was tried.
+        slides: whether its stem, once it moves, follows OP until OP stops or turns.
         wave: the wave from outside that comes with the sticky valve; None where none does.
     """
 
@@ -92,6 +93,7 @@ class Explained:
     fitted: FittedWindow | None = None
     beside_wave: ProcessModel | None = None
     wave: OutsideWave | None = None
+    slides: bool = False
 
 
 def explain(
@@ -159,10 +161,11 @@ def explain(
         curved=float(curved),
         process=float(chosen.case.evidence_of_process(chosen.fit)),
         model=_model(window, chosen, late),
-        stem=_stem(window, chosen.fit) if found else np.asarray(given),
+        stem=_stem(window, found, given) if found else np.asarray(given),
         bend=chosen.bend / window.op_span,
         band=window.op_span * found.band if found else 0.0,
         jump=window.op_span * found.jump if found else 0.0,
+        slides=found is not None and found.law == "sliding",
         jumps=jumps,
         spread=valve.spread,
         effect=valve.effect,
@@ -234,8 +237,10 @@ def _best_wave(base: Rival, cycles: float, weighing: Weighing) -> Rival | None:
     return max(found, key=lambda one: one.likelihood, default=None)
 
 
-def _stem(window: Window, fit: Hypothesis) -> Array:
-    return np.asarray(window.op_centre + window.op_span * fit.stem)
+def _stem(window: Window, valve: Valve, op: Array) -> Array:
+    # of OP as recorded: the fit's own stem is that of OP moved by the samples that the model holds
+    scaled = (np.asarray(op) - window.op_centre) / window.op_span
+    return np.asarray(window.op_centre + window.op_span * valve.stem(scaled))
 
 
 def _linear_fit(case: Case, of: Hypothesis) -> LinearFit:

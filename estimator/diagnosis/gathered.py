@@ -12,6 +12,7 @@ from estimator.diagnosis.explanations import Explained
 from estimator.diagnosis.facts import Limits, Sensor
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.oscillation import Oscillation
+from estimator.diagnosis.settings import DiagnosisSettings
 
 __all__ = ["Gathered"]
 
@@ -37,6 +38,8 @@ class Gathered:
             manual or at a limit, and its share of the error's variance; None without one.
         removable: share of the squared error that robust settings would remove, by the identified
             process; NaN where no such settings can be found.
+        headroom: probability that robust settings have far more integral gain, over processes and
+            loads; NaN where it was not asked for or cannot be told.
         samples: of the window that was explained.
         duration_s: of the whole record.
     """
@@ -60,8 +63,15 @@ class Gathered:
     open_swing: Oscillation | None = None
     open_share: float = 0.0
     removable: float = math.nan
+    headroom: float = math.nan
     samples: int = 0
     duration_s: float = math.inf
+
+    def removable_where_known(self, settings: DiagnosisSettings) -> float:
+        """What robust settings would remove, NaN where the process hardly shows."""
+        one = self.explained
+        known = one is not None and one.process >= settings.judging.threshold
+        return self.removable if known else math.nan
 
     def amplification(self) -> tuple[float, float]:
         """How the loop amplifies a disturbance at the oscillation's period, and Ms."""

@@ -52,6 +52,8 @@ class Replay:
         sp: Array,
         limits: tuple[float, float] = (-math.inf, math.inf),
         friction: tuple[float, float] = (0.0, 0.0),
+        *,
+        slides: bool = False,
     ) -> tuple[Array, Array]:
         """OP and PV ``(n,)`` of the loop under a controller.
 
@@ -63,6 +65,7 @@ class Replay:
             sp: set-point, ``(n,)``.
             limits: of OP.
             friction: fS and fD of the valve, units of OP.
+            slides: whether its stem, once it moves, follows OP until OP stops or turns.
         """
         h, process = self.process.period, self.process
         late = controller.filter_time_s
@@ -81,6 +84,7 @@ class Replay:
             limits[1],
             friction[0],
             friction[1],
+            1.0 if slides else 0.0,
         )
         return found[0, sp.size :], found[1, sp.size :]
 
@@ -89,15 +93,16 @@ class Replay:
 def _run(
     a: Array, b: Array, dead: int, kp: float, ki: float, kd: float, pole: float, sp: Array,
     disturbance: Array, rest: float, low: float, high: float, static: float, dynamic: float,
+    slides: float,
 ) -> Array:  # fmt: skip
-    """Closed loop ``(2, n)``: OP and PV."""
+    """Closed loop ``(2, n)``: OP and PV; the valve's laws are those of `estimator.valves.laws`."""
     n = sp.size
     out = np.empty((2, n))
     x = np.zeros(n)
     g = np.zeros(n)
     op = min(max(rest, low), high)
     stem = op
-    last_e = last_y = older_y = last_move = 0.0
+    last_e = last_y = older_y = last_move = way = 0.0
     for k in range(n):
         total = 0.0
         for i in range(a.size):
@@ -115,13 +120,15 @@ def _run(
         move = kp * (e - last_e) + ki * e - kd * (y - 2.0 * last_y + older_y)
         move = pole * last_move + (1.0 - pole) * move
         last_move = move
-        op = min(max(op + move, low), high)
+        before, op = op, min(max(op + move, low), high)
         older_y, last_y, last_e = last_y, y, e
-        gap = op - stem
-        if gap > static:
-            stem = op - dynamic
-        elif gap < -static:
-            stem = op + dynamic
+        gap, goes_on = op - stem, way * (op - before) > 0.0
+        if gap > static or (goes_on and way > 0.0):
+            stem, way = op - dynamic, slides
+        elif gap < -static or (goes_on and way < 0.0):
+            stem, way = op + dynamic, -slides
+        else:
+            way = 0.0
         x[k] = stem - rest
         out[0, k], out[1, k] = op, y
     return out

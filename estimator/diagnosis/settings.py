@@ -19,6 +19,7 @@ __all__ = [
     "DiagnosisSettings",
     "Facts",
     "Grouping",
+    "Headroom",
     "Judging",
     "Reading",
     "Scope",
@@ -175,6 +176,34 @@ class Scope:
 
 
 @dataclass(frozen=True, slots=True)
+class Headroom:
+    """How slow tuning is told from smooth loads; see `estimator.diagnosis.headroom`.
+
+    Attributes:
+        slower: factor by which SIMC's integral gain exceeds the running one's, from which a tuning
+            is slow: the error after a load lasts as many times longer.
+        swings: Ms beyond which the running loop would swing; such a loop is not judged here.
+        corner: first corner time of the load, samples; noise: first variance of the noise over the
+            load's.
+        reach: first steps of the logarithms of lag, corner and noise.
+        farthest: largest logarithm that is tried.
+        tries: fits of a structure.
+        dead_times: longest dead time, samples.
+        first: samples in which the filters settle.
+    """
+
+    slower: float = 3.0
+    swings: float = 2.2
+    corner: float = 25.0
+    noise: float = 0.02
+    reach: tuple[float, float, float] = (0.8, 0.8, 2.0)
+    farthest: float = 18.0
+    tries: int = 120
+    dead_times: int = 25
+    first: int = 60
+
+
+@dataclass(frozen=True, slots=True)
 class Judging:
     """From figures to causes and their weights.
 
@@ -203,14 +232,15 @@ class Judging:
         slow: share of the error's variance that is predictable two integral times ahead, from
             which a tuning is slow.
         lingering: sum of the shares that are predictable one and two integral times ahead, from
-            which it is slow as well (tuning family: well-tuned loops under white and red loads
-            stay below 0.7, slow ones above 0.75; smooth loads go beyond, and no limit parts them
-            from slow tuning).
+            which it may be slow as well (tuning family: well-tuned loops under white and red loads
+            stay below 0.7, slow ones above 0.75; smooth loads go beyond).
+        lasts: the same sum from which it is slow whatever the loads may be: between the two the
+            probability of headroom tells.
+        likely, unlikely: that probability from which it is slow, and up to which it is not: odds of
+            two to one; between them neither is told.
         removable: share of the squared error that robust settings must remove, where the process
             shows, for a tuning to be slow; lasting: the same where the record is too short for its
             integral time, so that nothing else tells.
-        slower: factor by which SIMC's integral action is faster than the running one, from which a
-            tuning is slow: the error after a load lasts as many times longer.
         step: resolution over the error's deviation from which quantisation makes the error.
         spikes: share of the squared error in spikes.
         shaken: share of OP's range by which noise moves the valve every sample: 0.5 % is what a
@@ -236,9 +266,11 @@ class Judging:
     kept: float = 0.75
     slow: float = 0.3
     lingering: float = 0.75
+    lasts: float = 1.5
+    likely: float = 0.67
+    unlikely: float = 0.33
     removable: float = 0.25
     lasting: float = 0.5
-    slower: float = 3.0
     step: float = 0.7
     spikes: float = 0.2
     shaken: float = 0.005
@@ -260,6 +292,7 @@ class DiagnosisSettings:
     facts: Facts = field(default_factory=Facts)
     scope: Scope = field(default_factory=Scope)
     grouping: Grouping = field(default_factory=Grouping)
+    headroom: Headroom = field(default_factory=Headroom)
     judging: Judging = field(default_factory=Judging)
     advising: Advising = field(default_factory=Advising)
 

@@ -50,6 +50,7 @@ class RecordedLoop:
     """What is replayed: signals without holes ``(n,)``, units of OP and PV.
 
     ``stem`` is OP for a healthy valve, whose ``friction`` (fS and fD) is zero; ``limits`` of OP.
+    ``slides`` is the law of a sticky one, see `Replay.run`.
     """
 
     pv: Array
@@ -57,13 +58,28 @@ class RecordedLoop:
     stem: Array
     limits: tuple[float, float]
     friction: tuple[float, float]
+    slides: bool = False
 
     @classmethod
     def of(
-        cls, pv: Array, sp: Array, stem: Array, limits: tuple[float, float], valve: ValveModel
+        cls,
+        pv: Array,
+        sp: Array,
+        stem: Array,
+        limits: tuple[float, float],
+        valve: ValveModel,
+        *,
+        slides: bool = False,
     ) -> RecordedLoop:
         """The loop with a valve; a stick band of zero is a healthy one."""
-        return cls(pv, sp, stem, limits, (valve.static_friction, valve.dynamic_friction))
+        return cls(pv, sp, stem, limits, (valve.static_friction, valve.dynamic_friction), slides)
+
+    def replay(self, process: ProcessModel) -> Callable[[Controller], tuple[Array, Array]]:
+        """OP and PV under any controller, if the process is this one."""
+        replay = Replay.of(process, self.stem, self.pv)
+        return lambda controller: replay.run(
+            controller, self.sp, self.limits, self.friction, slides=self.slides
+        )
 
     @property
     def sticks(self) -> bool:
@@ -184,7 +200,7 @@ def advise(
     pi = largest_integral_gain(process, running, settings.robustness)
     rules = [] if pi is None else [(_LARGEST, pi)]
     rules += [(_SIMC, one) for one in simc(process, running)]
-    u, y = _replay(process, loop).run(running, loop.sp, loop.limits, loop.friction)
+    u, y = loop.replay(process)(running)
     simulated = _deviation(loop.sp - y)
     if not 0.0 < simulated < math.inf:
         return None
@@ -209,10 +225,6 @@ def advise(
     )
 
 
-def _replay(process: ProcessModel, loop: RecordedLoop) -> Replay:
-    return Replay.of(process, loop.stem, loop.pv)
-
-
 def _judged_by(
     plausible: PlausibleProcesses,
     running: Controller,
@@ -224,9 +236,9 @@ def _judged_by(
 
     ``missed`` is the recorded error over the one that is simulated with the running settings.
     """
-    replays = [_replay(process, loop) for process in plausible.processes]
-    halves = [_replay(process, loop) for process in plausible.halves]
-    likeliest = _replay(plausible.likeliest, loop)
+    replays = [loop.replay(process) for process in plausible.processes]
+    halves = [loop.replay(process) for process in plausible.halves]
+    likeliest = loop.replay(plausible.likeliest)
     # OP goes ahead of a sticking stem by its static friction
     beyond = settings.beyond * float(np.ptp(loop.stem)) + loop.friction[0]
     lowest, highest = float(loop.stem.min()) - beyond, float(loop.stem.max()) + beyond
@@ -241,18 +253,14 @@ def _judged_by(
         peaks = np.array([one.sensitivity if one.stable else math.inf for one in margins])
         if float(plausible.shares[peaks > settings.robust].sum()) > settings.tail:
             return None
-        runs = [one.run(new, loop.sp, loop.limits, loop.friction) for one in replays]
-        sizes = np.array([_deviation(loop.sp - y) for _, y in runs])
-        apart = [
-            _deviation(loop.sp - one.run(new, loop.sp, loop.limits, loop.friction)[1])
-            for one in halves
-        ]
+        sizes = np.array([_deviation(loop.sp - run(new)[1]) for run in replays])
+        apart = [_deviation(loop.sp - run(new)[1]) for run in halves]
         if not np.isfinite([*sizes, *apart]).all():
             return None
         low, middle, high = _quantiles(sizes, plausible.shares, (settings.tail, 0.5, most))
         low, high = min(low, *apart, middle), max(high, *apart, middle)
         blur = settings.blur_cycle if loop.sticks else settings.blur
-        u, _ = likeliest.run(new, loop.sp, loop.limits, loop.friction)
+        u, _ = likeliest(new)
         if u.min() < lowest or u.max() > highest:
             return None
         return Proposal(

@@ -2,7 +2,8 @@
 
 The verdict is the estimator's own rule (`estimator.evidence.verdict`), against more rivals, and
 stricter where a stroke is longer than a part of the window. The valve must be the likelier one
-under a long noise model as well (`estimator.diagnosis.long_noise`).
+under a long noise model as well (`estimator.diagnosis.long_noise`), and is looked for under it too
+where the noise asks for the longest model of the verdict.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 from estimator.diagnosis import rivals
 from estimator.diagnosis.advice_settings import Advising
-from estimator.diagnosis.long_noise import valve_under_long_noise
+from estimator.diagnosis.long_noise import valve_under_long_noise, with_long_noise
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import Weighing
 from estimator.evidence.effect import effect_of
@@ -71,12 +72,20 @@ def judge_valve(
     low, high = weighing.in_doubt
     if sticky is not None and as_recorded is not None and low < found.evidence < high:
         sticky = _search_again(case, sticky, as_recorded)
+    others = [Rival(case, plain), Rival(case, found.healthy)]
+    if found.evidence < high and plain.taps.size == max(case.settings.modelling.noise_orders):
+        # noise that asks for the longest model there is may ask for a longer one
+        longer = weigh(with_long_noise(case, advising))
+        if longer.sticky is not None and longer.evidence > 0.0:
+            moved = _moved(case, longer.sticky)
+            sticky = moved if sticky is None or moved.likelihood > sticky.likelihood else sticky
+            # what the longer search knows of a healthy valve counts as well
+            others.append(Rival(case, _settled(case, longer.healthy)))
     if sticky is None:
         return ValveEvidence(), plain
-    evidence = sticky.likelihood - found.healthy.likelihood
+    evidence = sticky.likelihood - max(one.likelihood for one in others)
     if evidence <= 0.0:
         return ValveEvidence(sticky, evidence), plain
-    others = [Rival(case, plain), Rival(case, found.healthy)]
     others += rivals.waves(case, plain, cycles, weighing)
     others += rivals.curved(case, plain, weighing)
     rival = max(others, key=lambda one: one.likelihood)
@@ -110,9 +119,17 @@ def _search_again(case: Case, sticky: Hypothesis, other: Case) -> Hypothesis:
     again = weigh(other).sticky
     if again is None:
         return sticky
-    moved = polish(case, again.valve, again, again.nuisances, again.taps, wide=True)
-    moved = refine_valve(case, settle(case, moved), _NEAR)
+    moved = _moved(case, again)
     return moved if moved.likelihood > sticky.likelihood else sticky
+
+
+def _moved(case: Case, sticky: Hypothesis) -> Hypothesis:
+    """A sticky valve of a search on other rows, at its likeliest on these."""
+    return refine_valve(case, _settled(case, sticky), _NEAR)
+
+
+def _settled(case: Case, of: Hypothesis) -> Hypothesis:
+    return settle(case, polish(case, of.valve, of, of.nuisances, of.taps, wide=True))
 
 
 _NEAR = 0.03

@@ -145,6 +145,13 @@ def test_quiet_and_slow_loops_under_slow_loads(kind: str, seed: int) -> None:
     assert answer.first.name == kind
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("sliding_valve", 8215), ("sticky_valve", 8222)])
+def test_a_sticky_valve_under_noise_that_asks_for_a_long_model(kind: str, seed: int) -> None:
+    loop = draw_paced(kind, seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.first.name == "sticky_valve"
+
+
 def test_a_quiet_loop_has_a_json_form_of_the_contract() -> None:
     answer = found(run())
     assert answer.first.name == "quiet"

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis_families.tuning.paced import draw_paced
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.replay import Replay
 from estimator.diagnosis.tuning_rules import largest_integral_gain, simc
+from estimator.valves.laws import stem_of
 from fieldlink.diagnosis import Controller, diagnose
 from loop_model import ProcessModel
 from tests.closed_loop import run
@@ -65,6 +68,32 @@ def test_a_record_replayed_under_its_own_controller_is_the_record() -> None:
     op, pv = Replay.of(process, loop.op, loop.pv).run(RUNNING, loop.sp)
     assert np.std(loop.sp - pv) == pytest.approx(np.std(loop.sp - loop.pv), rel=0.02)
     assert np.abs(op - loop.op)[200:].max() < 0.5
+
+
+@pytest.mark.parametrize("law", ["he", "sliding"])
+def test_a_replayed_valve_moves_by_the_law_that_was_found(law: str) -> None:
+    # PV is the stem of the sample before and a wave; the controller integrates
+    follows = ProcessModel((0.0,), (1.0,), 1, 0.0, 1.0)
+    integral = replace(RUNNING, gain=0.0, integral_rate=1.0)
+    friction = (1.6, 0.4)
+    wave = 0.5 * np.sin(2.0 * np.pi * np.arange(400) / 80.0)
+    op, pv = Replay(follows, 0.0, wave).run(
+        integral, np.zeros(wave.size), friction=friction, slides=law == "sliding"
+    )
+    stem = (pv - wave)[1:]
+    assert np.ptp(stem) > 2.0
+    assert stem == pytest.approx(stem_of(op, law, (2.0, 1.2, float(stem[0])))[:-1])
+
+
+@pytest.mark.parametrize("seed", [8216, 8222])
+def test_the_range_holds_the_error_of_a_valve_that_slides(seed: int) -> None:
+    loop = draw_paced("sliding_valve", seed)
+    told = diagnose(loop.op, loop.pv, loop.sp, period=loop.period).tuning
+    assert told is not None
+    new = draw_paced("sliding_valve", seed, settings=(
+        told["gain"], told["integral_time_s"] / loop.period))  # fmt: skip
+    error = float(np.std(new.sp - new.pv))
+    assert told["predicted_error_std_low"] <= error <= told["predicted_error_std_high"]
 
 
 def test_new_settings_do_what_was_predicted() -> None:

@@ -1,7 +1,8 @@
 """Loops for proposed settings: more kinds of processes, loads and noise than `singles` draws.
 
 Between two scans the process moves in ten steps: lags in any number, a dead time of any length, an
-actuator with a lag of its own, an inverse response. Loads enter before or behind the process.
+actuator with a lag of its own, an inverse response. Loads enter before or behind the process. A
+sticky valve slips (He et al. 2007) or slides on while OP goes on (Kano et al. 2004).
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from benchmarks.diagnosis_families.tuning.singles import log_uniform, red
 
 __all__ = ["KINDS", "WARM", "Plant", "draw_advised", "simulate", "time_scale"]
 
-KINDS = ("well", "tight_tuning", "slow_tuning", "external_oscillation", "sticky_valve")
+KINDS = (
+    "well", "tight_tuning", "slow_tuning", "external_oscillation", "sticky_valve", "sliding_valve",
+)  # fmt: skip
 WARM = 600
 """Scans before the record begins."""
 _STEPS = 10
@@ -43,8 +46,9 @@ class Plant:
 
 @njit(cache=True)
 def _run(  # type: ignore[no-untyped-def]
-    gain, lags, dead, integrating, inverse, actuator, kc, ti, stick, jump, load, behind, noise, sp
-):
+    gain, lags, dead, integrating, inverse, actuator, kc, ti, stick, jump, slides,
+    load, behind, noise, sp,
+):  # fmt: skip
     n = sp.size
     out = np.empty((3, n))
     states = np.zeros(lags.size)
@@ -52,7 +56,7 @@ def _run(  # type: ignore[no-untyped-def]
     buffer = np.zeros(dead + 1)
     op, stem = 50.0, 50.0
     static, slide = 0.5 * (stick + jump), 0.5 * (stick - jump)
-    last, at = 0.0, 0
+    last, at, way, older = 0.0, 0, 0.0, 50.0
     for k in range(n):
         clean = level if integrating else (states[-1] if lags.size else 0.0)
         pv = (1.0 + inverse) * clean - inverse * quick + behind[k] + noise[k]
@@ -60,11 +64,14 @@ def _run(  # type: ignore[no-untyped-def]
         if k:
             op = min(max(op + kc * (e - last + e / ti), 0.0), 100.0)
         last = e
-        gap = op - stem
-        if gap > static:
-            stem = op - slide
-        elif gap < -static:
-            stem = op + slide
+        gap, goes_on = op - stem, way * (op - older) > 0.0
+        older = op
+        if gap > static or (goes_on and way > 0.0):
+            stem, way = op - slide, slides
+        elif gap < -static or (goes_on and way < 0.0):
+            stem, way = op + slide, -slides
+        else:
+            way = 0.0
         out[0, k], out[1, k], out[2, k] = op, pv, stem
         for _ in range(_STEPS):
             if actuator > 0.0:
@@ -182,10 +189,13 @@ def simulate(
     settings: tuple[float, float],
     valve: tuple[float, float],
     put_in: tuple[Floats, Floats, Floats, Floats],
+    *,
+    slides: bool = False,
 ) -> tuple[Floats, Floats]:
+    """OP and PV behind the warm-up; ``valve`` is S and J."""
     op, pv, _ = _run(
         plant.gain, np.array(plant.lags), round(_STEPS * plant.dead), plant.integrating,
-        plant.inverse, plant.actuator, *settings, *valve, *put_in,
+        plant.inverse, plant.actuator, *settings, *valve, float(slides), *put_in,
     )[:, WARM:]  # fmt: skip
     return op, pv
 
@@ -208,18 +218,19 @@ def draw_advised(
         elif kind == "slow_tuning":
             share = log_uniform(rng, 0.08, 0.3)
             kc, ti = kc * share, ti / (share if plant.integrating else 1.0)
-        stick = log_uniform(rng, 3.0, 12.0) if kind == "sticky_valve" else 0.0
+        sticks, slides = kind in ("sticky_valve", "sliding_valve"), kind == "sliding_valve"
+        stick = log_uniform(rng, 3.0, 12.0) if sticks else 0.0
         jump = stick * rng.uniform(0.2, 1.0)
         put_in = _disturb(plant, rng, n, kind)
         scan = float(rng.choice([1.0, 2.0, 5.0]))
-        op, pv = simulate(plant, (kc, ti), (stick, jump), put_in)
+        op, pv = simulate(plant, (kc, ti), (stick, jump), put_in, slides=slides)
         if not np.isfinite(pv).all() or np.mean((op <= 0.0) | (op >= 100.0)) > 0.0:
             continue
         if settings is not None:
             kc, ti = settings
-            op, pv = simulate(plant, settings, (stick, jump), put_in)
+            op, pv = simulate(plant, settings, (stick, jump), put_in, slides=slides)
         _, _, noise, sp = put_in
-        causes = () if kind == "well" else (kind,)
+        causes = ("sticky_valve",) if sticks else () if kind == "well" else (kind,)
         return LoopRecord(
             f"{kind}-{seed}", causes, op, pv, sp[WARM:], np.ones(samples, dtype=bool), scan,
             (kc, ti * scan, 0.0), float(np.std(noise)), math.nan,

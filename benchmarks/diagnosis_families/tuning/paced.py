@@ -1,10 +1,11 @@
-"""Quiet and slow loops under loads of every pace, with dead times from short to long.
+"""Quiet, slow and sticky loops under loads of every pace, with dead times from short to long.
 
 Well tuned is what SIMC gives with a closed-loop time constant of one to three dead times (Skogestad
 2003, as improved by Grimholt and Skogestad 2012 for long dead times). Slow is a fifth to a
 fifteenth of the integral gain that one dead time gives, by a small gain, a long integral time, or
 both. What lies between is neither and is not drawn. A slow loop counts as such where SIMC's
-settings would halve the squared error of its own record.
+settings would halve the squared error of its own record. A valve that sticks (slips, or slides) is
+in a loop that is tuned well.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from benchmarks.diagnosis_families.tuning.singles import log_uniform, red
 
 __all__ = ["KINDS", "draw_paced"]
 
-KINDS = ("quiet", "slow_tuning")
+KINDS = ("quiet", "slow_tuning", "sticky_valve", "sliding_valve")
 _ATTEMPTS = 80
 _REMOVED = 0.5
 """Share of the squared error that good settings take from a loop that is slow on its record."""
@@ -129,21 +130,28 @@ def draw_paced(
                 sp[one:] = steady * rng.uniform(-3.0, 3.0)
         scan = float(rng.choice([1.0, 2.0, 5.0]))
         put_in = load, behind, noise, sp
-        op, pv = simulate(plant, (kc, ti), (0.0, 0.0), put_in)
+        sticks, slides = kind in ("sticky_valve", "sliding_valve"), kind == "sliding_valve"
+        stick = log_uniform(rng, 3.0, 12.0) if sticks else 0.0
+        valve = (stick, stick * rng.uniform(0.2, 1.0)) if sticks else (0.0, 0.0)
+        op, pv = simulate(plant, (kc, ti), valve, put_in, slides=slides)
         better = simulate(plant, good, (0.0, 0.0), put_in)[1]
         if not np.isfinite(pv).all() or np.mean((op <= 0.0) | (op >= 100.0)) > 0.0:
             continue
         left = float(np.mean((sp[WARM:] - better) ** 2) / np.mean((sp[WARM:] - pv) ** 2))
         if kind == "slow_tuning" and left > 1.0 - _REMOVED:
             continue
+        if sticks and np.ptp(op) < stick:
+            continue
         if settings is not None:
             kc, ti = settings
-            op, pv = simulate(plant, settings, (0.0, 0.0), put_in)
+            op, pv = simulate(plant, settings, valve, put_in, slides=slides)
         return LoopRecord(
-            f"{kind}-{seed}", (kind,), op, pv, sp[WARM:], np.ones(samples, dtype=bool), scan,
+            f"{kind}-{seed}", ("sticky_valve" if sticks else kind,), op, pv, sp[WARM:],
+            np.ones(samples, dtype=bool), scan,
             (kc, ti * scan, 0.0), float(np.std(noise)), math.nan,
             f"gain {plant.gain:.3g}, lags {[round(v, 1) for v in plant.lags]}, dead "
             f"{plant.dead:.1f}{', integrating' if plant.integrating else ''}, integral gain "
-            f"{kc / ti / (good[0] / good[1]):.2f} of SIMC's, which leaves {left:.2f}",
+            f"{kc / ti / (good[0] / good[1]):.2f} of SIMC's, which leaves {left:.2f}, "
+            f"S {valve[0]:.1f} J {valve[1]:.1f}",
         )  # fmt: skip
     raise RuntimeError(f"no sensible loop for {kind} {seed} in {_ATTEMPTS} draws")

@@ -1,0 +1,202 @@
+"""How much more integral gain a record leaves room for: a posterior, over processes and loads.
+
+A loop whose load is smooth and a slow loop whose load jumps give nearly one control error. They
+differ in what the controller does to the noise of the transmitter and to fast loads: a fast loop
+shapes them after its dead time, a slow one leaves them as they are. That shows only where the noise
+model can be nothing but a load and a transmitter. Therefore a lag (or an integrator) with a dead
+time is fitted beside a load of one corner (one pole, or two equal ones), entering before or behind
+the process, and white noise on PV. Every structure and dead time counts by its likelihood.
+
+The fit is a prediction error method with the true noise structure, so feedback does not bias it
+(Ljung 1999, section 13.4). The innovations filter is the spectral factor of load plus noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import lfilter
+
+from estimator.arrays import Array
+from estimator.diagnosis.controller import Controller
+from estimator.diagnosis.facts import Limits
+from estimator.diagnosis.linear_loop import LinearLoop
+from estimator.diagnosis.loop_record import LoopRecord
+from estimator.diagnosis.settings import DiagnosisSettings, Headroom
+from estimator.diagnosis.tuning_rules import simc
+from loop_model import ProcessModel
+
+__all__ = ["headroom_of", "probability_of_headroom"]
+
+_IMPOSSIBLE = 1e12
+_GAIN_POINTS = (-1.28, -0.52, 0.0, 0.52, 1.28)
+"""Five equally likely points of a normal distribution: the gain is spread by its deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Structure:
+    """``order`` poles of the load, ``behind`` the process or before it, and its kind."""
+
+    order: int
+    behind: bool
+    integrating: bool
+
+
+_STRUCTURES = tuple(
+    _Structure(order, behind, integrating)
+    for order, behind, integrating in product((1, 2), (False, True), (False, True))
+    # behind an integrator a load wanders like one before it
+    if not (behind and integrating)
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """Minus log-likelihood and gain with its deviation of every dead time, ``(d,)``, from 1 on."""
+
+    costs: Array
+    gains: Array
+    deviations: Array
+
+
+def headroom_of(
+    record: LoopRecord,
+    controller: Controller | None,
+    predictable: tuple[float, float],
+    limits: Limits,
+    settings: DiagnosisSettings,
+) -> float:
+    """The probability where the error lasts, so that slow tuning may be why; else NaN."""
+    one, two = np.nan_to_num(predictable)
+    lasts = two > settings.judging.slow or one + two > settings.judging.lingering
+    by_hand = record.auto is not None and not record.auto.all()
+    if controller is None or record.pv is None or not lasts or by_hand:
+        return math.nan
+    if not record.good.all() or limits.share >= settings.facts.least_limit:
+        return math.nan
+    return probability_of_headroom(
+        record.op, record.pv, controller, record.period, settings.headroom
+    )
+
+
+def probability_of_headroom(
+    op: Array, pv: Array, controller: Controller, period: float, settings: Headroom
+) -> float:
+    """Probability that SIMC's settings have ``settings.slower`` times the integral gain and more.
+
+    Args:
+        op, pv: samples without holes, in automatic and within limits, ``(n,)``.
+        controller: the running one.
+        period: seconds between samples.
+        settings: see `estimator.diagnosis.settings`.
+
+    Returns:
+        The probability; NaN where no process fits that leaves the running loop stable.
+    """
+    size = float(np.std(np.diff(pv)))
+    if size == 0.0 or not np.ptp(op) or not controller.integral_rate:
+        return math.nan
+    u, y = op - op.mean(), (pv - pv.mean()) / size
+    lag = max(2.0, controller.integral_time_s / period)
+    start = np.log([lag, settings.corner, settings.noise])
+    moves = np.vstack([np.zeros(3), np.diag(settings.reach)])
+    weights, slow = [], []
+    for structure in _STRUCTURES:
+        found = minimize(
+            _cost, start, (structure, y, u, settings), method="Nelder-Mead",
+            options={"maxfev": settings.tries, "initial_simplex": start + moves,
+                     "xatol": 0.03, "fatol": 0.1},
+        ).x  # fmt: skip
+        fitted = _fit(found, structure, y, u, settings)
+        if fitted is None:
+            continue
+        process = _process_poles(found, structure)
+        for dead, (cost, gain, deviation) in enumerate(
+            zip(fitted.costs, fitted.gains, fitted.deviations, strict=True), start=1
+        ):
+            for point in _GAIN_POINTS:
+                k = size * (gain + point * deviation)
+                one = ProcessModel((-process[0],), (process[1] * k,), dead, 0.0, period)
+                # a scale that is not known: every octave of dead times is as likely before
+                weights.append(-cost - math.log(dead))
+                slow.append(_headroom(one, controller, settings))
+    chance = np.exp(np.array(weights) - max(weights, default=0.0))
+    ratios = np.array(slow)
+    known = np.isfinite(ratios)
+    if not float(chance[known].sum()) > 0.0:
+        return math.nan
+    return float(chance[known & (ratios >= settings.slower)].sum() / chance[known].sum())
+
+
+def _headroom(process: ProcessModel, controller: Controller, settings: Headroom) -> float:
+    """SIMC's integral gain over the running one; NaN where the running loop would swing."""
+    if sum(process.b) * controller.gain <= 0.0:
+        return math.nan
+    margins = LinearLoop.of(process, controller).margins()
+    if not margins.stable or margins.sensitivity > settings.swings:
+        return math.nan
+    rules = simc(process, controller)
+    return rules[0].integral_rate / controller.integral_rate if rules else math.nan
+
+
+def _process_poles(numbers: Array, structure: _Structure) -> tuple[float, float]:
+    """The pole of the process, and its first step's share of the gain."""
+    if structure.integrating:
+        return 1.0, 1.0
+    pole = math.exp(-math.exp(-float(numbers[0])))
+    return pole, 1.0 - pole
+
+
+def _innovations_filter(numbers: Array, structure: _Structure) -> tuple[Array, Array] | None:
+    """Numerator and denominator that whiten load plus noise; None where there is none."""
+    lag, corner, noise = (float(v) for v in numbers)
+    load = np.array([1.0, -math.exp(-math.exp(-corner))])
+    if structure.order == 2:
+        load = np.convolve(load, load)
+    pole, _ = _process_poles(np.array([lag]), structure)
+    poles = load if structure.behind else np.convolve(load, [1.0, -pole])
+    response = lfilter([1.0], poles, np.eye(1, 2000)[0])
+    both = math.exp(noise) * np.convolve(poles, poles[::-1])
+    both[poles.size - 1] += 1.0 / float(response @ response)
+    roots = np.roots(both)
+    inside = roots[np.abs(roots) < 1.0]
+    if inside.size != poles.size - 1:
+        return None
+    return poles, np.real(np.poly(inside))
+
+
+def _cost(numbers: Array, structure: _Structure, y: Array, u: Array, settings: Headroom) -> float:
+    fitted = _fit(numbers, structure, y, u, settings)
+    return _IMPOSSIBLE if fitted is None else float(fitted.costs.min())
+
+
+def _fit(
+    numbers: Array, structure: _Structure, y: Array, u: Array, settings: Headroom
+) -> _Fitted | None:
+    """The gain at every dead time, level and straight line left free."""
+    if np.abs(numbers).max() > settings.farthest:
+        return None
+    found = _innovations_filter(numbers, structure)
+    if found is None:
+        return None
+    top, bottom = found
+    pole, step = _process_poles(numbers, structure)
+    late, first = settings.dead_times, settings.first
+    response = lfilter([step], [1.0, -pole], u - u[0])
+    shared = [np.ones(y.size)]
+    if structure.integrating:
+        shared.append(np.arange(y.size) / y.size)
+    whitened = lfilter(top, bottom, np.vstack([y - y[0], response, *shared]), axis=1)
+    level, _ = np.linalg.qr(whitened[2:, first:].T)
+    target = whitened[0, first:]
+    target = target - level @ (level.T @ target)
+    delayed = np.stack([whitened[1, first - d : y.size - d] for d in range(1, late + 1)], axis=1)
+    delayed = delayed - level @ (level.T @ delayed)
+    along, power = delayed.T @ target, np.sum(delayed**2, axis=0) + 1e-300
+    n = target.size
+    squares = np.maximum(target @ target - along**2 / power, 1e-300)
+    return _Fitted(0.5 * n * np.log(squares / n), along / power, np.sqrt(squares / n / power))

@@ -1,0 +1,48 @@
+"""Slow tuning beside smooth loads: what the record leaves room for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis_families.tuning.paced import draw_paced
+from benchmarks.diagnosis_families.tuning.singles import draw_loop
+from estimator.diagnosis.headroom import probability_of_headroom
+from estimator.diagnosis.settings import Headroom
+from fieldlink.diagnosis import diagnose, read_controller
+from tests.closed_loop import run
+
+
+def probability(gain: float, seed: int) -> float:
+    # the robust gain for this process is about 1
+    loop = run(gain=gain, integral_time=12.0, seed=seed)
+    controller = read_controller(loop.op, loop.pv, loop.sp, period=1.0)
+    assert controller is not None
+    return probability_of_headroom(loop.op, loop.pv, controller, 1.0, Headroom())
+
+
+def test_a_tenth_of_the_robust_gain_leaves_room_and_the_robust_one_none() -> None:
+    seeds = range(1, 6)
+    assert np.median([probability(1.0, seed) for seed in seeds]) < 0.2
+    assert np.median([probability(0.1, seed) for seed in seeds]) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("quiet", seed) for seed in (8202, 8208, 8215)]
+    + [("slow_tuning", seed) for seed in (8210, 8221, 8225, 8324, 8339)],
+)
+def test_smooth_loads_and_slow_tuning_are_told_apart_where_noise_shows_it(
+    kind: str, seed: int
+) -> None:
+    loop = draw_paced(kind, seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.first.name == kind
+
+
+@pytest.mark.parametrize("kind", ["quiet", "slow_tuning"])
+def test_where_neither_is_likely_a_set_point_step_is_asked_for(kind: str) -> None:
+    loop = draw_loop((kind,), {"quiet": 8303, "slow_tuning": 8330}[kind])
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.first.name == "undetermined"
+    assert "set-point" in answer.first.action
