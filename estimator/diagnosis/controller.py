@@ -22,6 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
+from estimator.diagnosis.controller_fits import (
+    TIE,
+    Fit,
+    fit_columns,
+    fit_instrumented,
+    triangle_of,
+)
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import DIAGNOSIS, Reading
 
@@ -78,21 +85,6 @@ class Controller:
             "explained": self.explained,
             "exact": self.exact,
         }
-
-
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    terms: tuple[str, ...]
-    delay: int
-    coefficients: Array
-    squares: float
-    rows: int
-
-    def cost(self, floor: float) -> float:
-        """BIC in nats."""
-        return 0.5 * self.rows * math.log(self.squares / self.rows + floor) + 0.5 * len(
-            self.terms
-        ) * math.log(self.rows)
 
 
 _CANDIDATES = (
@@ -199,35 +191,29 @@ def _columns(u: Array, y: Array, e: Array, delay: int) -> dict[str, Array]:
     }
 
 
-def _best(u: Array, y: Array, e: Array, rows: Mask, settings: Reading) -> _Fit | None:
+def _best(u: Array, y: Array, e: Array, rows: Mask, settings: Reading) -> Fit | None:
     """The likeliest of the shortest forms by plain least squares on OP's moves."""
     moves = (u[3:] - u[2:-1])[rows[3:]]
     if float(np.ptp(moves)) == 0.0:
         return None
     floor = settings.resolution * float(np.mean(moves**2))
-    found = []
+    best, least = None, math.inf
     for delay in (0, 1):
-        columns = _columns(u, y, e, delay)
+        columns = {term: one[rows[3:]] for term, one in _columns(u, y, e, delay).items()}
+        triangle = triangle_of([*columns.values(), moves])
+        short = dict(zip(columns, triangle.T, strict=False))
         for terms in _CANDIDATES:
-            design = np.stack([columns[t][rows[3:]] for t in (*terms, "one")], axis=1)
-            scale = np.sqrt(np.mean(design**2, axis=0)) + 1e-300
-            solution = np.linalg.lstsq(design / scale, moves, rcond=1e-10)[0] / scale
-            left = moves - design @ solution
-            fit = _Fit(terms, delay, solution, float(left @ left), moves.size)
-            if _is_sensible(fit):
-                found.append(fit)
-    return min(found, key=lambda fit: fit.cost(floor), default=None)
+            fit = fit_columns(terms, delay, short, triangle[:, -1], moves.size)
+            if fit.is_sensible and (cost := fit.cost(floor)) < least - TIE:
+                best, least = (fit, columns), cost
+    if best is None:
+        return None
+    fit, columns = best
+    # once more from the rows: the cycle of a sticky valve, simulated, multiplies rounding
+    return fit_columns(fit.terms, fit.delay, columns, moves, moves.size)
 
 
-def _is_sensible(fit: _Fit) -> bool:
-    """All terms of one sign, a filter's pole between 0 and 1."""
-    values = dict(zip(fit.terms, fit.coefficients, strict=False))
-    pole = values.pop("f", 0.0)
-    signs = {math.copysign(1.0, v) for v in values.values() if v != 0.0}
-    return len(signs) == 1 and 0.0 <= pole < 0.98
-
-
-def _controller(fit: _Fit, period: float, explained: float, *, exact: bool) -> Controller:
+def _controller(fit: Fit, period: float, explained: float, *, exact: bool) -> Controller:
     values = dict(zip(fit.terms, (float(v) for v in fit.coefficients), strict=False))
     pole = values.get("f", 0.0)
     gain = (values.get("p", values.get("ppv", 0.0))) / (1.0 - pole)
@@ -257,7 +243,7 @@ def _read_noisy(
     u: Array, e: Array, rows: Mask, period: float, settings: Reading
 ) -> Controller | None:
     """PI or P settings from sums over several samples, instrumented by the record before them."""
-    found: list[tuple[float, _Fit, float]] = []
+    best, found = -math.inf, None
     n = u.size
     sums = np.concatenate([[0.0], np.cumsum(e)])
     whole = np.concatenate([[0], np.cumsum(~rows)])
@@ -279,21 +265,21 @@ def _read_noisy(
             e[k - 1 - reach // 2] - e[k - reach - reach // 2],
             u[k - 1] - u[k - reach] if reach > 1 else u[k - 1] - u[k - 2],
         ]
-        for terms, columns in ((("p", "i"), [p, i]), (("p",), [p]), (("i",), [i])):
-            design = np.stack([*columns, np.ones(k.size)], axis=1)
-            design = design - design.mean(axis=0) * np.array([1.0] * len(columns) + [0.0])
-            tools = np.stack([*before, np.ones(k.size)], axis=1)
-            tools = tools / (tools.std(axis=0) + np.abs(tools.mean(axis=0)) + 1e-300)
-            fitted = tools @ np.linalg.lstsq(tools, design, rcond=None)[0]
-            solution = np.linalg.lstsq(fitted, moves, rcond=None)[0]
-            left = moves - design @ solution
-            total = float(np.sum((moves - moves.mean()) ** 2))
-            fit = _Fit(terms, 0, solution, float(left @ left), k.size)
-            if total > 0.0 and _is_sensible(fit):
-                found.append((1.0 - fit.squares / total - 0.01 * len(terms), fit, total))
-    if not found:
+        ones = np.ones(k.size)
+        tools = np.stack([*before, ones], axis=1)
+        tools = tools / (tools.std(axis=0) + np.abs(tools.mean(axis=0)) + 1e-300)
+        columns = np.stack([p, i, ones], axis=1)
+        columns = columns - columns.mean(axis=0) * np.array([1.0, 1.0, 0.0])
+        total = float(np.sum((moves - moves.mean()) ** 2))
+        if not total > 0.0:
+            continue
+        triangle = triangle_of([*tools.T, *columns.T, moves])
+        parts = triangle[:, :5], triangle[:, 5:8], triangle[:, 8]
+        for terms, used in ((("p", "i"), [0, 1, 2]), (("p",), [0, 2]), (("i",), [1, 2])):
+            fit = fit_instrumented(terms, used, *parts, k.size)
+            share = 1.0 - fit.squares / total - 0.01 * len(terms)
+            if fit.is_sensible and share > best + TIE:
+                best, found = share, (terms, used, tools, columns, moves, k.size)
+    if found is None or best < settings.least_explained:
         return None
-    explained, fit, _ = max(found, key=lambda one: one[0])
-    if explained < settings.least_explained:
-        return None
-    return _controller(fit, period, explained, exact=False)
+    return _controller(fit_instrumented(*found), period, best, exact=False)

@@ -50,6 +50,7 @@ def diagnose(
     auto: ArrayLike | None = None,
     period: float = 1.0,
     advice: bool = True,
+    figures: bool = True,
     valve_is_healthy: bool = False,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
@@ -62,6 +63,7 @@ def diagnose(
         auto: non-zero where the controller is in automatic, shape ``(n,)``, optional.
         period: seconds between samples.
         advice: whether to propose settings and simulate them.
+        figures: whether to compute the indices that no cause needs; without them there are none.
         valve_is_healthy: whether `estimator.identify` has judged this window's valve healthy; it
             is not judged a second time.
         settings: every chosen number; see `estimator.diagnosis.settings`.
@@ -80,12 +82,12 @@ def diagnose(
         limits = limits_of(record.op, record.op - record.op.mean(), None,
                            np.zeros(record.op.size, dtype=bool), settings.facts)  # fmt: skip
         gathered = Gathered(swing=swing, signal=signal, limits=limits, has_pv=False)
-        figures = figures_of(
+        indices = figures_of(
             record.op, None, None, None, record.auto, period, None, swing, limits, None
         )
-        figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
+        indices["bicoherence"] = _nonlinearity(record, swing, signal, settings)
         return Diagnosis(
-            rank_causes(gathered, settings), swing, signal, figures, None, None, record.op.size,
+            rank_causes(gathered, settings), swing, signal, indices, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
     error = record.error
@@ -129,27 +131,16 @@ def diagnose(
         removable=removable_share(error, explained, loop, controller, period, settings),
         headroom=headroom_of(cut, controller, predictable, limits, settings),
     )
-    dead = None
-    if explained is not None and explained.model is not None:
-        dead = max(1, round(explained.model.dead_time * explained.model.period / period))
-    figures = figures_of(
-        record.op, record.pv, error, record.sp, record.auto, period, dead, swing, limits,
-        sensor,
-    )  # fmt: skip
     proposal = None
     if advice and explained is not None and controller is not None:
         proposal = _advise(
             cut, explained, controller, limits, rank_causes(gathered, settings), settings
         )
-    figures |= _shares(explained, loop, proposal)
-    figures["bicoherence"] = _nonlinearity(record, swing, signal, settings)
-    figures["amplification_at_period"] = gathered.amplification()[0]
-    figures["amplification_beside_wave"] = gathered.amplification_beside_wave()
     return Diagnosis(
         causes=rank_causes(gathered, settings, proposal),
         oscillation=swing,
         oscillating=signal,
-        indices=figures,
+        indices=_figures(record, gathered, proposal, settings) if figures else {},
         controller=controller,
         tuning=None if proposal is None else proposal.to_dict(),
         samples=record.op.size,
@@ -172,7 +163,9 @@ def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscil
     calm = record.error
     if calm is not None:
         calm = without_setpoint_steps(calm, record.sp)
-    for name, values in (("error", calm), ("pv", record.pv), ("op", record.op)):
+    # about a constant set-point PV is the error upside down
+    pv = None if record.sp is None or np.ptp(record.sp) == 0.0 else record.pv
+    for name, values in (("error", calm), ("pv", pv), ("op", record.op)):
         if values is None:
             continue
         found = detect_oscillation(values, period=record.period, settings=settings.swinging)
@@ -268,6 +261,23 @@ def _advise(
         RecordedLoop.of(cut.pv, sp, explained.stem, ends, valve, slides=explained.slides),
         settings.advising,
     )
+
+
+def _figures(
+    record: LoopRecord, found: Gathered, proposal: Advice | None, settings: DiagnosisSettings
+) -> Mapping[str, float]:
+    explained, dead = found.explained, None
+    if explained is not None and explained.model is not None:
+        dead = max(1, round(explained.model.dead_time * explained.model.period / record.period))
+    indices = figures_of(
+        record.op, record.pv, record.error, record.sp, record.auto, record.period, dead,
+        found.swing, found.limits, found.sensor,
+    )  # fmt: skip
+    indices |= _shares(explained, found.loop, proposal)
+    indices["bicoherence"] = _nonlinearity(record, found.swing, found.signal, settings)
+    indices["amplification_at_period"] = found.amplification()[0]
+    indices["amplification_beside_wave"] = found.amplification_beside_wave()
+    return indices
 
 
 def _shares(

@@ -137,7 +137,7 @@ def explain(
     sign = math.copysign(1.0, action) if abs(action) > modelling.action_t else 0.0
     case = Case(rows_of(window, sign, modelling), settings)
     as_recorded = None
-    if late:
+    if late and not valve_is_healthy:
         recorded = harmonise(given, pv, sp, auto, period, settings.screening)
         as_recorded = replace(case, rows=rows_of(recorded, sign, modelling))
     valve, plain = judge_valve(

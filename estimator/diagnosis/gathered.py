@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from estimator.diagnosis.settings import DiagnosisSettings
 __all__ = ["Gathered"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Gathered:
     """Everything that was found about a loop.
 
@@ -75,6 +76,10 @@ class Gathered:
 
     def amplification(self) -> tuple[float, float]:
         """How the loop amplifies a disturbance at the oscillation's period, and Ms."""
+        return self._amplification
+
+    @cached_property
+    def _amplification(self) -> tuple[float, float]:
         if self.loop is None:
             return math.nan, math.nan
         margins = self.loop.margins()

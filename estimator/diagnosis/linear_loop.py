@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ Complex = NDArray[np.complex128]
 
 _GRID = np.geomspace(2e-4, 0.5, 1500)
 """Frequencies at which margins are read, cycles a sample."""
+
+_TURNS = np.exp(-2j * math.pi * _GRID)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +49,7 @@ class Margins:
     stable: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LinearLoop:
     """Process ``q^-d B/A`` and controller ``R/T`` as polynomials in ``q^-1``.
 
@@ -79,11 +82,11 @@ class LinearLoop:
 
     def process_response(self, frequency: Array) -> Complex:
         """Frequency response of the process."""
-        return _ratio(self.b, self.a, frequency)
+        return _ratio(self.b, self.a, np.exp(-2j * math.pi * frequency))
 
     def open_loop(self, frequency: Array) -> Complex:
         """Frequency response of process and controller in series."""
-        return _ratio(self.b, self.a, frequency) * _ratio(self.r, self.t, frequency)
+        return self._open_loop(np.exp(-2j * math.pi * frequency))
 
     def sensitivity(self, frequency: Array) -> Complex:
         """From a disturbance on PV to PV in closed loop."""
@@ -97,7 +100,7 @@ class LinearLoop:
 
     def closed_poles(self) -> Complex:
         """Poles of the closed loop."""
-        return np.asarray(np.roots(self.characteristic()), dtype=np.complex128)
+        return self._poles
 
     def swing(self) -> tuple[float, float]:
         """Period in samples and damping ratio of the least damped swinging pole; (inf, 1) if none.
@@ -115,8 +118,15 @@ class LinearLoop:
 
     def margins(self) -> Margins:
         """Gain margin, phase margin and largest sensitivity."""
-        f = _GRID
-        found = self.open_loop(f)
+        return self._margins
+
+    @cached_property
+    def _poles(self) -> Complex:
+        return np.asarray(np.roots(self.characteristic()), dtype=np.complex128)
+
+    @cached_property
+    def _margins(self) -> Margins:
+        found = self._open_loop(_TURNS)
         turned = (np.sign(found.imag[1:]) != np.sign(found.imag[:-1])) & (found.real[1:] < 0.0)
         largest = float(np.max(-found.real[1:][turned])) if turned.any() else 0.0
         size = np.abs(found)
@@ -128,11 +138,13 @@ class LinearLoop:
             gain=1.0 / largest if largest > 0.0 else math.inf,
             phase_deg=float(np.min(np.abs(angles))) if angles.size else math.inf,
             sensitivity=float(amplified[at]),
-            frequency=float(f[at]),
+            frequency=float(_GRID[at]),
             stable=bool(np.abs(self.closed_poles()).max(initial=0.0) < 1.0),
         )
 
+    def _open_loop(self, z: Complex) -> Complex:
+        return _ratio(self.b, self.a, z) * _ratio(self.r, self.t, z)
 
-def _ratio(top: Array, bottom: Array, frequency: Array) -> Complex:
-    z = np.exp(-2j * math.pi * frequency)
+
+def _ratio(top: Array, bottom: Array, z: Complex) -> Complex:
     return np.asarray(np.polyval(top[::-1], z) / np.polyval(bottom[::-1], z))

@@ -279,10 +279,13 @@ def _prominence(power: Array, n: int, frequency: float, settings: Swinging) -> f
         outside[max(0, centre - width - 1) : centre + width + 2] = False
         if int(outside.sum()) >= 4:
             x = np.log(f[outside] / frequency)
-            weight = 1.0 / np.sqrt(f[outside])
-            design = np.stack([np.ones(x.size), x], axis=1) * weight[:, None]
             level = np.log(power[outside] + 1e-300) + _EULER
-            floor = math.exp(float(np.linalg.lstsq(design, level * weight, rcond=None)[0][0]))
+            # bins are equally far apart: an octave of high ones holds more
+            weight = 1.0 / f[outside]
+            weight /= weight.sum()
+            x_mean, mean = float(weight @ x), float(weight @ level)
+            slope = float(weight @ ((x - x_mean) * level)) / float(weight @ (x - x_mean) ** 2)
+            floor = math.exp(mean - slope * x_mean)
             bins = power[max(1, centre - width) : centre + width + 1]
             # a Hann window makes three neighbours worth two
             free = bins.size / 1.5

@@ -15,15 +15,20 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.linear_loop import LinearLoop
 from loop_model import ProcessModel
 
 __all__ = ["largest_integral_gain", "simc"]
 
+Complex = NDArray[np.complex128]
+
 _GRID = np.geomspace(5e-4, 0.5, 400)
 _TIMES = 40
+_GAINS = np.geomspace(1e-4, 1e4, 120)
 _HALVINGS = 28
 _FILTERED = 0.1
 """Time constant of the filter over the derivative time: the usual tenth."""
@@ -40,22 +45,42 @@ def largest_integral_gain(
         return None
     side = math.copysign(1.0, sum(process.b))
     q = np.exp(-2j * math.pi * _GRID)
-    best, found = 0.0, None
-    for time in np.geomspace(0.7, 0.25 / _GRID[0], _TIMES):
-        shape = side * response * (1.0 + 1.0 / (time * (1.0 - q)))
-        gain = _largest_gain(shape, robustness)
-        if gain is not None and gain / time > best:
-            best, found = gain / time, (gain, time)
-    if found is None:
+    times = np.geomspace(0.7, 0.25 / _GRID[0], _TIMES)
+    shapes = side * response * (1.0 + 1.0 / (times[:, None] * (1.0 - q)))
+    best = int(np.argmax(_first_crossings(shapes, robustness) / times))
+    gain = _largest_gain(shapes[best], robustness)
+    if gain is None:
         return None
-    gain, time = found
-    return _controller(running, side * gain, time * process.period, 0.0)
+    return _controller(running, side * gain, times[best] * process.period, 0.0)
 
 
-def _largest_gain(shape: np.ndarray, robustness: float) -> float | None:
+def _first_crossings(shapes: Complex, robustness: float) -> Array:
+    """`_largest_gain` of each row from roots, to rounding; 0 where there is none.
+
+    At each frequency ``|1 + g L|^2`` is a parabola in the gain, below ``1 / Ms^2`` between its
+    roots. What lies between two gains of the table is not seen.
+    """
+    sizes = np.abs(shapes)
+    scale = np.median(sizes, axis=1, keepdims=True)
+    left, squares = -shapes.real / scale, np.square(sizes / scale)
+    space = 1.0 - robustness**-2
+    under = left**2 - space * squares
+    falls = (left > 0.0) & (under > 0.0)
+    sums = left[falls] + np.sqrt(under[falls])
+    low = np.full(shapes.shape, math.inf)
+    low[falls] = space / sums
+    after = np.searchsorted(_GAINS, low)
+    seen = np.zeros(shapes.shape, dtype=bool)
+    seen[falls] = np.append(_GAINS, math.inf)[after[falls]] < sums / squares[falls]
+    first = np.where(seen, low, math.inf).min(axis=1)
+    first[~np.isfinite(first) | (seen & (after == 0)).any(axis=1)] = 0.0
+    return np.asarray(first / scale[:, 0])
+
+
+def _largest_gain(shape: Complex, robustness: float) -> float | None:
     """Largest gain up to which the sensitivity never exceeded ``robustness``."""
     scale = 1.0 / float(np.median(np.abs(shape)))
-    gains = scale * np.geomspace(1e-4, 1e4, 120)
+    gains = scale * _GAINS
     peaks = np.max(1.0 / np.abs(1.0 + gains[:, None] * shape[None]), axis=1)
     # beyond the first crossing the loop is unstable and the peaks mean nothing
     over = np.flatnonzero(peaks > robustness)

@@ -60,6 +60,7 @@ def cause_of(result: Identification, window: Series) -> Cause:
         auto=window.auto,
         period=window.period,
         advice=False,
+        figures=False,
         valve_is_healthy=True,
     ).causes[0]
     return Cause(found.name.value, found.action or found.name.action)
