@@ -103,6 +103,9 @@ class Wire(ModbusProtocol):
             # ValueError: a host name or a serial setting that the system does not take.
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
             raise WireLostError(_reason(error)) from error
+        if self.transport.is_closing():
+            # Lost before it was ours: nobody would wake a request on it.
+            raise WireLostError("the other side closed the connection at once")
 
     def close(self, reconnect: bool = False) -> None:
         """Close the transport at once; it is not opened again by itself."""

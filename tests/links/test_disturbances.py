@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -15,6 +15,7 @@ from fieldlink.links import LinkState, Quality, SystemClock, VirtualClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.clock import Clock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.links.wire import Wire
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
 from tests.links.patience import PATIENCE
@@ -68,6 +69,33 @@ async def test_a_device_that_closes_without_an_answer_is_asked_once(device: Fake
     scan = await link.scan()
     assert not scan.answered
     assert len(device.requests) == 1
+    await link.close()
+
+
+async def test_a_connection_that_is_closed_before_it_is_open_is_no_silent_device(
+    device: FakeDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.accepts = False
+    make = Wire.__init__
+
+    def make_slow(wire: Wire, *given: Any, **named: Any) -> None:
+        make(wire, *given, **named)
+        connect: Any = wire.call_create
+
+        async def connect_slowly() -> Any:
+            made = await connect()
+            # An access list closes what it has accepted; here always before the link goes on.
+            while wire.transport is not None:
+                await asyncio.sleep(0)
+            return made
+
+        wire.call_create = connect_slowly
+
+    monkeypatch.setattr(Wire, "__init__", make_slow)
+    link = link_to(device.port, FAR_APART)
+    scan = await link.scan()
+    assert "the other side closed the connection at once" in str(scan.failures[0])
+    assert link.requests == 0
     await link.close()
 
 
