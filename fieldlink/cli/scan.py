@@ -54,8 +54,7 @@ def scan(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
     """Find out which unit ids answer and which addresses can be read; nothing is written."""
-    from rich.console import Console
-
+    from fieldlink.cli.tables import data_console
     from fieldlink.links.survey import SurveySettings, survey
 
     if out is not None and out.exists():
@@ -79,7 +78,7 @@ def scan(
         pause=pause,
         max_requests=max_requests,
     )
-    errors = Console(stderr=True, highlight=False, markup=False)
+    errors = data_console(stderr=True, highlight=False)
     with errors.status("looking") as status:
 
         def progress(what: str, requests: int) -> None:
@@ -89,7 +88,7 @@ def scan(
     if as_json:
         typer.echo(json.dumps(result.to_dict()))
     else:
-        _print_survey(Console(highlight=False, soft_wrap=True), result)
+        _print_survey(data_console(highlight=False, soft_wrap=True), result)
     if out is not None:
         _write_map(found, result, out, errors)
 
@@ -167,7 +166,9 @@ def _usual_units(found: Target) -> tuple[int, ...]:
 
 
 def _print_survey(console: Console, result: Survey) -> None:
-    console.print(f"[bold]{result.where}[/bold]  {result.requests} requests")
+    from rich.text import Text
+
+    console.print(Text.assemble((result.where, "bold"), f"  {result.requests} requests"))
     for unit in result.units:
         console.print(f"  unit {unit.unit} answers")
         for table in unit.tables:
@@ -180,7 +181,7 @@ def _print_survey(console: Console, result: Survey) -> None:
     if len(result.units) > 3 and len(alike) == 1:
         console.print("  all units answer alike: probably one device that ignores the unit id")
     if not result.complete:
-        console.print(f"[yellow]not complete[/yellow]: {result.note}")
+        console.print(Text.assemble(("not complete", "yellow"), f": {result.note}"))
 
 
 def _describe(table: TableSurvey) -> str:

@@ -126,8 +126,9 @@ def simulate(
 
 
 def _print(simulation: Simulation, results: list[SimulationResult], plot: Path | None) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from fieldlink.cli.tables import data_console
 
     table = Table(title=f"{simulation.plant}, take-over at sample {simulation.take_over}")
     table.add_column("after the take-over")
@@ -155,7 +156,7 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
     for result in results:
         words = f"fell back: {result.fell_back}" if result.fell_back else ""
         add(result.controller, result.after, result.milliseconds[1], words)
-    console = Console()
+    console = data_console()
     console.print(table)
     model = results[0].model
     if model is None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
+from fieldlink.cli.fmu_tables import print_summary
 from fmu_models import PlantFileError, catalogue, fmu_path, summarise
 
 Minis = dict[str, Path]
@@ -82,6 +84,14 @@ def test_command_prints_it_and_as_json(mini_fmus: Minis) -> None:
     assert described["name"] == "ph"
     assert {"op", "pv"} <= {variable["name"] for variable in described["variables"]}
     assert described["warnings"] == []
+
+
+def test_a_description_is_printed_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    odd = replace(summarise(fmu_path("heat")), description="flow [/min] :100:", name="[red]heat")
+    print_summary(odd, every=False)
+    printed = capsys.readouterr().out
+    assert "flow [/min] :100:" in printed
+    assert "[red]heat" in printed
 
 
 def test_a_description_that_would_grow_without_bounds(tmp_path: Path) -> None:
