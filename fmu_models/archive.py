@@ -150,13 +150,17 @@ def extract_fmu(file: Path, folder: Path) -> None:
 
 
 def _check_archive(file: Path) -> None:
-    if file.is_dir():
+    if os.path.isdir(file):
         raise PlantFileError(f"{file}: it is a folder; an FMU is a zip file, so zip its contents")
-    if not file.is_file():
-        raise PlantFileError(f"{file}: there is no such file")
+    if os.path.exists(file) and not os.path.isfile(file):
+        raise PlantFileError(f"{file}: it is a pipe or a device; give a file")
     try:
         with zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
+    except FileNotFoundError as error:
+        raise PlantFileError(f"{file}: there is no such file") from error
+    except PermissionError as error:
+        raise PlantFileError(f"{file}: it cannot be read: {error.strerror}") from error
     except (zipfile.BadZipFile, OSError) as error:
         raise PlantFileError(f"{file}: it is not an FMU (an FMU is a zip file): {error}") from error
     size = sum(entry.file_size for entry in entries)

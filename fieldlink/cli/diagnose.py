@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +55,7 @@ def diagnose(
         raise typer.BadParameter(
             f"{sites[0]} is a site file: give it alone, or recorded loops", param_hint="PATH"
         )
-    several = bool(sites) or len(paths) > 1 or paths[0].is_dir()
+    several = bool(sites) or len(paths) > 1 or os.path.isdir(paths[0])
     if sites:
         from fieldlink.site import load_site
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -30,7 +31,7 @@ def _file(given: Path) -> Path:
     from fmu_models import catalogue, fmu_path
 
     name = str(given)
-    return fmu_path(name) if name in catalogue and not given.exists() else given
+    return fmu_path(name) if name in catalogue and not os.path.exists(given) else given
 
 
 @app.command("info")

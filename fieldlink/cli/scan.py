@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,7 +58,7 @@ def scan(
     from fieldlink.cli.tables import data_console
     from fieldlink.links.survey import SurveySettings, survey
 
-    if out is not None and out.exists():
+    if out is not None and os.path.exists(out):
         raise typer.BadParameter(f"{out} exists; choose another name", param_hint="--out")
     if last < first:
         raise typer.BadParameter(f"{last} is before --first {first}", param_hint="--last")

@@ -11,6 +11,7 @@ column is an error that names its row. Rows are put in the order of time (`row_o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,10 +104,18 @@ class Recording:
 
 
 def files_in(path: Path) -> list[Path]:
-    """Return the recordings of a folder in the order of their names, or the file itself."""
-    if not path.is_dir():
+    """Return the recordings of a folder in the order of their names, or the file itself.
+
+    Raises:
+        RecordingError: the folder cannot be listed.
+    """
+    if not os.path.isdir(path):
         return [path]
-    return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+    try:
+        return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+    except OSError as error:
+        message = f"cannot be listed ({error.strerror})"
+        raise RecordingError([Problem(str(path), "", message, "check its permissions")]) from error
 
 
 def read_recording(
