@@ -13,7 +13,7 @@ from rich.console import Console
 from estimator import Identification, Verdict, identify
 from estimator.result import RunnerUp
 from fieldlink.cli.tables import identification_table, process_text, verdict_text
-from fieldlink.pictures import identification_figure
+from fieldlink.pictures import PictureError, identification_figure, save
 from tests.cli.conftest import Run
 
 OP, PV = np.full(80, 40.0), np.linspace(49.0, 51.0, 80)
@@ -82,6 +82,14 @@ def test_what_looks_like_markup_in_a_name_is_a_name(
     assert done.returncode == 0, done.stderr
     for name in ("[bold]FC1.csv", head, "PV [/h]"):
         assert name in done.stdout
+
+
+def test_a_picture_without_a_format_is_not_written_under_another_name(tmp_path: Path) -> None:
+    with pytest.raises(PictureError, match=r"FC101: the picture has no format; end it in \.png"):
+        save(
+            identification_figure(OP, PV, None, identify(OP, PV), title="FC101"), tmp_path / "FC101"
+        )
+    assert not any(tmp_path.iterdir())
 
 
 def test_several_recordings_are_named_as_their_files(fieldlink: Run, tmp_path: Path) -> None:
