@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import zipfile
 from collections.abc import Iterable
@@ -87,7 +88,19 @@ def parse_description(file: Path) -> Any:
     except Exception as error:  # FMPy raises nothing narrower
         raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {error}") from error
     description.modelName = description.modelName or file.stem
+    _drop_unusable_numbers(description.defaultExperiment)
     return description
+
+
+def _drop_unusable_numbers(experiment: Any) -> None:
+    """Take numbers of the default experiment that are none, or infinite, for not given."""
+    for name in ("startTime", "stopTime", "stepSize", "tolerance"):
+        try:
+            usable = math.isfinite(float(getattr(experiment, name, None) or 0.0))
+        except ValueError:
+            usable = False
+        if not usable:
+            setattr(experiment, name, None)
 
 
 def _check_version(file: Path) -> None:

@@ -47,7 +47,8 @@ def info(
 
     summary = summarise(_file(fmu))
     if as_json:
-        typer.echo(json.dumps(dataclasses.asdict(summary) | {"file": str(summary.file)}))
+        document = dataclasses.asdict(summary) | {"file": str(summary.file)}
+        typer.echo(json.dumps(document))
         return
     print_summary(summary, every)
 
