@@ -30,14 +30,18 @@ FAR_APART = [Tag(f"T{i}", Table.HOLDING, 50 * i, DataType.UINT16) for i in range
 
 
 def link_to(
-    port: int, tags: list[Tag], clock: Clock | None = None, kind: str = "modbus-tcp"
+    port: int,
+    tags: list[Tag],
+    clock: Clock | None = None,
+    kind: str = "modbus-tcp",
+    timeout: float = PATIENCE,
 ) -> ModbusLink:
     device = Device.model_validate(
         {
             "link": kind,
             "host": "127.0.0.1",
             "port": port,
-            "timeout": PATIENCE,
+            "timeout": timeout,
             "register_map": "m.csv",
         }
     )
@@ -227,3 +231,39 @@ async def test_a_gateway_that_closes_after_each_answer_starves_no_loop(waits: bo
     assert 21 <= gateway.served <= 22
     await link.close()
     await gateway.stop()
+
+
+@dataclass
+class NoisyRtu(LoopbackServer):
+    """Sends the same bytes after each request."""
+
+    reply: bytes = b""
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await reader.readexactly(8):
+            writer.write(self.reply)
+
+
+@pytest.mark.parametrize(
+    ("reply", "is_noise"),
+    [
+        (b"\xfc\x80\x00\xf8", True),
+        (bytes([1, 3, 2, 0, 7, 0, 0]), True),
+        (bytes([1, 3, 2, 0]), True),
+        (b"", False),
+        (bytes([2, 3, 2, 0, 7]) + crc(bytes([2, 3, 2, 0, 7])), False),
+    ],
+    ids=["wrong baud rate", "wrong CRC", "half a frame", "silence", "another unit"],
+)
+async def test_noise_on_a_line_is_not_called_silence(reply: bytes, is_noise: bool) -> None:
+    server = NoisyRtu(reply=reply)
+    await server.start()
+    link = link_to(
+        server.port, FAR_APART[:1], kind="modbus-rtu-tcp", timeout=1.0 if is_noise else 0.1
+    )
+    said = str((await link.scan()).failures[0])
+    assert "did not answer within" in said
+    assert ("bytes came that are no whole reply; check the line's baud rate" in said) is is_noise
+    assert ("check the unit id" in said) is not is_noise
+    await link.close()
+    await server.stop()
