@@ -49,6 +49,9 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         PictureError: the ending is unknown, or the file cannot be written.
     """
+    if not path.suffix:
+        # Matplotlib would write FC101.png for FC101, and nobody would look for it there.
+        raise PictureError(f"{path}: the picture has no format; end it in .png, .svg or .pdf")
     try:
         figure.savefig(path, dpi=110)
     except (OSError, ValueError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import zipfile
 from collections.abc import Iterable
@@ -87,7 +88,19 @@ def parse_description(file: Path) -> Any:
     except Exception as error:  # FMPy raises nothing narrower
         raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {error}") from error
     description.modelName = description.modelName or file.stem
+    _drop_unusable_numbers(description.defaultExperiment)
     return description
+
+
+def _drop_unusable_numbers(experiment: Any) -> None:
+    """Take numbers of the default experiment that are none, or infinite, for not given."""
+    for name in ("startTime", "stopTime", "stepSize", "tolerance"):
+        try:
+            usable = math.isfinite(float(getattr(experiment, name, None) or 0.0))
+        except ValueError:
+            usable = False
+        if not usable:
+            setattr(experiment, name, None)
 
 
 def _check_version(file: Path) -> None:
@@ -150,13 +163,17 @@ def extract_fmu(file: Path, folder: Path) -> None:
 
 
 def _check_archive(file: Path) -> None:
-    if file.is_dir():
+    if os.path.isdir(file):
         raise PlantFileError(f"{file}: it is a folder; an FMU is a zip file, so zip its contents")
-    if not file.is_file():
-        raise PlantFileError(f"{file}: there is no such file")
+    if os.path.exists(file) and not os.path.isfile(file):
+        raise PlantFileError(f"{file}: it is a pipe or a device; give a file")
     try:
         with zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
+    except FileNotFoundError as error:
+        raise PlantFileError(f"{file}: there is no such file") from error
+    except PermissionError as error:
+        raise PlantFileError(f"{file}: it cannot be read: {error.strerror}") from error
     except (zipfile.BadZipFile, OSError) as error:
         raise PlantFileError(f"{file}: it is not an FMU (an FMU is a zip file): {error}") from error
     size = sum(entry.file_size for entry in entries)

@@ -82,7 +82,7 @@ def summarise_fmu(file: Path) -> FmuSummary:
 
 def _number(experiment: Any, name: str) -> float | None:
     value = getattr(experiment, name, None) if experiment else None
-    return None if value is None else float(value)
+    return float(value) if value else None
 
 
 def _variable(variable: Any) -> VariableSummary:

@@ -95,7 +95,7 @@ def build_source(
         PlantBuildError: no such file, not in that form, no compiler, compiler's complaints, or
             ``output`` cannot be written.
     """
-    if not source.is_file():
+    if not os.path.isfile(source):
         raise PlantBuildError(f"{source}: there is no such C file")
     chosen = platforms or (host_platform(),)
     model = read_model(source)

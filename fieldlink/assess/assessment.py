@@ -9,6 +9,7 @@ While it runs, the folder holds `run.sqlite`; when it is finished, ``loops.parqu
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -89,7 +90,7 @@ def assess(job: Job, out: Path, choice: EngineChoice, progress: Progress) -> Out
     begun = time.perf_counter()
     _make_folder(out)
     record = out / RECORD
-    if record.is_file() and not (out / RUN_FILE).exists():
+    if os.path.isfile(record) and not os.path.exists(out / RUN_FILE):
         return _finished_before(record, job, out)
     scout = WatchedWorker(job)
     try:
@@ -126,8 +127,8 @@ def _make_folder(out: Path) -> None:
         raise AssessError(
             f"the folder {out} cannot be made ({error.strerror}); name another one with --out"
         ) from error
-    marks = [name for name in (RUN_FILE, RECORD) if (out / name).exists()]
-    others = [name for name in OUTPUTS if (out / name).exists()]
+    marks = [name for name in (RUN_FILE, RECORD) if os.path.exists(out / name)]
+    others = [name for name in OUTPUTS if os.path.exists(out / name)]
     if others and not marks:
         raise AssessError(
             f"the folder {out} holds {others[0]} of something else; name another one with --out"

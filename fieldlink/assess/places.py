@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Place
+from fieldlink.file_at import why_no_file
 
 __all__ = ["place_of"]
 
@@ -23,8 +25,8 @@ def place_of(text: str) -> Place:
 
         return Place("historian", text, shown(text))
     path = Path(text)
-    if not path.exists():
-        raise AssessError(f"there is no file or folder {text}; check the path")
+    if not os.path.isdir(path) and (why := why_no_file(path)):
+        raise AssessError(f"there is no file or folder {text} ({why}); check the path")
     if path.suffix.lower() == ".toml":
         return _described(path, text)
     return Place("files", str(path.absolute()), text)

@@ -64,8 +64,7 @@ def demo(
     """
     import logging
 
-    from rich.console import Console
-
+    from fieldlink.cli.tables import data_console
     from fieldlink.daemon import configure_logging
     from fieldlink.lab.demo.outcome import DemoOutcome
     from fieldlink.lab.demo.report import write_report
@@ -77,7 +76,7 @@ def demo(
         scene = simulated_scene(output, seed=seed)
     else:
         scene = recorded_scene(output, recording)
-    console = Console(stderr=as_json, highlight=False)
+    console = data_console(stderr=as_json, highlight=False)
     view = _View(console, scene.loop)
     _load_kernels(console)
 
@@ -221,7 +220,7 @@ class _View:
         grid.add_row("samples", str(course.status.counts.read))
         grid.add_row("requests", f"{course.requests}, late slots {course.late_slots}")
         grid.add_row("identified", Text(self._found(course).removeprefix(": ") or "-"))
-        return Panel(grid, title=f"loop {self._loop}", title_align="left", width=WIDTH + 20)
+        return Panel(grid, title=Text(f"loop {self._loop}"), title_align="left", width=WIDTH + 20)
 
     @staticmethod
     def _found(course: Course) -> str:

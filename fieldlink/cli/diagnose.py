@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +55,7 @@ def diagnose(
         raise typer.BadParameter(
             f"{sites[0]} is a site file: give it alone, or recorded loops", param_hint="PATH"
         )
-    several = bool(sites) or len(paths) > 1 or paths[0].is_dir()
+    several = bool(sites) or len(paths) > 1 or os.path.isdir(paths[0])
     if sites:
         from fieldlink.site import load_site
 
@@ -102,20 +103,24 @@ def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:
 
 
 def _print_one(name: str, found: Diagnosis) -> None:
-    from rich.console import Console
     from rich.panel import Panel
+    from rich.text import Text
 
-    console = Console()
+    from fieldlink.cli.tables import data_console, labelled
+
+    console = data_console()
     first = found.first
-    console.print(Panel(f"{first.name.words} ({first.weight:.0%})", title=name, expand=False))
+    found_first = f"{first.name.words} ({first.weight:.0%})"
+    console.print(Panel(found_first, title=Text(name), expand=False))
     for cause in found.causes:
-        console.print(f"[bold]{cause.name.words}[/bold], weight {cause.weight:.2f}")
+        weight = f", weight {cause.weight:.2f}"
+        console.print(Text.assemble((cause.name.words, "bold"), weight))
         for sentence in cause.evidence:
             console.print(f"  • {sentence}", highlight=False)
         console.print(f"  {cause.action or cause.name.action}", highlight=False)
     console.print(_figures(found))
     for note in found.notes:
-        console.print(f"[yellow]note[/yellow] {note}")
+        console.print(labelled("note", note))
 
 
 def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
@@ -170,10 +175,12 @@ def _settings_in_words(one: Mapping[str, Any], all_of_it: Mapping[str, Any]) -> 
 
 
 def _print_plant(plant: Plant) -> None:
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    console = Console()
+    from fieldlink.cli.tables import data_console, labelled
+
+    console = data_console()
     table = Table("loop", "cause", "weight", "period / s", "evidence")
     for name, found in plant.loops.items():
         swing = found.oscillation
@@ -186,11 +193,10 @@ def _print_plant(plant: Plant) -> None:
         )
     console.print(table)
     for group in plant.groups:
-        console.print(
-            f"[bold]{', '.join(group.loops)}[/bold] swing together, {group.period_s:.4g} s"
-        )
+        together = f" swing together, {group.period_s:.4g} s"
+        console.print(Text.assemble((", ".join(group.loops), "bold"), together))
         for one in group.candidates[:3]:
             who = one.loop or "outside of these loops"
             console.print(f"  candidate {who} ({one.weight:.0%}): {'; '.join(one.evidence)}")
     for name, reason in plant.refused.items():
-        console.print(f"[yellow]{name}[/yellow] not read: {reason}")
+        console.print(labelled(name, f"not read: {reason}"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -30,7 +31,7 @@ def _file(given: Path) -> Path:
     from fmu_models import catalogue, fmu_path
 
     name = str(given)
-    return fmu_path(name) if name in catalogue and not given.exists() else given
+    return fmu_path(name) if name in catalogue and not os.path.exists(given) else given
 
 
 @app.command("info")
@@ -46,7 +47,8 @@ def info(
 
     summary = summarise(_file(fmu))
     if as_json:
-        typer.echo(json.dumps(dataclasses.asdict(summary) | {"file": str(summary.file)}))
+        document = dataclasses.asdict(summary) | {"file": str(summary.file)}
+        typer.echo(json.dumps(document))
         return
     print_summary(summary, every)
 

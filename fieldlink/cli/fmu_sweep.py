@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,7 +55,7 @@ def sweep(
     from fieldlink.lab.fmu.sweeping import plan_steps, sweep_to_file
     from fmu_models import Sweep, catalogue, fmu_path, summarise
 
-    ours = str(fmu) in catalogue and not fmu.exists()
+    ours = str(fmu) in catalogue and not os.path.exists(fmu)
     summary = summarise(fmu_path(str(fmu)) if ours else fmu)
     values = {name: _values_of(name, text, summary) for name, text in _pairs(grid or [], "--set")}
     if ours:

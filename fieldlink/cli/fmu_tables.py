@@ -20,22 +20,23 @@ _HIDDEN = ("local", "independent")
 
 def print_summary(summary: FmuSummary, every: bool) -> None:
     """Print what an FMU is: facts, variables (``every`` one, or those of its interface), notes."""
-    from rich.console import Console
     from rich.panel import Panel
     from rich.table import Table
+    from rich.text import Text
 
-    console = Console()
-    console.print(
-        Panel(summary.description or "(no description)", title=summary.name, expand=False)
-    )
+    from fieldlink.cli.tables import data_console, labelled
+
+    console = data_console()
+    description = summary.description or "(no description)"
+    console.print(Panel(description, title=Text(summary.name), expand=False))
     stop = "not given" if summary.stop_time is None else f"{summary.stop_time:g} s"
     step = "not given" if summary.step_size is None else f"{summary.step_size:g} s"
-    here = "" if summary.runs_here else "  [red](not this machine)[/red]"
+    here = Text("" if summary.runs_here else "  (not this machine)", style="red")
     facts = Table(box=None, show_header=False, pad_edge=False)
     for name, value in (
         ("FMI", f"{summary.fmi_version}, {', '.join(summary.kinds)}"),
         ("exported by", summary.tool or "-"),
-        ("libraries for", (", ".join(summary.platforms) or "none") + here),
+        ("libraries for", Text.assemble(", ".join(summary.platforms) or "none", here)),
         ("sources", "yes" if summary.has_sources else "no"),
         ("size", f"{summary.bytes / 1024:.0f} kB, {summary.extracted_bytes / 1024:.0f} kB open"),
         ("experiment", f"{summary.start_time:g} s to {stop}, step {step}"),
@@ -53,11 +54,10 @@ def print_summary(summary: FmuSummary, every: bool) -> None:
     if len(shown) > most:
         console.print(f"and {len(shown) - most} more: --all shows them", style="dim")
     for warning in summary.warnings:
-        console.print(f"[yellow]note[/yellow] {warning}", highlight=False)
+        console.print(labelled("note", warning))
 
 
 def _variables_table(shown: Sequence[VariableSummary]) -> Any:
-    from rich.markup import escape
     from rich.table import Table
 
     table = Table(header_style="bold", box=None, pad_edge=False)
@@ -70,27 +70,25 @@ def _variables_table(shown: Sequence[VariableSummary]) -> Any:
         bounds = f"{v.low or '…'} to {v.high or '…'}" if v.low or v.high else ""
         role = f"{v.variability} {v.causality}" if v.causality == "parameter" else v.causality
         cells = (v.name, role, v.type, v.unit, v.start, bounds, what.strip())
-        table.add_row(*map(escape, cells))
+        table.add_row(*cells)
     return table
 
 
 def print_result(result: RunResult) -> None:
     """Print what a run did: notes, a row for each signal, how it ended."""
-    from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
 
-    from fieldlink.cli.tables import number
+    from fieldlink.cli.tables import data_console, labelled, number
 
-    console = Console()
+    console = data_console()
     for note in result.notes:
-        console.print(f"[yellow]note[/yellow] {escape(note)}", highlight=False)
+        console.print(labelled("note", note))
     table = Table(header_style="bold", box=None, pad_edge=False, title=result.model)
     for column in ("tag", "unit", "at the start", "at the end", "lowest", "highest"):
         table.add_column(column)
     for tag, values in list(result.columns.items())[:MOST_ROWS]:
         numbers = (values[0], values[-1], values.min(), values.max())
-        table.add_row(escape(tag), result.units[tag], *map(number, map(float, numbers)))
+        table.add_row(tag, result.units[tag], *map(number, map(float, numbers)))
     console.print(table)
     span = result.time[-1] - result.time[0]
     late = f", {result.late} steps late" if result.late else ""
@@ -98,4 +96,4 @@ def print_result(result: RunResult) -> None:
         f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
     )
     if result.ended is not None:
-        console.print(f"ended in order at {result.time[-1]:g} s: {escape(result.ended)}")
+        console.print(f"ended in order at {result.time[-1]:g} s: {result.ended}")

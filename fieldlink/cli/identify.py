@@ -96,16 +96,16 @@ def identify(
 def _print_summary(
     name: str, recording: Recording, result: Identification, plot: Path | None
 ) -> None:
-    from rich.console import Console
     from rich.panel import Panel
+    from rich.text import Text
 
-    from fieldlink.cli.tables import identification_table, verdict_text
+    from fieldlink.cli.tables import data_console, identification_table, labelled, verdict_text
 
-    console = Console()
+    console = data_console()
     span = f"{result.samples} samples, {result.period_s:g} s apart"
-    console.print(Panel(verdict_text(result), title=name, subtitle=span, expand=False))
+    console.print(Panel(verdict_text(result), title=Text(name), subtitle=span, expand=False))
     for note in recording.notes:
-        console.print(f"[yellow]note[/yellow] {note}")
+        console.print(labelled("note", note))
     console.print(identification_table(result))
     for reason in result.reasons:
         console.print(f"  • {reason}. {reason.advice}")

@@ -39,9 +39,7 @@ def import_(
     ] = False,
 ) -> None:
     """Turn a vendor's list into a register map, with a report of every bad row."""
-    from rich.console import Console
-    from rich.text import Text
-
+    from fieldlink.cli.tables import data_console, labelled
     from fieldlink.printable import as_printable
     from fieldlink.site.map_export import map_as_csv, write_map
     from fieldlink.site.map_import import import_map
@@ -49,11 +47,11 @@ def import_(
     found = import_map(
         file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
     )
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = data_console(stderr=True, highlight=False, soft_wrap=True)
     for note in found.notes:
-        console.print(f"  {as_printable(note)}", markup=False)
+        console.print(f"  {as_printable(note)}")
     for problem in found.problems:
-        console.print(Text.assemble(("bad row", "red"), f" {as_printable(str(problem))}"))
+        console.print(labelled("bad row", str(problem), "red"))
     console.print(
         f"{found.rows} rows, {len(found.tags)} tags, {found.bad_rows} bad rows", style="bold"
     )

@@ -12,6 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from fieldlink.lab.rehearse import Defect, Rehearsal, ScenarioFile
 
@@ -50,13 +51,12 @@ def rehearse(
     """Rehearse what may happen in a plant, before going there. Exit status 1: not as expected."""
     import logging
 
-    from rich.console import Console
-
+    from fieldlink.cli.tables import data_console
     from fieldlink.daemon import configure_logging
     from fieldlink.lab.rehearse import find_scenario, load_scenario, shipped_scenarios
 
     configure_logging(logging.ERROR)
-    console = Console(highlight=False)
+    console = data_console(highlight=False)
     if inject == "list":
         _list_defects(console)
         return
@@ -159,12 +159,16 @@ def _summary(runs: Sequence[Rehearsal], self_test: bool, console: Console) -> No
     console.print(table)
 
 
-def _mark(passed: bool) -> str:
-    return "[green]passed[/green]" if passed else "[red]failed[/red]"
+def _mark(passed: bool) -> Text:
+    from rich.text import Text
+
+    return Text("passed", style="green") if passed else Text("failed", style="red")
 
 
-def _yes(good: bool) -> str:
-    return "yes" if good else "[red]no[/red]"
+def _yes(good: bool) -> Text:
+    from rich.text import Text
+
+    return Text("yes") if good else Text("no", style="red")
 
 
 def _list(files: Sequence[ScenarioFile], console: Console, as_json: bool) -> None:

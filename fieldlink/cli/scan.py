@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,11 +55,10 @@ def scan(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
     """Find out which unit ids answer and which addresses can be read; nothing is written."""
-    from rich.console import Console
-
+    from fieldlink.cli.tables import data_console
     from fieldlink.links.survey import SurveySettings, survey
 
-    if out is not None and out.exists():
+    if out is not None and os.path.exists(out):
         raise typer.BadParameter(f"{out} exists; choose another name", param_hint="--out")
     if last < first:
         raise typer.BadParameter(f"{last} is before --first {first}", param_hint="--last")
@@ -79,7 +79,7 @@ def scan(
         pause=pause,
         max_requests=max_requests,
     )
-    errors = Console(stderr=True, highlight=False, markup=False)
+    errors = data_console(stderr=True, highlight=False)
     with errors.status("looking") as status:
 
         def progress(what: str, requests: int) -> None:
@@ -89,7 +89,7 @@ def scan(
     if as_json:
         typer.echo(json.dumps(result.to_dict()))
     else:
-        _print_survey(Console(highlight=False, soft_wrap=True), result)
+        _print_survey(data_console(highlight=False, soft_wrap=True), result)
     if out is not None:
         _write_map(found, result, out, errors)
 
@@ -167,7 +167,9 @@ def _usual_units(found: Target) -> tuple[int, ...]:
 
 
 def _print_survey(console: Console, result: Survey) -> None:
-    console.print(f"[bold]{result.where}[/bold]  {result.requests} requests")
+    from rich.text import Text
+
+    console.print(Text.assemble((result.where, "bold"), f"  {result.requests} requests"))
     for unit in result.units:
         console.print(f"  unit {unit.unit} answers")
         for table in unit.tables:
@@ -180,7 +182,7 @@ def _print_survey(console: Console, result: Survey) -> None:
     if len(result.units) > 3 and len(alike) == 1:
         console.print("  all units answer alike: probably one device that ignores the unit id")
     if not result.complete:
-        console.print(f"[yellow]not complete[/yellow]: {result.note}")
+        console.print(Text.assemble(("not complete", "yellow"), f": {result.note}"))
 
 
 def _describe(table: TableSurvey) -> str:

@@ -119,15 +119,19 @@ def simulate(
         _draw(simulation, results, plot)
     if as_json:
         typer.echo(
-            json.dumps({"plant": plant, "controllers": [result.to_dict() for result in results]})
+            json.dumps(
+                {"plant": plant, "controllers": [result.to_dict() for result in results]},
+                allow_nan=False,
+            )
         )
         return
     _print(simulation, results, plot)
 
 
 def _print(simulation: Simulation, results: list[SimulationResult], plot: Path | None) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from fieldlink.cli.tables import data_console
 
     table = Table(title=f"{simulation.plant}, take-over at sample {simulation.take_over}")
     table.add_column("after the take-over")
@@ -154,8 +158,9 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
     add("(before)", results[0].before, None, "the plant's own controller")
     for result in results:
         words = f"fell back: {result.fell_back}" if result.fell_back else ""
-        add(result.controller, result.after, result.milliseconds[1], words)
-    console = Console()
+        slowest = None if result.milliseconds is None else result.milliseconds[1]
+        add(result.controller, result.after, slowest, words)
+    console = data_console()
     console.print(table)
     model = results[0].model
     if model is None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from fieldlink.printable import as_printable
 
 if TYPE_CHECKING:
     from estimator import Identification, Interval
@@ -14,8 +17,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "counted",
+    "data_console",
     "identification_table",
     "interval_text",
+    "labelled",
     "number",
     "process_text",
     "verdict_text",
@@ -28,6 +33,16 @@ _WORDS = {
     "no_stiction": "no stiction in this window",
     "not_assessable": "this window cannot show stiction",
 }
+
+
+def data_console(**settings: Any) -> Console:
+    """Return a console that prints names from outside as they are: ``[red]`` or ``:100:`` too."""
+    return Console(markup=False, emoji=False, **settings)
+
+
+def labelled(label: str, text: str, style: str = "yellow") -> Text:
+    """Return text, from outside or not, behind a label in a style."""
+    return Text.assemble((label, style), f" {as_printable(text)}")
 
 
 def number(value: float, digits: int = 4) -> str:

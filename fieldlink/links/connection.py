@@ -198,13 +198,15 @@ class ModbusConnection:
         except TimeoutError as error:
             line.unanswered()
             self._owe(request)
-            raise self._failed(
-                LinkTimeoutError(
-                    self._device,
-                    f"{self._where} did not answer within {self._timeout:g} s while {request.text}",
-                    "check the unit id, or raise the device's timeout",
+            what = f"{self._where} did not answer within {self._timeout:g} s while {request.text}"
+            remedy = "check the unit id, or raise the device's timeout"
+            if wire.heard_noise and not self._settings.numbered:
+                what += "; bytes came that are no whole reply"
+                remedy = (
+                    "check the line's baud rate, parity and stop bits, its cable for noise, or "
+                    "raise the device's timeout"
                 )
-            ) from error
+            raise self._failed(LinkTimeoutError(self._device, what, remedy)) from error
         except WrongReplyError as error:
             line.drop()
             self._owe(request)

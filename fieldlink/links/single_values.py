@@ -14,7 +14,12 @@ from dataclasses import dataclass
 from fieldlink.errors import FieldlinkError
 from fieldlink.links.base import Link, Reading
 from fieldlink.links.clock import SystemClock
-from fieldlink.links.errors import AccessRefusedError
+from fieldlink.links.errors import (
+    AccessRefusedError,
+    ExceptionCode,
+    ExceptionReplyError,
+    LinkError,
+)
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.links.registry import open_link
 from fieldlink.registers import DataType, RegisterValueError, Table, Tag, plan_reads
@@ -29,6 +34,18 @@ __all__ = [
     "words_for",
     "write_point",
 ]
+
+
+_UNSETTLED = frozenset(
+    {
+        ExceptionCode.DEVICE_FAILURE,
+        ExceptionCode.ACKNOWLEDGE,
+        ExceptionCode.GATEWAY_TARGET,
+        ExceptionCode.UNKNOWN,
+    }
+)
+"""Answers to a write that leave open whether it was or will be carried out; the others refuse it
+(Modbus application protocol V1.1b3, section 7)."""
 
 
 class ByHandError(FieldlinkError):
@@ -177,10 +194,26 @@ async def write_point(point: Point, words: Sequence[int]) -> Reading:
     """Write a point once and return what the device holds afterwards.
 
     Raises:
-        LinkError: it was not confirmed; after a `LinkTimeoutError` it may have been carried out.
+        LinkError: it was not confirmed, or could not be read back; says whether it was written.
     """
     tag = point.tag
     link = _link(point, [tag])
+    try:
+        await _write(link, tag, words)
+        scan = await link.scan()
+    finally:
+        await link.close()
+    if scan.failures:
+        failure = scan.failures[0]
+        raise LinkError(
+            failure.device,
+            f"the write was confirmed, but reading it back failed: {failure.what}",
+            "read the value again; the write is not repeated",
+        ) from failure
+    return scan[tag.name]
+
+
+async def _write(link: ModbusLink, tag: Tag, words: Sequence[int]) -> None:
     try:
         if tag.table is Table.COIL:
             await link.write_coils(tag.address, words)
@@ -188,12 +221,12 @@ async def write_point(point: Point, words: Sequence[int]) -> Reading:
             await link.write_register(tag.address, words[0])
         else:
             await link.write_registers(tag.address, words)
-        scan = await link.scan()
-    finally:
-        await link.close()
-    if scan.failures:
-        raise scan.failures[0]
-    return scan[tag.name]
+    except LinkError as error:
+        refused = isinstance(error, ExceptionReplyError) and error.code not in _UNSETTLED
+        if refused or not link.requests:
+            raise
+        remedy = "the write may have been carried out: read the value before you write again"
+        raise LinkError(error.device, error.what, remedy) from error
 
 
 def _reader(point: Point, tags: Sequence[Tag]) -> Link:

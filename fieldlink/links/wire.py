@@ -68,6 +68,7 @@ class Wire(ModbusProtocol):
 
     Attributes:
         answers: requests that were answered on it.
+        heard_noise: whether bytes came since the last request that belong to no whole frame.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class Wire(ModbusProtocol):
         self._buffer = b""
         self._waiting: _Waiting | None = None
         self.answers = 0
+        self.heard_noise = False
 
     @property
     def is_open(self) -> bool:
@@ -103,6 +105,9 @@ class Wire(ModbusProtocol):
             # ValueError: a host name or a serial setting that the system does not take.
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
             raise WireLostError(_reason(error)) from error
+        if self.transport.is_closing():
+            # Lost before it was ours: nobody would wake a request on it.
+            raise WireLostError("the other side closed the connection at once")
 
     def close(self, reconnect: bool = False) -> None:
         """Close the transport at once; it is not opened again by itself."""
@@ -137,6 +142,7 @@ class Wire(ModbusProtocol):
         timer = self.loop.call_later(within, self._fail, TimeoutError())
         try:
             self._buffer = b""
+            self.heard_noise = False
             self._send(self._framing.encode(unit, transaction, request.pdu))
             answer = await reply
             self.answers += 1
@@ -167,6 +173,7 @@ class Wire(ModbusProtocol):
     def data_received(self, data: bytes) -> None:
         """Called by the event loop: judge what has arrived, keep the beginning of a frame."""
         self._buffer += data
+        self.heard_noise = True
         while self._waiting is not None and not self._waiting.reply.done():
             try:
                 used, frame = self._framing.decode(self._buffer)
@@ -176,6 +183,7 @@ class Wire(ModbusProtocol):
             self._buffer = self._buffer[used:]
             if frame is None:
                 return
+            self.heard_noise = bool(self._buffer)
             self._judge(self._waiting, frame)
         # No task waits for what is left.
         self._buffer = b""

@@ -8,6 +8,7 @@ between samples as ``Ts``.
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Iterable, Mapping
 from datetime import date, datetime, time
@@ -31,7 +32,7 @@ def read_binary_table(path: Path) -> list[CsvRow] | None:
     Raises:
         RecordingError: it cannot be read, holds no table, or its library is not installed.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         return None
     try:
         with path.open("rb") as stream:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from fieldlink.file_at import why_no_file
 from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem
 from fieldlink.site.toml_source import TomlSource
@@ -17,5 +18,6 @@ def find_missing(
 ) -> Iterator[Problem]:
     """Yield a problem for each file that is not there; ``files`` are paths by their keys."""
     for key, path in files.items():
-        if path is not None and not site.resolve(path).is_file():
-            yield source.problem(key, f"there is no file {site.resolve(path)}", "correct the path")
+        if path is not None and (why := why_no_file(site.resolve(path))):
+            message = f"there is no file {site.resolve(path)} ({why})"
+            yield source.problem(key, message, "correct the path")

@@ -40,6 +40,10 @@ _BAD_STATES = frozenset(
 )  # fmt: skip
 """What historians (PI's digital states, OPC's qualities) and spreadsheets write for a bad value."""
 
+_LARGEST = float(np.finfo(np.float32).max)
+"""The largest number of a transmitter's float (IEEE 754 binary32). What exceeds it, such as the
+largest double (1.8e308), marks a sample without a value."""
+
 _CELL = re.compile(
     r"([-+]?[.,]?\d(?:[\d.,' ]*\d)?[.,]?(?:e[-+]?\d+)?)\s*([%\u00b0\u00b5a-z].*)?", re.IGNORECASE
 )
@@ -102,6 +106,9 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
     for index, cell in enumerate(cells):
         try:
             values[index] = plain_number(cell)
+            if not -_LARGEST <= values[index] <= _LARGEST:
+                values[index] = np.nan
+                bad[cell] += 1
         except ValueError:
             folded = cell.casefold()
             if folded in BAD:

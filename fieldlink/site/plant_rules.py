@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fieldlink.file_at import why_no_file
 from fieldlink.site.checked_site import Site
 from fieldlink.site.errors import Problem, RecordingError, nearest
 from fieldlink.site.models import Loop
@@ -38,10 +39,9 @@ def plant_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterato
     yield from _external_fits(site, source, name, loop, plant)
     if plant.fmu is not None and plant.fmu.endswith((".fmu", ".ssp")):
         path = site.resolve(plant.fmu)
-        if not path.is_file():
-            yield source.problem(
-                ("loops", name, "plant", "fmu"), f"there is no file {path}", "correct the path"
-            )
+        if why := why_no_file(path):
+            key = ("loops", name, "plant", "fmu")
+            yield source.problem(key, f"there is no file {path} ({why})", "correct the path")
     if plant.recording is not None:
         key = ("loops", name, "plant", "recording")
         try:

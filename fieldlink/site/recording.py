@@ -11,6 +11,7 @@ column is an error that names its row. Rows are put in the order of time (`row_o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.site.csv_file import CsvFile, CsvRow
-from fieldlink.site.errors import RecordingError
+from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.recorded_columns import RecordedColumns
 from fieldlink.site.recorded_table import read_recorded_table
 from fieldlink.site.timestamps import Sampling, sampling_of
@@ -103,10 +104,18 @@ class Recording:
 
 
 def files_in(path: Path) -> list[Path]:
-    """Return the recordings of a folder in the order of their names, or the file itself."""
-    if not path.is_dir():
+    """Return the recordings of a folder in the order of their names, or the file itself.
+
+    Raises:
+        RecordingError: the folder cannot be listed.
+    """
+    if not os.path.isdir(path):
         return [path]
-    return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+    try:
+        return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+    except OSError as error:
+        message = f"cannot be listed ({error.strerror})"
+        raise RecordingError([Problem(str(path), "", message, "check its permissions")]) from error
 
 
 def read_recording(
@@ -135,6 +144,12 @@ def read_recording(
     """
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
     table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
+    loops = list(_rows_by_loop(table.file))
+    if len(loops) > 1:
+        more = ", ..." if len(loops) > 3 else ""
+        what = f"holds {len(loops)} loops: {', '.join(map(repr, loops[:3]))}{more}"
+        remedy = "keep the rows of one, or judge all of them with fieldlink assess"
+        raise RecordingError([Problem(str(path), "loop", what, remedy)])
     return _recording_of(table.file, wanted, period, needs_pv=needs_pv, notes=table.notes)
 
 
@@ -157,15 +172,22 @@ def read_recordings(
     wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
     table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
     file, notes = table.file, table.notes
-    number = next((n for n, name in enumerate(file.header) if name.lower() == "loop"), None)
-    if number is None:
+    loops = _rows_by_loop(file)
+    if not loops:
         yield "", _recording_of(file, wanted, period, notes=notes)
-        return
+    for name, own in loops.items():
+        yield name, _recording_of(replace(file, rows=tuple(own)), wanted, period, notes=notes)
+
+
+def _rows_by_loop(file: CsvFile) -> dict[str, list[CsvRow]]:
+    """The rows of each loop that a column ``loop`` names; nothing without such a column."""
+    number = next((n for n, name in enumerate(file.header) if name.lower() == "loop"), None)
     rows: dict[str, list[CsvRow]] = {}
+    if number is None:
+        return rows
     for row in file.rows:
         rows.setdefault(from_cell(row.cells[number]), []).append(row)
-    for name, own in rows.items():
-        yield name, _recording_of(replace(file, rows=tuple(own)), wanted, period, notes=notes)
+    return rows
 
 
 def _recording_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -94,7 +95,7 @@ def refuse_existing(*paths: Path) -> None:
     problems = [
         Problem(str(path), "", "the file exists", "choose another name with --out")
         for path in paths
-        if path.exists()
+        if os.path.exists(path)
     ]
     if problems:
         raise SiteError(problems)

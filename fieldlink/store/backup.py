@@ -12,6 +12,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from fieldlink.file_at import why_no_file
 from fieldlink.store.database import FILE_MODE, file_of, shown
 from fieldlink.store.errors import StoreError
 
@@ -39,9 +40,9 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
         raise StoreError(
             f"{shown(url)} is not an SQLite file; use the database's own tool, such as pg_dump"
         )
-    if not source.is_file():
-        raise StoreError(f"there is no historian at {source}; check data_dir")
-    if target.exists() and (not overwrite or target.samefile(source)):
+    if why := why_no_file(source):
+        raise StoreError(f"there is no historian at {source} ({why}); check data_dir")
+    if os.path.exists(target) and (not overwrite or target.samefile(source)):
         raise StoreError(f"{target} exists; name a new file, or replace it with --force")
     part = target.with_name(target.name + ".part")
     try:

@@ -10,6 +10,7 @@ from sqlalchemy import Engine, create_engine, event, insert, select
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
+from fieldlink.file_at import why_no_file
 from fieldlink.store.damage import is_corruption, was_a_database
 from fieldlink.store.database_identity import (
     refuse_foreign_file,
@@ -73,9 +74,9 @@ def open_for_reading(url: str) -> Engine:
     """
     address = _address(url)
     file = file_of(url)
-    if file is not None and not file.is_file():
+    if file is not None and (why := why_no_file(file)):
         raise StoreError(
-            f"there is no historian at {file}; run the daemon first, or check data_dir"
+            f"there is no historian at {file} ({why}); run the daemon first, or check data_dir"
         )
     if file is not None:
         refuse_unreadable_file(file)

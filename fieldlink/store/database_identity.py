@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Mapping
 from contextlib import closing
@@ -64,7 +65,7 @@ def refuse_unreadable_file(file: Path) -> None:
 
 def _look_into(file: Path) -> tuple[Tables, str | None] | None:
     """Return the tables of an SQLite file and its schema; None when it holds no database."""
-    if not file.is_file() or file.stat().st_size == 0:
+    if not os.path.isfile(file) or file.stat().st_size == 0:
         return None
     try:
         with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as found:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -103,7 +104,7 @@ def export(
         raise StoreError(f"{target}: unknown kind of file; end it in .csv or .parquet")
     if table not in EXPORTED_TABLES:
         raise StoreError(f"no table {table!r}; name one of {', '.join(EXPORTED_TABLES)}")
-    if target.exists() and not overwrite:
+    if os.path.exists(target) and not overwrite:
         raise StoreError(f"{target} exists; name a new file, or replace it with --force")
     chosen = EXPORTED_TABLES[table]
     query = _query(chosen, loop, since, until)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from fieldlink.cli.errors import explain
 from fieldlink.errors import FieldlinkError
+from tests.cli.conftest import Run
 
 
 def test_a_library_that_is_not_installed_is_named_with_its_extra(
@@ -24,3 +27,36 @@ def test_a_defect_of_ours_is_not_explained_away(capsys: pytest.CaptureFixture[st
     assert not explain(KeyError("op"))
     assert explain(FieldlinkError("loop FC1: it has no PV"))
     assert capsys.readouterr().err == "fieldlink: loop FC1: it has no PV\n"
+
+
+NOWHERE = f"{'x' * 300}/"
+"""The system refuses even to look, for anybody: as in a folder that is closed to this user."""
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [
+        ["identify", NOWHERE + "a.csv"],
+        ["diagnose", NOWHERE + "a.csv"],
+        ["assess", NOWHERE + "a.csv"],
+        ["report", NOWHERE + "a.csv"],
+        ["report", NOWHERE + "a.sqlite"],
+        ["web", NOWHERE + "a.sqlite"],
+        ["check", NOWHERE + "a.toml"],
+        ["rehearse", NOWHERE + "a.toml"],
+        ["fmu", "info", NOWHERE + "a.fmu"],
+        ["fmu", "run", NOWHERE + "a.fmu"],
+        ["fmu", "sweep", NOWHERE + "a.fmu", "--out", "a.csv"],
+        ["init", "map.csv", "--yes", "--out", NOWHERE + "a.toml"],
+        ["map", "import", "map.csv", "--out", NOWHERE + "a.csv"],
+        ["scan", "127.0.0.1:1", "--out", NOWHERE + "a.csv"],
+    ],
+    ids=lambda typed: " ".join(typed[:-1])[:20],
+)
+def test_a_path_that_may_not_be_looked_at_is_a_message(
+    fieldlink: Run, tmp_path: Path, typed: list[str]
+) -> None:
+    (tmp_path / "map.csv").write_text("tag,address,type\nFC1.OP,0,float32\nFC1.PV,2,float32\n")
+    done = fieldlink(*typed)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("fieldlink: ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -12,7 +13,8 @@ from rich.console import Console
 from estimator import Identification, Verdict, identify
 from estimator.result import RunnerUp
 from fieldlink.cli.tables import identification_table, process_text, verdict_text
-from fieldlink.pictures import identification_figure
+from fieldlink.pictures import PictureError, identification_figure, save
+from tests.cli.conftest import Run
 
 OP, PV = np.full(80, 40.0), np.linspace(49.0, 51.0, 80)
 
@@ -67,3 +69,33 @@ def test_the_picture_names_an_uncertain_verdict(sure: Identification) -> None:
     assert figure.get_suptitle() == "FC101: stiction (uncertain), score 12.3"
     figure = identification_figure(OP, PV, None, identify(OP, PV), title="FC101")
     assert figure.get_suptitle() == "FC101: not assessable"
+
+
+@pytest.mark.parametrize("head", ["OP [/min]", "OP [red]", "OP :100:"])
+@pytest.mark.parametrize("command", ["identify", "diagnose"])
+def test_what_looks_like_markup_in_a_name_is_a_name(
+    fieldlink: Run, tmp_path: Path, command: str, head: str
+) -> None:
+    rows = [f"{40 + 0.01 * (k % 7)},{'Bad' if k == 5 else 50}" for k in range(80)]
+    (tmp_path / "[bold]FC1.csv").write_text("\n".join([f"{head},PV [/h]", *rows]))
+    done = fieldlink(command, "[bold]FC1.csv")
+    assert done.returncode == 0, done.stderr
+    for name in ("[bold]FC1.csv", head, "PV [/h]"):
+        assert name in done.stdout
+
+
+def test_a_picture_without_a_format_is_not_written_under_another_name(tmp_path: Path) -> None:
+    with pytest.raises(PictureError, match=r"FC101: the picture has no format; end it in \.png"):
+        save(
+            identification_figure(OP, PV, None, identify(OP, PV), title="FC101"), tmp_path / "FC101"
+        )
+    assert not any(tmp_path.iterdir())
+
+
+def test_several_recordings_are_named_as_their_files(fieldlink: Run, tmp_path: Path) -> None:
+    (tmp_path / "[red]a.csv").write_text("OP [/min]\n" + "much\n" * 60)
+    (tmp_path / "[#b].csv").write_text("op,pv\n" + "40,50\n" * 60)
+    done = fieldlink("diagnose", ".")
+    assert done.returncode == 0, done.stderr
+    for name in ("[red]a", "[/min]", "[#b]"):
+        assert name in done.stdout

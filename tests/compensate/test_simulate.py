@@ -35,6 +35,15 @@ def test_the_table_names_each_controller_and_what_it_believed() -> None:
     assert "stick band 13.2, slip jump 3.6" in result.output
 
 
+def test_a_controller_that_decides_nothing_has_no_times() -> None:
+    args = ["simulate", "example1", "--take-over", "100", "--samples", "180", "-c", "pi"]
+    args += ["-c", "hybrid", "-p", "stick_band=0", "-p", "slip_jump=0", "--json"]
+    result = RUN.invoke(app, args)
+    assert result.exit_code == 0, result.output
+    assert "NaN" not in result.output
+    assert json.loads(result.output)["controllers"][1]["decide_ms_median"] is None
+
+
 def test_set_points_and_loads_are_taken_as_given() -> None:
     study = Simulation(
         "level", ("pi",), 100, 200, setpoint=((20, 52.0),), load=((150, 5.0),), seed=4

@@ -11,6 +11,7 @@ import pytest
 from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
+from fieldlink.links import ExceptionReplyError
 from fieldlink.registers import (
     Bank,
     BlockReader,
@@ -134,3 +135,26 @@ async def test_registers_between_are_read_along_only_where_the_site_allows(
     words = await exchange.control()
     assert asked == requests
     assert (words.enable, words.ack_commit, words.heartbeat, words.commit) == (100, 104, 106, 107)
+
+
+@pytest.mark.parametrize("refused", [1, 2, 10])
+async def test_the_optional_words_are_given_up_only_if_the_plc_really_lacks_them(
+    layout: ExchangeLayout, refused: int
+) -> None:
+    asked = []
+
+    class Registers:
+        async def read_registers(self, address: int, count: int) -> list[int]:
+            asked.append((address, count))
+            # A PLC of an earlier layout, or one that ends its exceptions between two requests.
+            if address + count > 108 and sum(a + n > 108 for a, n in asked) <= refused:
+                raise ExceptionReplyError("plc", "reading", 2)
+            return [address + i for i in range(count)]
+
+    exchange = Exchange(Registers(), layout, "big", device="plc", readable=((0, 399),))  # type: ignore[arg-type]
+    first = await exchange.control()
+    second = await exchange.control()
+    has_them = refused == 1
+    for words in (first, second):
+        assert (words.enable, words.commit) == (100, 107)
+        assert (words.ack_refusal, words.writer) == ((105, 108) if has_them else (None, None))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from fieldlink.cli.fmu import app
+from fieldlink.cli.fmu_tables import print_summary
 from fmu_models import PlantFileError, catalogue, fmu_path, summarise
 
 Minis = dict[str, Path]
@@ -82,6 +85,39 @@ def test_command_prints_it_and_as_json(mini_fmus: Minis) -> None:
     assert described["name"] == "ph"
     assert {"op", "pv"} <= {variable["name"] for variable in described["variables"]}
     assert described["warnings"] == []
+
+
+@pytest.mark.parametrize("number", ["INF", "NaN", "soon", "", "1e400"])
+def test_an_experiment_without_usable_numbers_names_none(
+    mini_fmus: Minis, tmp_path: Path, number: str
+) -> None:
+    file = tmp_path / "odd.fmu"
+    said = (f'{name}="{number}"' for name in ("startTime", "stopTime", "stepSize", "tolerance"))
+    experiment = f"<DefaultExperiment {' '.join(said)}/>".encode()
+    with zipfile.ZipFile(mini_fmus["fmi2"]) as source, zipfile.ZipFile(file, "w") as copy:
+        for name in source.namelist():
+            text = source.read(name)
+            if name == "modelDescription.xml":
+                text, found = re.subn(rb"<DefaultExperiment[^>]*/>", experiment, text)
+                assert found == 1
+            copy.writestr(name, text)
+    summary = summarise(file)
+    assert (summary.start_time, summary.stop_time) == (0.0, None)
+    assert (summary.step_size, summary.tolerance) == (None, None)
+    assert "it names no stop time: give one" in summary.warnings
+    for kind in summary.kinds:
+        done = CliRunner().invoke(
+            app, ["run", str(file), "--stop", "1", "--step", "0.5", "--kind", kind]
+        )
+        assert done.exit_code == 0, done.output
+
+
+def test_a_description_is_printed_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    odd = replace(summarise(fmu_path("heat")), description="flow [/min] :100:", name="[red]heat")
+    print_summary(odd, every=False)
+    printed = capsys.readouterr().out
+    assert "flow [/min] :100:" in printed
+    assert "[red]heat" in printed
 
 
 def test_a_description_that_would_grow_without_bounds(tmp_path: Path) -> None:

@@ -27,6 +27,8 @@ class FakeDevice:
     """Replies wait until it is set, as it is in the beginning."""
     mute: bool = False
     """Read requests and say nothing."""
+    accepts: bool = True
+    """Otherwise every connection is closed at once, as by an access list."""
     closes: bool = False
     """Close the connection, in order, after each answer."""
     tamper: Callable[[bytes], bytes] | None = None
@@ -65,7 +67,7 @@ class FakeDevice:
         self._clients.add(task)
         self.connections += 1
         try:
-            while True:
+            while self.accepts:
                 header = await reader.readexactly(7)
                 transaction, _, length, unit = struct.unpack(">HHHB", header)
                 body = await reader.readexactly(length - 1)

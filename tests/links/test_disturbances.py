@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -15,6 +15,7 @@ from fieldlink.links import LinkState, Quality, SystemClock, VirtualClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.clock import Clock
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
+from fieldlink.links.wire import Wire
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
 from tests.links.patience import PATIENCE
@@ -29,14 +30,18 @@ FAR_APART = [Tag(f"T{i}", Table.HOLDING, 50 * i, DataType.UINT16) for i in range
 
 
 def link_to(
-    port: int, tags: list[Tag], clock: Clock | None = None, kind: str = "modbus-tcp"
+    port: int,
+    tags: list[Tag],
+    clock: Clock | None = None,
+    kind: str = "modbus-tcp",
+    timeout: float = PATIENCE,
 ) -> ModbusLink:
     device = Device.model_validate(
         {
             "link": kind,
             "host": "127.0.0.1",
             "port": port,
-            "timeout": PATIENCE,
+            "timeout": timeout,
             "register_map": "m.csv",
         }
     )
@@ -68,6 +73,33 @@ async def test_a_device_that_closes_without_an_answer_is_asked_once(device: Fake
     scan = await link.scan()
     assert not scan.answered
     assert len(device.requests) == 1
+    await link.close()
+
+
+async def test_a_connection_that_is_closed_before_it_is_open_is_no_silent_device(
+    device: FakeDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.accepts = False
+    make = Wire.__init__
+
+    def make_slow(wire: Wire, *given: Any, **named: Any) -> None:
+        make(wire, *given, **named)
+        connect: Any = wire.call_create
+
+        async def connect_slowly() -> Any:
+            made = await connect()
+            # An access list closes what it has accepted; here always before the link goes on.
+            while wire.transport is not None:
+                await asyncio.sleep(0)
+            return made
+
+        wire.call_create = connect_slowly
+
+    monkeypatch.setattr(Wire, "__init__", make_slow)
+    link = link_to(device.port, FAR_APART)
+    scan = await link.scan()
+    assert "the other side closed the connection at once" in str(scan.failures[0])
+    assert link.requests == 0
     await link.close()
 
 
@@ -199,3 +231,39 @@ async def test_a_gateway_that_closes_after_each_answer_starves_no_loop(waits: bo
     assert 21 <= gateway.served <= 22
     await link.close()
     await gateway.stop()
+
+
+@dataclass
+class NoisyRtu(LoopbackServer):
+    """Sends the same bytes after each request."""
+
+    reply: bytes = b""
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await reader.readexactly(8):
+            writer.write(self.reply)
+
+
+@pytest.mark.parametrize(
+    ("reply", "is_noise"),
+    [
+        (b"\xfc\x80\x00\xf8", True),
+        (bytes([1, 3, 2, 0, 7, 0, 0]), True),
+        (bytes([1, 3, 2, 0]), True),
+        (b"", False),
+        (bytes([2, 3, 2, 0, 7]) + crc(bytes([2, 3, 2, 0, 7])), False),
+    ],
+    ids=["wrong baud rate", "wrong CRC", "half a frame", "silence", "another unit"],
+)
+async def test_noise_on_a_line_is_not_called_silence(reply: bytes, is_noise: bool) -> None:
+    server = NoisyRtu(reply=reply)
+    await server.start()
+    link = link_to(
+        server.port, FAR_APART[:1], kind="modbus-rtu-tcp", timeout=1.0 if is_noise else 0.1
+    )
+    said = str((await link.scan()).failures[0])
+    assert "did not answer within" in said
+    assert ("bytes came that are no whole reply; check the line's baud rate" in said) is is_noise
+    assert ("check the unit id" in said) is not is_noise
+    await link.close()
+    await server.stop()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+import socketserver
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -187,6 +190,68 @@ def test_an_address_of_a_host_is_written(port: int, image: RegisterImage) -> Non
     result = run("write", f"127.0.0.1:{port}", "--yes", "--timeout", "5", "--", "10:int16", "-7")
     assert result.exit_code == 0, result.output
     assert image.get(Table.HOLDING, 10, 1) == [0xFFF9]
+
+
+@contextmanager
+def disturbed(change: Callable[[bytes, bytes], bytes]) -> Iterator[tuple[str, list[int]]]:
+    """A device of one register; ``change`` makes each answer of request and answer.
+
+    Gives its address and the words that were written.
+    """
+    written: list[int] = []
+
+    class Handler(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            while len(request := self.request.recv(300)) > 7:
+                if request[7] == 6:
+                    written.append(int.from_bytes(request[10:12]))
+                    pdu = request[7:12]
+                else:
+                    pdu = bytes([3, 2]) + (written[-1] if written else 0).to_bytes(2)
+                pdu = change(request[7:], pdu)
+                if not pdu:
+                    return
+                self.request.sendall(request[:4] + (len(pdu) + 1).to_bytes(2) + request[6:7] + pdu)
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"127.0.0.1:{server.server_address[1]}", written
+        server.shutdown()
+
+
+UNSETTLED = [b"", bytes([0x86, 4]), bytes([0x86, 5]), bytes([0x86, 11]), bytes([3, 2, 0, 0])]
+
+
+@pytest.mark.parametrize("answer", UNSETTLED)
+def test_a_write_without_a_clear_answer_may_have_been_carried_out(answer: bytes) -> None:
+    with disturbed(lambda asked, said: answer if asked[0] == 6 else said) as (target, written):
+        said = refusal(run("write", target, "20", "7", "--yes", "--timeout", "5"))
+    assert written == [7]
+    assert "the write may have been carried out: read the value before you write again" in said
+    assert "tried again" not in said
+
+
+@pytest.mark.parametrize("code", [1, 2, 3, 6, 10])
+def test_a_write_that_the_device_refuses_is_no_doubtful_one(code: int) -> None:
+    refused = bytes([0x86, code])
+    with disturbed(lambda asked, said: refused if asked[0] == 6 else said) as (target, _):
+        said = refusal(run("write", target, "20", "7", "--yes", "--timeout", "5"))
+    assert f"exception {code}" in said
+    assert "may have been carried out" not in said
+
+
+@pytest.mark.parametrize("answer", [b"", bytes([0x83, 2])])
+def test_a_write_that_cannot_be_read_back_is_reported_as_written(answer: bytes) -> None:
+    seen: list[int] = []
+
+    def change(asked: bytes, said: bytes) -> bytes:
+        seen.append(asked[0])
+        return answer if seen[:2] == [3, 6] and asked[0] == 3 else said
+
+    with disturbed(change) as (target, written):
+        said = refusal(run("write", target, "20", "7", "--yes", "--timeout", "5"))
+    assert written == [7]
+    assert "the write was confirmed, but reading it back failed" in said
 
 
 def test_a_survey_finds_units_and_ranges(port: int) -> None:

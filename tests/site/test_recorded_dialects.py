@@ -122,7 +122,8 @@ def test_grouped_digits(separator: str, cell: Callable[[float], str], tmp_path: 
 
 
 @pytest.mark.parametrize(
-    "word", ["Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created"]
+    "word",
+    ["Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created", "1.79769e+308", "-1e39"],
 )
 def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fieldlink.site import Recording, RecordingError, read_recording
-from fieldlink.site.recording import NanRun
+from fieldlink.site.recording import NanRun, read_recordings
 
 Write = Callable[..., Path]
 
@@ -227,6 +227,19 @@ def test_bad_files_are_refused_with_place_and_remedy(
     content: str | bytes, options: dict[str, object], expected: str, write: Write
 ) -> None:
     assert expected in messages(write(content), **options)
+
+
+def test_loops_of_one_table_are_not_taken_for_one(write: Write) -> None:
+    text = "".join(f"{loop},{t},{t % 7},{t % 5}\n" for loop in ("FC1", "FC2") for t in range(60))
+    path = write("loop,time,op,pv\n" + text)
+    with pytest.raises(RecordingError, match="2 loops: 'FC1', 'FC2'; keep the rows of one"):
+        read_recording(path)
+    assert [(name, len(found)) for name, found in read_recordings(path, {})] == [
+        ("FC1", 60),
+        ("FC2", 60),
+    ]
+    one = write("loop,time,op,pv\n" + text[: len(text) // 2])
+    assert len(read_recording(one)) == 60
 
 
 def test_many_wrong_cells_are_summed_up(write: Write) -> None:

@@ -103,7 +103,7 @@ def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:
     otherwise be followed for ever. A folder in it that cannot be listed is yielded itself, and
     reading it says why; it costs the others nothing.
     """
-    if not Path(where).is_dir():
+    if not os.path.isdir(where):
         yield where, shown
         return
     closed: list[str] = []
@@ -166,9 +166,9 @@ def _shown(path: Path, where: str, shown: str) -> str:
 
 def _refusal(path: str) -> str | None:
     """Why a path is not opened: opening a pipe would wait for a writer without end."""
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         return f"the folder {_why_closed(path)}"
-    if Path(path).exists() and not Path(path).is_file():
+    if os.path.exists(path) and not os.path.isfile(path):
         return "is a pipe or a device; give a file"
     return None
 

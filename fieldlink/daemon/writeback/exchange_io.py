@@ -162,8 +162,14 @@ class Exchange:
             if self._least is None or not refusal.code.blames_an_address:
                 raise
             found = await self._control(self._least)
+        try:
+            # Exceptions may have ended just now, as after a program download.
+            return await self._control(self._plan)
+        except ExceptionReplyError as refusal:
+            if not refusal.code.blames_an_address:
+                raise
             self._plan, self._least = self._least, None
-            return found
+        return found
 
     async def _control(self, plan: Sequence[ReadRequest]) -> ControlWords:
         found: dict[str, int] = {}

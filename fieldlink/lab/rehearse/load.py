@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from fieldlink.file_at import why_no_file
 from fieldlink.lab.rehearse.errors import ScenarioError
 from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.site.errors import nearest
@@ -37,13 +38,14 @@ def find_scenario(name: str) -> Path:
         ScenarioError: there is neither.
     """
     path = Path(name)
-    if path.is_file():
+    why = why_no_file(path)
+    if why is None:
         return path
     shipped = {file.stem: file for file in shipped_scenarios()}
     if name in shipped:
         return shipped[name]
     if path.suffix == ".toml" or path.parent != Path():
-        raise ScenarioError(f"there is no scenario file {path}; correct the path")
+        raise ScenarioError(f"there is no scenario file {path} ({why}); correct the path")
     raise ScenarioError(
         f"there is no shipped scenario {name!r}; {nearest(name, shipped)} "
         "The path of a file of your own ends in .toml"

@@ -67,7 +67,8 @@ class SimulationResult:
             is left out at its beginning).
         model: the compensator's model; None for a controller without one.
         fell_back: why a supervised compensator lost the loop; empty if it did not.
-        milliseconds: median and 99th percentile of processor time to decide.
+        milliseconds: median and 99th percentile of processor time to decide; None where the
+            controller decided nothing.
     """
 
     controller: str
@@ -76,7 +77,7 @@ class SimulationResult:
     after: Performance
     model: LoopModel | None
     fell_back: str
-    milliseconds: tuple[float, float]
+    milliseconds: tuple[float, float] | None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
@@ -85,6 +86,7 @@ class SimulationResult:
             return {name: float(getattr(p, name)) for name in Performance.__dataclass_fields__}
 
         valve = None if self.model is None else self.model.valve
+        median, slowest = self.milliseconds or (None, None)
         counts = {s.name.lower(): self.trace.status.count(s) for s in ActionStatus}
         return {
             "controller": self.controller,
@@ -93,8 +95,8 @@ class SimulationResult:
             "stick_band": None if valve is None else valve.stick_band,
             "slip_jump": None if valve is None else valve.slip_jump,
             "fell_back": self.fell_back,
-            "decide_ms_median": self.milliseconds[0],
-            "decide_ms_p99": self.milliseconds[1],
+            "decide_ms_median": median,
+            "decide_ms_p99": slowest,
             "statuses": {name: count for name, count in counts.items() if count},
         }
 
@@ -181,7 +183,7 @@ def _identified(trace: Trace, simulation: Simulation, known: CatalogueModel) -> 
 def _result(simulation: Simulation, name: str, setup: Setup, study: Study) -> SimulationResult:
     trace, made = _run(simulation, name, setup, study)
     at = simulation.take_over
-    ms = 1e3 * np.asarray(made.timing.decide or [float("nan")])
+    ms = 1e3 * np.asarray(made.timing.decide)
     return SimulationResult(
         controller=name,
         trace=trace,
@@ -189,5 +191,5 @@ def _result(simulation: Simulation, name: str, setup: Setup, study: Study) -> Si
         after=assess(trace, at + (simulation.samples - at) // 10),
         model=setup.model,
         fell_back=made.fell_back,
-        milliseconds=(float(np.median(ms)), float(np.percentile(ms, 99))),
+        milliseconds=(float(np.median(ms)), float(np.percentile(ms, 99))) if ms.size else None,
     )
