@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.processors -- COMMAND...`` runs a command, for instance ``make test``, under
 each named setting, one after the other, and prints setting and exit status; ``--settings`` takes
-some of them. What this processor lacks is said and counts as neither. The exit status is 1 where a
+some of them. What this processor lacks is printed and not run. The exit status is 1 where a
 run failed.
 """
 
