@@ -40,9 +40,10 @@ _BAD_STATES = frozenset(
 )  # fmt: skip
 """What historians (PI's digital states, OPC's qualities) and spreadsheets write for a bad value."""
 
-_LARGEST = float(np.finfo(np.float32).max)
-"""The largest number of a transmitter's float (IEEE 754 binary32). What exceeds it, such as the
-largest double (1.8e308), marks a sample without a value."""
+_NO_VALUE_FROM = 3.4e38
+"""From this magnitude on a number marks a sample without a value: the largest number of a
+transmitter's float (IEEE 754 binary32: 3.4028235e38), however few digits are written of it, and
+whatever exceeds it, such as the largest double (1.8e308)."""
 
 _CELL = re.compile(
     r"([-+]?[.,]?\d(?:[\d.,' ]*\d)?[.,]?(?:e[-+]?\d+)?)\s*([%\u00b0\u00b5a-z].*)?", re.IGNORECASE
@@ -106,9 +107,6 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
     for index, cell in enumerate(cells):
         try:
             values[index] = plain_number(cell)
-            if not -_LARGEST <= values[index] <= _LARGEST:
-                values[index] = np.nan
-                bad[cell] += 1
         except ValueError:
             folded = cell.casefold()
             if folded in BAD:
@@ -118,6 +116,7 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
             else:
                 others[index] = cell.translate(_PLAIN)
     if not others:
+        _take_out_what_is_no_value(values, cells, bad)
         return NumberCells(values, bad, {}, None)
     notation, ambiguous = _notation_of(others, len(cells), comma_separates=comma_separates)
     if ambiguous is not None:
@@ -134,7 +133,16 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
         except ValueError:
             values[index] = np.nan
             wrong[first.setdefault(text, index)] += 1
+    _take_out_what_is_no_value(values, cells, bad)
     return NumberCells(values, bad, wrong, None)
+
+
+def _take_out_what_is_no_value(
+    values: NDArray[np.float64], cells: Sequence[str], bad: Counter[str]
+) -> None:
+    for index in np.flatnonzero(np.abs(values) >= _NO_VALUE_FROM):
+        values[index] = np.nan
+        bad[cells[index]] += 1
 
 
 def plain_number(text: str) -> float:

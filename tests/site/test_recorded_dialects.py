@@ -123,7 +123,7 @@ def test_grouped_digits(separator: str, cell: Callable[[float], str], tmp_path: 
 
 @pytest.mark.parametrize(
     "word",
-    ["Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created", "1.79769e+308", "-1e39"],
+    ["Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created", "3.40282e+38", "-1e39"],
 )
 def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"
