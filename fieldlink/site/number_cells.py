@@ -140,7 +140,7 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
 def _take_out_what_is_no_value(
     values: NDArray[np.float64], cells: Sequence[str], bad: Counter[str]
 ) -> None:
-    for index in np.flatnonzero(np.abs(values) >= _NO_VALUE_FROM):
+    for index in np.flatnonzero(np.abs(values) >= _NO_VALUE_FROM).tolist():
         values[index] = np.nan
         bad[cells[index]] += 1
 
