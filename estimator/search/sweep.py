@@ -45,8 +45,8 @@ def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
     sweep is repeated.
     """
     best = start
-    for _ in range(case.settings.searching.swept):
-        found = _swept(case, best)
+    for turn in range(case.settings.searching.swept):
+        found = _swept(case, best, anywhere=turn == 0)
         gained = found.likelihood - best.likelihood
         best = found
         if gained < _AGAIN:
@@ -54,11 +54,11 @@ def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
     return best
 
 
-def _swept(case: Case, start: Hypothesis) -> Hypothesis:
+def _swept(case: Case, start: Hypothesis, *, anywhere: bool) -> Hypothesis:
     """The likeliest of the start and of what the best valves around it are refined to."""
     assert start.valve is not None
     valve = np.array(start.valve.numbers)
-    ranked = _best_by_one_step(case, start, valve)
+    ranked = _best_by_one_step(case, start, valve, anywhere=anywhere)
     table = np.vstack([ranked, _around(valve, *_LINES)])
     costs = _simulated(case, start, table)
     chosen = _best_apart(table, costs, case.settings.searching.swept, valve)
@@ -79,15 +79,20 @@ def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothe
     for row in table:
         valve = Valve(float(row[0]), float(row[1]), float(row[2]), law)
         at = case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps)
-        found = refine_valve(case, at, _REACH)
+        found = refine_valve(case, at, _REACH, rival=best)
         if found.likelihood > best.likelihood:
             best = found
     return best
 
 
-def _best_by_one_step(case: Case, start: Hypothesis, valve: Array) -> Array:
-    """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first."""
+def _best_by_one_step(case: Case, start: Hypothesis, valve: Array, *, anywhere: bool) -> Array:
+    """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first.
+
+    ``anywhere`` also from other first positions of the stem.
+    """
     lattice = _around(valve, *_LATTICE)
+    if anywhere:
+        lattice = np.vstack([lattice[1 :: _SIDES.size], _from_anywhere(case, lattice)])
     columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
     shortest = max(1, start.dead_time - 1)
     shifts = min(3, case.max_dead_time + 1 - shortest)
@@ -110,6 +115,19 @@ def _around(valve: Array, bands: Array, jumps: Array) -> Array:
     table: Array = moved_valves(valve, steps)
     more = 0.5 * (table[:, 0] + table[:, 1] - valve[0] - valve[1])
     table[:, 2] += np.tile(_SIDES, bands.size * jumps.size) * more
+    return table
+
+
+def _from_anywhere(case: Case, lattice: Array) -> Array:
+    """The valves of the lattice from other first positions of the stem, wherever it may have been.
+
+    One valve may go two ways: from other first positions its stem slips at other samples all
+    through the window.
+    """
+    shares = np.array(case.settings.searching.fine_starts)
+    table = np.repeat(lattice[:: _SIDES.size], shares.size, axis=0)
+    band = 0.5 * (table[:, 0] + table[:, 1])
+    table[:, 2] = case.rows.u[0] + band * np.tile(shares, len(table) // shares.size)
     return table
 
 
