@@ -180,6 +180,7 @@ class Delivery:
     async def _answer(self, session: BrokerSession) -> None:
         for incoming in session.take_incoming():
             await session.publish(self._format.receive(incoming, self._health()))
+            self._look_at = 0.0
         if session.overrun:
             self._tell(
                 "command.overrun",
