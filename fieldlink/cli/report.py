@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from fieldlink.cli.progress import show_work
+from fieldlink.printable import as_text
 from fieldlink.sqlite_url import sqlite_url
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def _loops(
         diagnose=_finding,
         partial=partial,
     )
-    what = files[0].name if len(files) == 1 else f"{len(files)} recordings"
+    what = as_text(files[0].name) if len(files) == 1 else f"{len(files)} recordings"
     return f"Work list of {what}", found
 
 
