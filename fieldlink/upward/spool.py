@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from fieldlink.store.damage import is_corruption, set_aside
+from fieldlink.store.errors import StoreError
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.messages import Message
 
@@ -251,7 +252,10 @@ class Spool:
         self.last_id = newest
 
     def _replace(self) -> None:
-        set_aside(self._file)
+        try:
+            set_aside(self._file)
+        except StoreError as error:
+            raise UpwardError(str(error)) from error
         self.set_aside += 1
         try:
             self._try_open()

@@ -264,7 +264,7 @@ def test_a_spool_that_could_not_be_replaced_is_tried_again(
 
     with monkeypatch.context() as patch:
         patch.setattr("fieldlink.upward.spool.set_aside", refuse)
-        with pytest.raises(StoreError):
+        with pytest.raises(UpwardError, match="cannot be renamed"):
             found.read(0, 1000)
     assert found.read(0, 1000) == []
     assert found.append(messages(1)) == 1
