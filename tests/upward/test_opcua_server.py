@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -226,6 +227,25 @@ async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() ->
             with pytest.raises(UaError):
                 await other.nodes.objects.add_folder(1, "mine")
             assert await other.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.0
+
+
+async def test_the_bound_of_memory_grows_with_the_loops() -> None:
+    resource = pytest.importorskip("resource")
+    first = {f"A{number}": LOOP for number in range(20)}
+    more = first | {f"B{number}": LOOP for number in range(200)}
+    async with served() as server:
+        status = Path(f"/proc/{server.pid}/status")
+        if not status.exists():
+            pytest.skip("no /proc")
+        used, bound = [], []
+        for loops in (first, more):
+            await server.show(loops)
+            (kilobytes,) = re.findall(r"VmData:\s+(\d+) kB", status.read_text())
+            used.append(1024 * int(kilobytes))
+            bound.append(resource.prlimit(server.pid, resource.RLIMIT_DATA)[0])
+    # what thousands of loops take is there as well, and as much again for those who subscribe
+    assert bound[1] - bound[0] >= 1.5 * (used[1] - used[0])
+    assert bound[0] >= 3 * used[0]
 
 
 @pytest.mark.slow
