@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["as_printable", "quoted", "shortened"]
+import os
+
+__all__ = ["as_printable", "as_text", "quoted", "shortened"]
 
 LONGEST = 80
 """Characters of a value in a message: more than any name, less than a line too many."""
@@ -20,6 +22,14 @@ def as_printable(text: str, *, lines: bool = False) -> str:
     if lines:
         return "\n".join(as_printable(line) for line in text.split("\n"))
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
+def as_text(path: str) -> str:
+    """Return a path as text that can be stored: a byte that is not of UTF-8 as ``\\xe4``.
+
+    File systems take any bytes as a name, as from an archive with names in Latin-1.
+    """
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
 
 
 def shortened(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -106,16 +107,22 @@ def _variable(variable: Any) -> VariableSummary:
     )
 
 
+def _finite(text: Any, default: float) -> float:
+    """A number of a unit; the default where it is missing or not a finite number."""
+    value = float(text or default)
+    return value if math.isfinite(value) else default
+
+
 def _unit(unit: Any) -> UnitDefinition:
     base = unit.baseUnit
     names = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
     return UnitDefinition(
         name=unit.name,
         dimension=tuple(int(getattr(base, n) or 0) for n in names) if base else (),
-        factor=float(base.factor or 1.0) if base else 1.0,
-        offset=float(base.offset or 0.0) if base else 0.0,
+        factor=_finite(base.factor, 1.0) if base else 1.0,
+        offset=_finite(base.offset, 0.0) if base else 0.0,
         shown=tuple(
-            (d.name, float(d.factor or 1.0), float(d.offset or 0.0)) for d in unit.displayUnits
+            (d.name, _finite(d.factor, 1.0), _finite(d.offset, 0.0)) for d in unit.displayUnits
         ),
     )
 

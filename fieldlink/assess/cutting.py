@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Cut, Piece
-from fieldlink.assess.series import Series, equally_spaced, steps_of
+from fieldlink.assess.series import Series, equally_spaced, steps_of, without_bad_values
 from fieldlink.site.recording import MIN_ROWS
 
 __all__ = ["MIN_ROWS", "Stretch", "cut_windows", "starts_from"]
@@ -63,7 +63,7 @@ def cut_windows(stretch: Stretch, piece: Piece, cut: Cut) -> Iterator[Series]:
             cutter = _spaced(stretch, since, until, cut)
         for window in cutter:
             found += 1
-            yield window
+            yield without_bad_values(window)
     if not found and piece.since is None and piece.until is None:
         where = " between --since and --until" if cut.since or cut.until else ""
         raise ReadingError(

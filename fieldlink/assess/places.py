@@ -8,6 +8,7 @@ from pathlib import Path
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Place
 from fieldlink.file_at import why_no_file
+from fieldlink.printable import as_text
 
 __all__ = ["place_of"]
 
@@ -24,7 +25,7 @@ def place_of(text: str) -> Place:
         from fieldlink.store.database import shown
 
         return Place("historian", text, shown(text))
-    path = Path(text)
+    path, text = Path(text), as_text(text)
     if not os.path.isdir(path) and (why := why_no_file(path)):
         raise AssessError(f"there is no file or folder {text} ({why}); check the path")
     if path.suffix.lower() == ".toml":

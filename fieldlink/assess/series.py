@@ -10,8 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.site.missing_rows import missing_between, put_into_slots
+from fieldlink.site.number_cells import NO_VALUE_FROM
 
-__all__ = ["Recorded", "Series", "equally_spaced", "runs_in_order", "steps_of", "without_repeats"]
+__all__ = [
+    "Recorded",
+    "Series",
+    "equally_spaced",
+    "runs_in_order",
+    "steps_of",
+    "without_bad_values",
+    "without_repeats",
+]
 
 Floats = NDArray[np.float64]
 
@@ -66,6 +75,16 @@ class Recorded:
         """At most ``rows`` samples from ``since`` on and before ``until``."""
         begin, end = np.searchsorted(self._series.time, [since, until])
         return self._series.part(slice(int(begin), int(min(end, begin + rows))))
+
+
+def without_bad_values(series: Series) -> Series:
+    """NaN for the numbers that mark a sample without a value, as in a text file."""
+
+    def values(signal: Floats) -> Floats:
+        return np.where(np.abs(signal) < NO_VALUE_FROM, signal, np.nan)
+
+    sp = None if series.sp is None else values(series.sp)
+    return replace(series, op=values(series.op), pv=values(series.pv), sp=sp)
 
 
 def without_repeats(series: Series) -> Series:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from fieldlink.cli.progress import show_work
+from fieldlink.printable import as_text
+from fieldlink.sqlite_url import sqlite_url
 
 if TYPE_CHECKING:
     from fieldlink.worklist import Finding, PartialReport, ReportedLoop, WorkListSettings
@@ -128,7 +130,7 @@ def _loops(
         return f"Work list of {site.name}", found
     settings = _settings(limit, op_span)
     if stores:
-        url = stores[0] if "://" in stores[0] else f"sqlite:///{stores[0]}"
+        url = stores[0] if "://" in stores[0] else sqlite_url(stores[0])
         name = Path(stores[0].partition("://")[2] or stores[0]).stem
         found = list_loops(url, settings=settings, progress=progress)
         return f"Work list of {name}", found
@@ -149,7 +151,7 @@ def _loops(
         diagnose=_finding,
         partial=partial,
     )
-    what = files[0].name if len(files) == 1 else f"{len(files)} recordings"
+    what = as_text(files[0].name) if len(files) == 1 else f"{len(files)} recordings"
     return f"Work list of {what}", found
 
 

@@ -23,7 +23,10 @@ def parse_moment(text: str | None, option: str) -> datetime | None:
         return None
     try:
         moment = datetime.fromisoformat(text)
-    except ValueError as error:
+        if moment.tzinfo is not None:
+            # not past the first or the last year there either
+            moment.astimezone(UTC)
+    except (ValueError, OverflowError) as error:
         raise typer.BadParameter(
             f"{text!r} is not a moment; write 2026-11-21 or 2026-11-21T06:00:00+00:00",
             param_hint=option,

@@ -32,6 +32,7 @@ def web(
     """Serve the pages of a store in a browser, read-only and without a daemon."""
     from fieldlink.daemon import configure_logging, stop_on_signals
     from fieldlink.site import load_site
+    from fieldlink.sqlite_url import sqlite_url
     from fieldlink.web import store_server
 
     configure_logging()
@@ -39,7 +40,7 @@ def web(
     if site is not None:
         url = site.historian_url
     else:
-        url = store if "://" in store else f"sqlite:///{Path(store).absolute()}"
+        url = store if "://" in store else sqlite_url(Path(store).absolute())
 
     async def work() -> None:
         with stop_on_signals() as stop:

@@ -35,7 +35,13 @@ from fieldlink.links.frames import (
 )
 from fieldlink.links.late_replies import LateReplies, proves
 from fieldlink.links.line import Line, Lines, LineSettings
-from fieldlink.links.wire import Wire, WireClosedError, WireLostError, WrongReplyError
+from fieldlink.links.wire import (
+    Wire,
+    WireClosedError,
+    WireLostError,
+    WireSettingError,
+    WrongReplyError,
+)
 from fieldlink.registers import Table
 
 __all__ = ["ModbusConnection"]
@@ -166,11 +172,12 @@ class ModbusConnection:
         try:
             return await line.wire()
         except WireLostError as error:
+            remedy = "check that the device is on, its address, and the cable or network between"
+            if isinstance(error, WireSettingError):
+                remedy = "correct the host name, or baud rate, parity, data bits and stop bits"
             raise self._failed(
                 LinkUnreachableError(
-                    self._device,
-                    f"no connection to {self._where}: {error}",
-                    "check that the device is on, its address, and the cable or network between",
+                    self._device, f"no connection to {self._where}: {error}", remedy
                 )
             ) from error
 

@@ -180,12 +180,9 @@ class OpcuaSession:
         parameters = ua.ReadParameters(NodesToRead=[item])
         found = await self._ask("reading", self._client.uaclient.read(parameters))
         value = node_value(found[0])
-        words = value.value if isinstance(value.value, list) else None
-        if not value.good or words is None or len(words) != count:
-            # A range that reaches beyond the array is answered with what there is of it.
-            status = "BadIndexRangeNoData" if value.good else value.status
+        if status := _status_of_words(value, count):
             raise self._refused(f"elements {first} to {first + count - 1} of {node}", status)
-        return [int(word) for word in words]
+        return list(value.value)
 
     async def write_words(self, node: str, first: int, words: Sequence[int]) -> None:
         """Write a part of an array of UInt16 in one request; never repeated."""
@@ -275,6 +272,19 @@ class OpcuaSession:
             f"no session with {self._device.where}: {why}",
             "check that the server runs, its address, its certificates and its limit of sessions",
         )
+
+
+def _status_of_words(value: NodeValue, count: int) -> str:
+    """The status code that names what is wrong with a part of an array; empty when it is whole."""
+    if not value.good:
+        return value.status
+    words = value.value if isinstance(value.value, list) else []
+    if len(words) != count:
+        # A range beyond the array is answered with what there is of it; more comes from a server
+        # that knows no ranges.
+        return "BadIndexRangeNoData" if len(words) < count else "BadIndexRangeInvalid"
+    is_sound = all(type(word) is int and 0 <= word <= 0xFFFF for word in words)
+    return "" if is_sound else "BadTypeMismatch"
 
 
 def _index_range(first: int, count: int) -> str:

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.links.base import Link, Reading
@@ -81,6 +82,9 @@ class Point:
         return f"{tag.table} {tag.address}{last} of {named}"
 
 
+WHOLE_UP_TO = 2**53
+"""A float64, as which values are computed, holds every whole number up to here."""
+
 _MANUAL = re.compile(r"([0134])(\d{4,5})")
 _MANUAL_TABLES = {"0": Table.COIL, "1": Table.DISCRETE, "3": Table.INPUT, "4": Table.HOLDING}
 
@@ -127,7 +131,7 @@ def parse_point(text: str, device: Device) -> Tag:
         raise ByHandError(f"{text!r}: a string needs its registers, such as holding:100:string:8")
     if table.is_bits and data_type is not DataType.BOOL:
         raise ByHandError(f"{text!r}: a {table} is one bit; leave the type out")
-    return Tag(
+    tag = Tag(
         text,
         table,
         int(number),
@@ -137,6 +141,12 @@ def parse_point(text: str, device: Device) -> Tag:
         word_order=device.word_order,
         byte_order=device.byte_order,
     )
+    if tag.end > 0x10000:
+        raise ByHandError(
+            f"{text!r}: its {tag.count} registers would end at {tag.end - 1}, the last address is "
+            "65535; give another address or type"
+        )
+    return tag
 
 
 async def read_points(points: Sequence[Point]) -> list[Reading]:
@@ -187,6 +197,12 @@ def words_for(point: Point, text: str) -> list[int]:
         raise ByHandError(f"{text!r} is not a value for {tag.name} ({tag.data_type})") from error
     if not math.isfinite(value):
         raise RegisterValueError(f"{tag.name}: {text} is not a measured value; give a number")
+    is_whole = not tag.data_type.is_float and abs(value) >= WHOLE_UP_TO
+    if is_whole and Decimal(text) != Decimal(value):
+        raise RegisterValueError(
+            f"{tag.name}: {text} would be written as {int(value)}; whole numbers are exact up to "
+            f"{WHOLE_UP_TO}, so give {int(value)} if that will do"
+        )
     return tag.encode(value)
 
 

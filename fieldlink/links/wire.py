@@ -27,7 +27,7 @@ try:
 except ImportError:  # pragma: no cover  (a system without terminals has no such errors)
     TerminalError = OSError  # type: ignore[misc,assignment]
 
-__all__ = ["Wire", "WireClosedError", "WireLostError", "WrongReplyError"]
+__all__ = ["Wire", "WireClosedError", "WireLostError", "WireSettingError", "WrongReplyError"]
 
 _TRANSACTIONS = cycle(range(1, 0x10000))
 """Ids go on from one connection to the next: gateways are known to deliver the late reply to a
@@ -39,6 +39,10 @@ Late = Callable[[bytes], bool]
 
 class WireLostError(Exception):
     """The transport cannot be opened or is gone; the text says why."""
+
+
+class WireSettingError(WireLostError):
+    """The system or the port does not take a setting, such as a parity."""
 
 
 class WireClosedError(WireLostError):
@@ -101,10 +105,12 @@ class Wire(ModbusProtocol):
             self.transport, _ = await asyncio.wait_for(self.call_create(), within)
         except TimeoutError as error:
             raise WireLostError(f"no connection within {within:g} s") from error
-        except (OSError, ValueError, TerminalError) as error:
+        except OSError as error:
+            raise WireLostError(_reason(error)) from error
+        except (ValueError, TerminalError) as error:
             # ValueError: a host name or a serial setting that the system does not take.
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
-            raise WireLostError(_reason(error)) from error
+            raise WireSettingError(_reason(error)) from error
         if self.transport.is_closing():
             # Lost before it was ours: nobody would wake a request on it.
             raise WireLostError("the other side closed the connection at once")

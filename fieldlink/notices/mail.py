@@ -61,7 +61,10 @@ class MailReceiver:
                 done.set_result(problem)
 
         def work() -> None:
-            problem = self._deliver(_mail_of(notice, self._settings))
+            try:
+                problem = self._deliver(_mail_of(notice, self._settings))
+            except Exception as error:  # noqa: BLE001  (the answer that `send` waits for)
+                problem = f"{self.where}: the mail cannot be sent ({type(error).__name__})"
             try:
                 loop.call_soon_threadsafe(settle, problem)
             except RuntimeError:
@@ -109,6 +112,8 @@ class MailReceiver:
             return f"{self.where} did not answer within {STEP_PATIENCE:g} s"
         except socket.gaierror:
             return f"{self.where} cannot be reached: no address is known for its name; check host"
+        except UnicodeError:
+            return f"{self.where} cannot be reached: its name is not a host name; check host"
         except OSError as error:
             said = (error.strerror or "the connection was lost").lower()
             return f"{self.where} cannot be reached: {said}; check host, port and network"

@@ -85,7 +85,9 @@ class Notice:
 
 def finding_notice(record: FindingRecord, site: str, page: str) -> Notice:
     """Return the notice of a confirmed finding."""
-    document: Mapping[str, Any] = record.document or {}
+    # as the store has it: a number that is not finite has no word in JSON
+    row: Mapping[str, Any] = record.row()
+    document: Mapping[str, Any] = row["document"] or {}
     loop = record.loop
     lines = [*map(str, document.get("evidence", ()))]
     if action := document.get("action"):
@@ -103,8 +105,8 @@ def finding_notice(record: FindingRecord, site: str, page: str) -> Notice:
             "cause": record.cause,
             "loop": record.loop or None,
             "loops": list(record.loops),
-            "swing_period_s": record.swing_period_s,
-            "weight": record.weight,
+            "swing_period_s": row["swing_period_s"],
+            "weight": row["weight"],
             "candidates": document.get("candidates", []),
         },
     )

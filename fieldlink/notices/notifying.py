@@ -26,6 +26,7 @@ from fieldlink.notices.outbox import Outbox, Retrying
 from fieldlink.notices.receivers import Receiver, receivers_of
 from fieldlink.site import Site
 from fieldlink.store import FindingRecord, Record
+from fieldlink.store.damage import is_corruption
 
 __all__ = ["Notifying"]
 
@@ -84,7 +85,7 @@ class Notifying:
         self._states, self._tell, self._defect, self._utc_ms = states, tell, defect, utc_ms
         self._waiting: deque[tuple[Notice, str]] = deque(maxlen=MEMORY)
         self._look_every = look_every
-        self._failing = False
+        self._failing = self._is_open = False
         self._held = 0
 
     def put(self, record: Record) -> None:
@@ -120,14 +121,13 @@ class Notifying:
 
     async def _keep(self) -> None:
         """Bring what is new to disk, once a second."""
-        is_open = False
         while True:
             try:
                 if "devices" in self._about:
                     self._watch_devices()
-                if not is_open:
+                if not self._is_open:
                     aside = await asyncio.to_thread(self._outbox.open)
-                    is_open = True
+                    self._is_open = True
                     if aside is not None:
                         self._tell(
                             "notice.outbox_replaced",
@@ -139,6 +139,7 @@ class Notifying:
                 await asyncio.to_thread(self._store_waiting)
                 self._note_disk(None)
             except (sqlite3.Error, OSError, FieldlinkError) as error:
+                self._doubt_outbox(error)
                 self._note_disk(error)
             except Exception as error:  # noqa: BLE001  (told; the rest of the daemon goes on)
                 self._defect("notify", error, "it is tried again in a second")
@@ -161,6 +162,11 @@ class Notifying:
         self._outbox.release(self._name, self._page, self._utc_ms())
         self._held = self._outbox.held()
 
+    def _doubt_outbox(self, error: Exception) -> None:
+        """Have the outbox opened again, which replaces it, where SQLite says that it is damaged."""
+        if isinstance(error, sqlite3.Error) and is_corruption(error):
+            self._is_open = False
+
     def _note_disk(self, error: Exception | None) -> None:
         if (error is not None) == self._failing:
             return
@@ -180,9 +186,9 @@ class Notifying:
             await asyncio.sleep(self._look_every)
             try:
                 failing = await self._deliver_due(name, receiver, failing=failing)
-            except sqlite3.Error:
+            except sqlite3.Error as error:
                 # the task that writes the outbox tells of it
-                continue
+                self._doubt_outbox(error)
             except Exception as error:  # noqa: BLE001  (told; the others go on)
                 self._defect(f"notify {name}", error, "it is tried again in a second")
 
@@ -211,6 +217,10 @@ class Notifying:
                     title = delivery.notice.title
                     self._tell("notice.given_up", name, f"{error}; given up: {title}", bad=True)
                 failing = True
+            except Exception:
+                # counted too: a notice that cannot be sent at all must not hold up the next ones
+                await asyncio.to_thread(self._outbox.failed, name, delivery, self._utc_ms())
+                raise
             else:
                 await asyncio.to_thread(self._outbox.delivered, name, delivery.number)
                 self._reports[name] = replace(report, delivered=report.delivered + 1)

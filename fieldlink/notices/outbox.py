@@ -87,13 +87,16 @@ class Outbox:
         """Make the tables; return where a damaged file was put, None where none was."""
         try:
             self._make()
+            is_sound = self._is_sound()
         except sqlite3.Error as error:
             if not is_corruption(error):
                 raise
-            aside = set_aside(self._file)
-            self._make()
-            return aside
-        return None
+            is_sound = False
+        if is_sound:
+            return None
+        aside = set_aside(self._file)
+        self._make()
+        return aside
 
     def offer(self, notice: Notice, *, only_after: str = "") -> bool:
         """Take a notice; False where this state of its subject was sent already.
@@ -213,6 +216,11 @@ class Outbox:
                     self._receivers,
                 )
         self._file.chmod(0o640)
+
+    def _is_sound(self) -> bool:
+        """Whether every page can be read: the tables are small, and a damaged page stops all."""
+        with closing(self._connect()) as connection:
+            return bool(connection.execute("PRAGMA quick_check(1)").fetchone()[0] == "ok")
 
     def _connect(self) -> sqlite3.Connection:
         return sqlite3.connect(self._file, timeout=5.0)

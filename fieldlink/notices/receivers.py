@@ -38,7 +38,7 @@ def receivers_of(site: Site) -> Mapping[str, Receiver]:
     """Return the receivers of a site by name, their files read.
 
     Raises:
-        NoticeError: a package is missing, or a secret or certificate cannot be read.
+        NoticeError: a package is missing, or a secret or certificate cannot be read or used.
     """
     notify = site.file.notify
     assert notify is not None
@@ -55,6 +55,12 @@ def receivers_of(site: Site) -> Mapping[str, Receiver]:
         password = None
         if mail.username is not None:
             password = _secret(site, f"{key}.password", mail.password_file, mail.password_variable)
+            if not f"{mail.username}{password.reveal()}".isascii():
+                # as smtplib has it: RFC 4954 leaves other characters to each way of logging in
+                raise NoticeError(
+                    f"{site.path}: {key}: user name or password has other characters than ASCII, "
+                    "which a login over SMTP cannot carry; have another one set at the mail server"
+                )
         found["mail"] = MailReceiver(mail, password, _tls(site, key, mail.ca))
     return found
 

@@ -32,7 +32,7 @@ class WebHookReceiver:
 
     Raises:
         NoticeError: httpx is missing, the address is not for the web, or the token would go
-            unencrypted.
+            unencrypted or cannot be sent.
     """
 
     def __init__(
@@ -64,6 +64,11 @@ class WebHookReceiver:
             raise NoticeError(
                 f"{site_file}: notify.web_hook: the token would cross the network unencrypted; "
                 "use an https address"
+            )
+        if token is not None and not (token.reveal().isascii() and token.reveal().isprintable()):
+            raise NoticeError(
+                f"{site_file}: notify.web_hook: the token has characters that a header cannot "
+                "carry; write it in ASCII on one line"
             )
         self._httpx = httpx
         self._url = Secret(url)

@@ -33,7 +33,11 @@ NICENESS = 10
 """As the estimator's processes: the daemon's polls go first."""
 
 MEMORY = 600_000_000
-"""Bytes: several times what 500 loops and 20 clients take; a flood ends this process only."""
+"""Bytes: six times what asyncua takes without loops, for 20 clients; a flood ends this process
+only."""
+
+MEMORY_A_LOOP = 500_000
+"""Bytes: twice what the nodes of a loop take, so that clients may subscribe to all of them."""
 
 LONGEST_LINE = 64 * 2**20
 """Bytes of a document: 5,000 loops have less than a tenth."""
@@ -69,11 +73,21 @@ def _stand_back() -> None:
     """Let the daemon go first, and let it decide when this process ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    bound_memory(0)
+    if sys.platform != "win32":
+        os.nice(NICENESS)
+
+
+def bound_memory(loops: int) -> None:
+    """Let this process take what it needs for so many loops, and not more."""
     if sys.platform != "win32":
         import resource
 
-        resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-        os.nice(NICENESS)
+        most = MEMORY + MEMORY_A_LOOP * loops
+        # without the right to raise it again, the hard limit stays
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 async def _serve() -> None:
@@ -96,7 +110,9 @@ async def _serve() -> None:
     _tell(port=server.bserver.port)
     try:
         while line := await reader.readline():
-            await nodes.show(json.loads(line))
+            document = json.loads(line)
+            bound_memory(len(document["loops"]["names"]))
+            await nodes.show(document)
             _tell(clients=len(server.bserver.clients))
     finally:
         await server.stop()

@@ -13,7 +13,7 @@ import json
 import socket
 import sys
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from importlib import metadata
 from importlib.util import find_spec
@@ -40,8 +40,12 @@ PATIENCE = BackoffSettings(first=1.0, cap=60.0)
 """Pauses until the next attempt: a port that becomes free is used within a minute."""
 
 ANSWER_WITHIN = 120.0
-"""Seconds without an answer after which the process is replaced: filling the address space of 5,000
-loops takes half of that on a slow machine."""
+"""Seconds without an answer after which the process is replaced: many times what a document takes
+on a slow machine."""
+
+AT_ONCE = 200
+"""Loops and devices that a document changes: some seconds of work. asyncua compares a new object
+with all that are there, so thousands in one document would take longer than an answer may."""
 
 END_WITHIN = 5.0
 """Seconds for the process to say goodbye to its clients; then it is killed."""
@@ -123,7 +127,8 @@ class OpcuaServing:
             while True:
                 document = await self._look(shown)
                 if document is not None:
-                    self.clients = (await _exchange(process, document))["clients"]
+                    for part in parts_of(document):
+                        self.clients = (await _exchange(process, part))["clients"]
                     self.listening.set()
                     backoff.succeeded()
                 await asyncio.sleep(EVERY)
@@ -216,6 +221,20 @@ async def opcua_server(
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+def parts_of(document: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield documents of at most `AT_ONCE` changes that say together what one says."""
+    kinds = ("loops", "devices")
+    changed = [(kind, *found) for kind in kinds for found in document[kind]["changed"].items()]
+    for begin in range(0, max(1, len(changed)), AT_ONCE):
+        now: dict[str, dict[str, Any]] = {kind: {} for kind in kinds}
+        for kind, name, values in changed[begin : begin + AT_ONCE]:
+            now[kind][name] = values
+        yield {
+            **document,
+            **{kind: {"names": document[kind]["names"], "changed": now[kind]} for kind in kinds},
+        }
 
 
 def _check_port(host: str, port: int) -> None:

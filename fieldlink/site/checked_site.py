@@ -22,12 +22,12 @@ from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.models import Loop, SiteFile
 from fieldlink.site.node_plan import plan_nodes
 from fieldlink.site.polling import poll_period, polls_by_tag
+from fieldlink.sqlite_url import SQLITE, sqlite_url
 
 __all__ = ["Site"]
 
 M = TypeVar("M", bound=BaseModel)
 
-_SQLITE = "sqlite:///"
 _PASSWORD = re.compile(r"(\w+://[^\s:/@]*):.+@")
 """Up to the last @, because a password may hold /, @ and blanks."""
 
@@ -90,10 +90,10 @@ class Site:
     def historian_url(self) -> str:
         """The historian's URL; a relative SQLite path is resolved against `data_dir`."""
         url = self.historian.url
-        path = url.removeprefix(_SQLITE)
+        path = url.removeprefix(SQLITE)
         if path == url or path in ("", ":memory:") or Path(path).is_absolute():
             return url
-        return f"{_SQLITE}{self.data_dir / path}"
+        return f"{sqlite_url(self.data_dir)}/{path}"
 
     @property
     def historian_shown(self) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from email.errors import MessageError
+from email.headerregistry import Address
 from pathlib import Path
 from typing import Any, Literal, Self
 from urllib.parse import urlsplit
@@ -65,6 +67,15 @@ def _default_port(keys: dict[str, Any]) -> int:
     return SMTP_PORTS[keys.get("security", "starttls")]
 
 
+def _is_mail_address(text: str) -> bool:
+    """Whether every mail server takes the address: RFC 5321 knows ASCII alone."""
+    try:
+        Address(addr_spec=text)
+    except (ValueError, MessageError):
+        return False
+    return text.isascii() and _ADDRESS.fullmatch(text) is not None
+
+
 class MailSettings(Model):
     """``[notify.mail]``: an e-mail for each notice."""
 
@@ -103,8 +114,8 @@ class MailSettings(Model):
                 '"tls"'
             )
         for address in (self.sender, *self.to):
-            if _ADDRESS.fullmatch(address) is None:
-                raise ValueError(f'"{address}" is not a mail address; write NAME@HOST')
+            if not _is_mail_address(address):
+                raise ValueError(f'"{address}" is not a mail address; write NAME@HOST in ASCII')
         return self
 
 

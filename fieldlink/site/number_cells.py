@@ -40,7 +40,7 @@ _BAD_STATES = frozenset(
 )  # fmt: skip
 """What historians (PI's digital states, OPC's qualities) and spreadsheets write for a bad value."""
 
-_NO_VALUE_FROM = 3.4e38
+NO_VALUE_FROM = 3.4e38
 """From this magnitude on a number marks a sample without a value: the largest number of a
 transmitter's float (IEEE 754 binary32: 3.4028235e38), however few digits are written of it, and
 whatever exceeds it, such as the largest double (1.8e308)."""
@@ -140,7 +140,7 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
 def _take_out_what_is_no_value(
     values: NDArray[np.float64], cells: Sequence[str], bad: Counter[str]
 ) -> None:
-    for index in np.flatnonzero(np.abs(values) >= _NO_VALUE_FROM).tolist():
+    for index in np.flatnonzero(np.abs(values) >= NO_VALUE_FROM).tolist():
         values[index] = np.nan
         bad[cells[index]] += 1
 

@@ -106,16 +106,23 @@ class Recording:
 def files_in(path: Path) -> list[Path]:
     """Return the recordings of a folder in the order of their names, or the file itself.
 
+    A pipe or a device in a folder is none: reading it would wait for a writer without end.
+
     Raises:
         RecordingError: the folder cannot be listed.
     """
     if not os.path.isdir(path):
         return [path]
     try:
-        return sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+        named = [file for file in path.iterdir() if file.suffix.lower() in ENDINGS]
+        return sorted(file for file in named if not _is_pipe_or_device(file))
     except OSError as error:
         message = f"cannot be listed ({error.strerror})"
         raise RecordingError([Problem(str(path), "", message, "check its permissions")]) from error
+
+
+def _is_pipe_or_device(path: Path) -> bool:
+    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
 
 
 def read_recording(

@@ -57,12 +57,19 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
 
 
 def _printable(site: Site, source: TomlSource) -> Iterator[Problem]:
-    """Names go to terminals, logs and labels of metrics: nothing in them may be obeyed there."""
-    names = {
+    """Names go to terminals, logs and labels of metrics: nothing in them may be obeyed there.
+
+    A broker ends a connection over a topic with such characters.
+    """
+    names: dict[tuple[str, ...], str] = {
         ("site", "name"): site.name,
         **{("devices", name): name for name in site.devices},
         **{("loops", name): name for name in site.loops},
+        **{("loops", name, "area"): loop.area for name, loop in site.loops.items()},
     }
+    if (mqtt := site.file.mqtt) is not None:
+        keys = ("topic", "group", "node", "client_id")
+        names |= {("mqtt", key): getattr(mqtt, key) or "" for key in keys}
     for key, name in names.items():
         if not name.isprintable():
             yield source.problem(

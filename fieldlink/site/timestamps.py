@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "NoClockError", "Sampling", "Times", "is_date", "is_moment", "is_time_of_day", "parse_times",
-    "sampling_of",
+    "NoClockError", "Sampling", "Times", "counts_a_second", "is_date", "is_moment",
+    "is_time_of_day", "parse_times", "sampling_of",
 ]  # fmt: skip
 
 _DAY = 86400.0
@@ -89,6 +89,12 @@ def is_moment(seconds: float) -> bool:
     return _DATED_FROM <= seconds < _DATED_TO
 
 
+def counts_a_second(number: float) -> tuple[str, float] | None:
+    """Return what a number since 1970 counts, and how many of that a second has; else None."""
+    units = _COUNTS_A_SECOND.items()
+    return next(((unit, counts) for unit, counts in units if is_moment(number / counts)), None)
+
+
 def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
     """Return the seconds of every cell.
 
@@ -156,9 +162,9 @@ def _as_seconds(values: Floats) -> tuple[Floats, float | None, str | None]:
     """Numbers as seconds, with their origin and how they were read."""
     if is_moment(values[0]):
         return values, 0.0, None
-    for unit, counts in _COUNTS_A_SECOND.items():
-        if is_moment(values[0] / counts):
-            return values / counts, 0.0, f"holds {unit} since 1970"
+    if (counted := counts_a_second(values[0])) is not None:
+        unit, counts = counted
+        return values / counts, 0.0, f"holds {unit} since 1970"
     days = (values - _SPREADSHEET_EPOCH) * _DAY
     if is_moment(days[0]) and is_moment(days[-1]) and abs(np.median(np.diff(values))) < _FINE_DAYS:
         return np.round(days, 3), 0.0, "holds days, as a spreadsheet counts them"

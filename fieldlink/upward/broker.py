@@ -55,6 +55,7 @@ class BrokerSession:
         self._connected: asyncio.Future[None] = self._loop.create_future()
         self._lost: str | None = None
         self._incoming: list[Incoming] = []
+        self._retained: set[Incoming] = set()
         self.overrun = 0
         self.was_reached = False
         self._unanswered: set[int] = set()
@@ -225,6 +226,12 @@ class BrokerSession:
         self._on_answer(number)
 
     def _on_message(self, message: Incoming) -> None:
+        if message.retained:
+            # every subscription that confirms a delivery brings them again
+            if message in self._retained:
+                return
+            if len(self._retained) < MOST_INCOMING:
+                self._retained.add(message)
         if len(self._incoming) < MOST_INCOMING:
             self._incoming.append(message)
         else:

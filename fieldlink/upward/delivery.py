@@ -180,6 +180,7 @@ class Delivery:
     async def _answer(self, session: BrokerSession) -> None:
         for incoming in session.take_incoming():
             await session.publish(self._format.receive(incoming, self._health()))
+            self._look_at = 0.0
         if session.overrun:
             self._tell(
                 "command.overrun",
@@ -193,7 +194,9 @@ class Delivery:
     async def _send_batch(self, session: BrokerSession) -> bool:
         """Send the next messages; return whether there were any."""
         name, limit = self._format.name, self._batch
-        messages = await self._spool.call(lambda spool: spool.read(spool.confirmed(name), limit))
+        messages, stream = await self._spool.call(
+            lambda spool: (spool.read(spool.confirmed(name), limit), spool.stream)
+        )
         if not messages:
             self._waiting = 0
             return False
@@ -203,9 +206,9 @@ class Delivery:
             await self._send(session, packets)
         except BrokerRefusalError:
             if self._is_to_be_skipped(len(messages)):
-                await self._skip(last)
+                await self._skip(last, stream)
             raise
-        await self._spool.call(lambda spool: spool.confirm(name, last))
+        await self._spool.call(lambda spool: spool.confirm(name, last, stream))
         self._refusals, self._batch = 0, min(BATCH, 2 * self._batch)
         self._delivered += len(messages)
         self._waiting = max(0, self._spool.last_id - last)
@@ -224,9 +227,9 @@ class Delivery:
         self._refusals += 1
         return self._refusals >= REFUSALS
 
-    async def _skip(self, number: int) -> None:
+    async def _skip(self, number: int, stream: str) -> None:
         name = self._format.name
-        await self._spool.call(lambda spool: spool.confirm(name, number))
+        await self._spool.call(lambda spool: spool.confirm(name, number, stream))
         self._refusals = 0
         self._skipped += 1
         self._tell(

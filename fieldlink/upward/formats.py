@@ -61,7 +61,7 @@ class Format(Protocol):
         ...
 
     def receive(self, incoming: Incoming, health: Health) -> Iterable[Outgoing]:
-        """Return the answer to a message from the broker."""
+        """Return the answer to a message from the broker; a look at the health follows."""
         ...
 
     def farewell(self) -> Sequence[Outgoing]:

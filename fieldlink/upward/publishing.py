@@ -240,7 +240,7 @@ class Publishing:
     async def _trim(self, thread: SpoolThread) -> None:
         try:
             dropped = await thread.call(lambda spool: spool.trim())
-        except sqlite3.Error as error:
+        except (sqlite3.Error, FieldlinkError) as error:
             self._tell("mqtt.spool_failing", "mqtt", f"{error}; check the disk", bad=True)
             return
         if dropped:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 from fieldlink.site import Site
 from fieldlink.upward.commands import CommandDesk
@@ -78,28 +78,27 @@ class SparkplugFormat:
             return self.begin(health)
         return self._node.note_health(health)
 
-    def receive(self, incoming: Incoming, health: Health) -> Iterator[Outgoing]:
-        """Return new births for a rebirth request; have other commands carried out."""
+    def receive(self, incoming: Incoming, health: Health) -> Sequence[Outgoing]:  # noqa: ARG002
+        """Have commands carried out; the next look answers all rebirth requests with one birth."""
         try:
             payload = decode(incoming.payload)
         except PayloadError:
             self._desk.handle("unreadable payload", None, "", topic=incoming.topic)
-            return
+            return ()
         if incoming.too_long or len(payload.metrics) > MOST_METRICS:
             refusal = incoming.refusal or (
                 f"the message has {len(payload.metrics)} metrics; a command has at most "
                 f"{MOST_METRICS}"
             )
             self._desk.handle("command", None, "", topic=incoming.topic, refusal=refusal)
-            return
+            return ()
         is_node = incoming.topic == self._node.topic("NCMD")
         loop = None if is_node else self._node.find_loop(incoming.topic)
         for metric in payload.metrics:
             name = self._node.find_metric(loop, metric)
             if is_node and name == REBIRTH:
                 # tck-id-operational-behavior-data-commands-rebirth-action-1 to -3
-                if metric.value is True and not incoming.retained:
-                    yield from self.begin(health)
+                self._reborn |= metric.value is True and not incoming.retained
                 continue
             if metric.value is False:
                 continue
@@ -110,6 +109,7 @@ class SparkplugFormat:
                 topic=incoming.topic,
                 refusal=incoming.refusal,
             )
+        return ()
 
     def farewell(self) -> Sequence[Outgoing]:
         """Return the NDEATH: a clean DISCONNECT makes the broker forget the will."""

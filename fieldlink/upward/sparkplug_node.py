@@ -136,7 +136,9 @@ class EdgeNode:
         """Yield what a message changes; nothing when it changes nothing."""
         historical = message.id <= self._historical_until
         if message.source not in self._board:
-            values = dict(self._of_node(message)) if message.kind == "event" else {}
+            # a spool may hold events that the site has published before, and does no more
+            is_told = message.kind == "event" and self._events
+            values = dict(self._of_node(message)) if is_told else {}
             yield from self._changes("NDATA", None, values, historical)
             return
         if message.source not in self._born:

@@ -3,6 +3,9 @@
 One SQLite file. Numbers rise by one and never come back, also after a restart; a file that had to
 be replaced begins a new stream with a name of its own. So a consumer that keeps the last number of
 a stream can drop repeats and see gaps. All methods run in one thread, which is the caller's care.
+
+SQLite finds a damaged page when it reads it, which may be long after the file was opened: whatever
+meets the damage replaces the file.
 """
 
 from __future__ import annotations
@@ -11,15 +14,19 @@ import json
 import sqlite3
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 from fieldlink.store.damage import is_corruption, set_aside
+from fieldlink.store.errors import StoreError
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.messages import Message
 
 __all__ = ["Spool"]
+
+T = TypeVar("T")
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS messages (
@@ -100,42 +107,45 @@ class Spool:
             UpwardError: a damaged file cannot be replaced.
         """
         rows = [(m.utc_ms, m.kind, m.source, json.dumps(m.body, default=str)) for m in messages]
-        try:
-            self._insert(rows)
-        except sqlite3.Error as error:
-            if not is_corruption(error):
-                raise
-            self.close()
-            self._replace()
-            self._insert(rows)
+        self._heal(lambda: self._insert(rows))
         return self.last_id
 
     def read(self, after: int, limit: int) -> list[Message]:
         """Return up to ``limit`` messages with numbers above ``after``, in order."""
-        rows = self._connection.execute(
-            "SELECT id, utc_ms, kind, source, body FROM messages WHERE id > ? ORDER BY id LIMIT ?",
-            (after, limit),
-        )
+        rows = self._heal(lambda: self._rows(after, limit))
         return [
             Message(kind, source, ms, json.loads(body), n) for n, ms, kind, source, body in rows
         ]
 
     def confirmed(self, reader: str) -> int:
         """Return the number up to which a reader has delivered."""
-        row = self._connection.execute(
-            "SELECT confirmed FROM readers WHERE name = ?", (reader,)
-        ).fetchone()
+        row = self._heal(
+            lambda: self._connection.execute(
+                "SELECT confirmed FROM readers WHERE name = ?", (reader,)
+            ).fetchone()
+        )
         return int(row[0])
 
     def waiting(self, reader: str) -> int:
         """Return how many messages a reader has not delivered."""
-        row = self._connection.execute(
-            "SELECT count(*) FROM messages WHERE id > ?", (self.confirmed(reader),)
-        ).fetchone()
+        row = self._heal(
+            lambda: self._connection.execute(
+                "SELECT count(*) FROM messages WHERE id > ?", (self.confirmed(reader),)
+            ).fetchone()
+        )
         return int(row[0])
 
-    def confirm(self, reader: str, up_to: int) -> None:
-        """Note that a reader has delivered; delete what every reader has."""
+    def confirm(self, reader: str, up_to: int, stream: str) -> None:
+        """Note that a reader has delivered; delete what every reader has.
+
+        Args:
+            reader: its name.
+            up_to: number of its last message.
+            stream: of that number; in a file that was replaced since it means nothing.
+        """
+        self._heal(lambda: self._confirm(reader, up_to) if stream == self.stream else None)
+
+    def _confirm(self, reader: str, up_to: int) -> None:
         with self._connection as connection:
             connection.execute(
                 "UPDATE readers SET confirmed = max(confirmed, ?) WHERE name = ?", (up_to, reader)
@@ -146,6 +156,9 @@ class Spool:
 
     def trim(self) -> int:
         """Drop what is too old or too much; return how many messages that were."""
+        return self._heal(self._trim)
+
+    def _trim(self) -> int:
         oldest = round(1000.0 * (time.time() - self._longest))
         with self._connection as connection:
             # Numbers, not times, decide what is old: a clock that stepped must not tear the order.
@@ -163,7 +176,9 @@ class Spool:
 
     def next_birth(self, reader: str) -> int:
         """Return the number of a reader's next session (bdSeq); a new process goes on counting."""
-        key = f"birth of {reader}"
+        return self._heal(lambda: self._next_birth(f"birth of {reader}"))
+
+    def _next_birth(self, key: str) -> int:
         with self._connection as connection:
             number = (int(self._meta(key, "-1")) + 1) % LARGEST_BIRTH
             connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, str(number)))
@@ -204,6 +219,30 @@ class Spool:
         ).fetchone()
         return 0 if row is None else int(row[0])
 
+    def _heal(self, work: Callable[[], T]) -> T:
+        """Return what ``work`` gives; a file that it finds damaged is replaced, and it done again.
+
+        Raises:
+            sqlite3.Error: the file cannot be used, for another reason than damage.
+            UpwardError: a damaged file cannot be replaced; the next call tries again.
+        """
+        if self._open_file is None:
+            self.open()
+        try:
+            return work()
+        except sqlite3.Error as error:
+            if not is_corruption(error):
+                raise
+            self.close()
+            self._replace()
+            return work()
+
+    def _rows(self, after: int, limit: int) -> list[tuple[int, int, str, str, str]]:
+        return self._connection.execute(
+            "SELECT id, utc_ms, kind, source, body FROM messages WHERE id > ? ORDER BY id LIMIT ?",
+            (after, limit),
+        ).fetchall()
+
     def _insert(self, rows: Sequence[tuple[int, str, str, str]]) -> None:
         with self._connection as connection:
             connection.executemany(
@@ -213,11 +252,15 @@ class Spool:
         self.last_id = newest
 
     def _replace(self) -> None:
-        set_aside(self._file)
+        try:
+            set_aside(self._file)
+        except StoreError as error:
+            raise UpwardError(str(error)) from error
         self.set_aside += 1
         try:
             self._try_open()
         except sqlite3.Error as error:
+            self.close()
             raise self._unusable(error) from error
 
     def _unusable(self, error: sqlite3.Error) -> UpwardError:

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator import EstimatorError, Interval
 from fieldlink.errors import FieldlinkError
+from fieldlink.printable import as_text
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.from_store import Diagnose, ReportedLoop
 from fieldlink.worklist.partial import PartialReport
@@ -140,7 +141,7 @@ def _names(files: Sequence[Path]) -> list[str]:
     """Return the files' names without ending; with the folder where two names are the same."""
     stems = [file.stem for file in files]
     return [
-        stem if stems.count(stem) == 1 else str(file.with_suffix(""))
+        as_text(stem if stems.count(stem) == 1 else str(file.with_suffix("")))
         for stem, file in zip(stems, files, strict=True)
     ]
 
@@ -150,7 +151,7 @@ def _judge_or_explain(job: _Job) -> _Judged | str:
     try:
         return _judge(job)
     except (FieldlinkError, EstimatorError) as error:
-        return str(error)
+        return as_text(str(error))
 
 
 def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLoop:

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fieldlink.assess import AssessError, Cut, Job, Piece
+from fieldlink.assess import AssessError, Cut, Job, Piece, Place
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers import files
@@ -22,9 +23,18 @@ from fieldlink.assess.readers.files import FileReader
 from fieldlink.assess.readers.registry import reader_of
 from fieldlink.assess.run_file import RunFile
 from fieldlink.assess.table_row import error_row
+from fieldlink.assess.workers.watched import _without_place
 from fieldlink.errors import FieldlinkError
-from tests.assess.conftest import write_csv
-from tests.assess.test_readers import BEGIN, as_moments, windows
+from tests.assess.conftest import Recorded, write_csv
+from tests.assess.test_readers import (
+    BEGIN,
+    as_csv,
+    as_historian,
+    as_moments,
+    as_parquet,
+    as_values,
+    windows,
+)
 from tests.cli.typed import run_typed
 
 
@@ -51,6 +61,29 @@ def test_links_are_followed_and_each_folder_is_read_once(tmp_path: Path, sticky)
     assert listed(job) == [str(site / name) for name in names]
     with pytest.raises(ReadingError, match="is a pipe or a device"):
         list(FileReader().windows(job, Piece(0, "pipe.csv", str(site / "pipe.csv"))))
+
+
+def test_a_name_that_is_not_utf8_costs_nothing(tmp_path: Path) -> None:
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/W\xe4rme"))
+    for name in (b"R\xfccklauf.csv", b"ok.csv"):
+        write_csv(folder / os.fsdecode(name), Recorded(np.zeros(60), np.zeros(60)))
+    (folder / os.fsdecode(b"\xe4.csv")).write_text("op,pv\n1.0,off\n")
+    (folder / os.fsdecode(b"\xe4.parquet")).write_bytes(b"PAR1")
+    done = run_typed(tmp_path, "assess", folder.name, "--out", "out", "--workers", 1)
+    assert done.returncode == 1, done.stderr
+    rows = {row["file"]: row for row in pq.read_table(tmp_path / "out/loops.parquet").to_pylist()}
+    names = (r"R\xfccklauf.csv", "ok.csv", r"\xe4.csv", r"\xe4.parquet")
+    assert set(rows) == {rf"W\xe4rme/{name}" for name in names}
+    assert rows[r"W\xe4rme/R\xfccklauf.csv"]["loop"] == r"R\xfccklauf"
+    assert rows[r"W\xe4rme/\xe4.csv"]["error"].startswith("line 2: pv: 'off' is not")
+    assert "rme" not in rows[r"W\xe4rme/\xe4.parquet"]["error"]
+
+
+def test_a_message_loses_the_whole_path_of_its_file() -> None:
+    # one name is the end of the other, and a set of the two has another order for other names
+    for number in range(20):
+        piece = Piece(0, f"rec/{number}.csv", f"/plant/rec/{number}.csv")
+        assert _without_place(f"{piece.path}: is empty", piece) == "is empty"
 
 
 def test_a_folder_that_goes_away_while_it_is_listed_costs_one_row(
@@ -134,6 +167,55 @@ def test_a_parquet_file_of_two_exports_that_overlap_has_each_moment_once(
     np.testing.assert_array_equal(found.op, sticky.op)
 
 
+@pytest.mark.parametrize("counts", [1, 1000, 10**9])
+def test_a_parquet_file_of_numbers_has_loops_and_moments(
+    tmp_path: Path, sticky, counts: int
+) -> None:
+    times = counts * (BEGIN + np.arange(400, dtype=np.int64))
+    loops = np.repeat([101, 102], 200)
+    table = pa.table({"time": times, "loop": loops, "op": sticky.op, "pv": sticky.pv})
+    pq.write_table(table, tmp_path / "x.parquet")
+    place = place_of(str(tmp_path))
+    found = windows(place, Cut())
+    assert [(name, len(window), window.time[0]) for name, window in found] == [
+        ("101", 200, BEGIN),
+        ("102", 200, BEGIN + 200.0),
+    ]
+    assert all(window.dated and window.period == 1.0 for _, window in found)
+    first, second = windows(place, Cut(since=BEGIN + 50.0, until=BEGIN + 350.0))
+    np.testing.assert_array_equal(first[1].op, sticky.op[50:200])
+    np.testing.assert_array_equal(second[1].op, sticky.op[200:350])
+
+
+def test_a_parquet_file_with_two_columns_of_one_name_is_one_sentence(tmp_path: Path) -> None:
+    zeros = pa.array(np.zeros(60))
+    table = pa.Table.from_arrays([zeros, zeros, zeros], names=["op", "pv", "pv"])
+    pq.write_table(table, tmp_path / "x.parquet")
+    with pytest.raises(ReadingError, match=r"cannot be read as Parquet .*; export it again"):
+        windows(place_of(str(tmp_path)), Cut())
+
+
+@pytest.mark.parametrize("make", [as_csv, as_parquet, as_historian, as_moments, as_values])
+@pytest.mark.parametrize("mark", [3.4028234663852886e38, -1e39])
+def test_the_largest_float_marks_a_bad_sample_wherever_it_is_stored(
+    tmp_path: Path, sticky, make: Callable[..., Place], mark: float
+) -> None:
+    pv = sticky.pv.copy()
+    pv[7] = mark
+    found = dict(windows(make(tmp_path, sticky.op, pv), Cut()))["FC101"]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.pv)), [7])
+
+
+def test_a_store_whose_name_means_something_in_an_address_is_read(tmp_path: Path, sticky) -> None:
+    as_historian(tmp_path, sticky.op, sticky.pv)
+    for name in ("a?b=c", "a%20b"):
+        folder = tmp_path / name
+        folder.mkdir()
+        shutil.copy(tmp_path / "history.sqlite", folder / f"{name}.sqlite")
+        ((loop, found),) = windows(place_of(str(folder)), Cut())
+        assert (loop, len(found)) == ("FC101", 400)
+
+
 def test_the_record_of_something_else_and_of_an_older_release_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("op,pv\n")
     for text, words in (
@@ -169,8 +251,6 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing_that_was_stored(tmp_path:
 
 
 def test_a_store_is_read_while_it_is_written(tmp_path: Path, sticky) -> None:
-    from tests.assess.test_readers import as_historian
-
     place = as_historian(tmp_path, sticky.op[:200], sticky.pv[:200])
     job = Job((place,))
     reader = reader_of(place.kind)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import platform
 import shutil
@@ -48,6 +49,23 @@ def test_the_version_names_what_computes() -> None:
     assert lines[1].startswith(f"Python {platform.python_version()}")
     for package in ("numpy", "numba", "pymodbus", "fmpy", "sqlalchemy"):
         assert f"{package} {version(package)}" in lines
+
+
+def test_a_disk_that_is_full_leaves_no_half_bundle(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    out = tmp_path / "bundle.zip"
+    with monkeypatch.context() as patch:
+        patch.setattr(zipfile.ZipFile, "writestr", full)
+        result = CliRunner().invoke(app, ["support-bundle", str(site), "--out", str(out)])
+    assert isinstance(result.exception, FieldlinkError)
+    assert "cannot be written (No space left on device)" in str(result.exception)
+    assert not out.exists()
+    # the next one has its place
+    assert "versions.json" in bundle(site, "--out", out)
 
 
 def test_a_bundle_has_no_secrets_and_says_what_is_missing(site: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.registers import (
+    ACCEPTED,
     BLOCK_REGISTERS,
     Bank,
     BlockLimits,
@@ -120,6 +121,24 @@ async def test_a_plc_that_does_not_acknowledge_is_reported(
     b.submit(findings())
     await b.seconds(15, scanning=False)
     assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.NOT_ACKNOWLEDGED]
+
+
+async def test_an_answer_that_names_the_other_bank_accepts_nothing(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+    b.submit(findings())
+    await b.seconds(1, scanning=False)
+    # as a PLC would whose program mixes its banks up: right number and result, the old bank
+    for _ in range(15):
+        commit = device.words[layout.commit]
+        device.words[layout.ack_seq], device.words[layout.ack_commit] = commit & 0xFF, commit
+        device.words[layout.ack_result], device.words[layout.active_bank] = ACCEPTED, 0
+        await b.seconds(1, scanning=False)
+    assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.NOT_ACKNOWLEDGED]
+    assert "ack_seq is 1, active_bank 0" in b.said[-1].reason
+    assert b.writeback.block is None
+    assert not b.writeback.compensates
 
 
 async def test_findings_wait_while_the_device_is_away(

@@ -87,6 +87,26 @@ def test_command_prints_it_and_as_json(mini_fmus: Minis) -> None:
     assert described["warnings"] == []
 
 
+def test_a_unit_without_a_usable_factor_is_its_own_base(mini_fmus: Minis, tmp_path: Path) -> None:
+    file = tmp_path / "odd.fmu"
+    units = (
+        b'<UnitDefinitions><Unit name="odd"><BaseUnit m="1" factor="NaN" offset="INF"/>'
+        b'<DisplayUnit name="shown" factor="1e400" offset="-INF"/></Unit></UnitDefinitions>'
+    )
+    with zipfile.ZipFile(mini_fmus["fmi2"]) as source, zipfile.ZipFile(file, "w") as copy:
+        for name in source.namelist():
+            text = source.read(name)
+            if name == "modelDescription.xml":
+                text = re.sub(rb"<UnitDefinitions>.*</UnitDefinitions>", b"", text, flags=re.DOTALL)
+                text = text.replace(b"<ModelVariables>", units + b"<ModelVariables>")
+            copy.writestr(name, text)
+    printed = CliRunner().invoke(app, ["info", str(file), "--json"]).stdout
+    described = json.loads(printed, parse_constant=pytest.fail)
+    (unit,) = described["units"]
+    assert (unit["factor"], unit["offset"]) == (1.0, 0.0)
+    assert unit["shown"] == [["shown", 1.0, 0.0]]
+
+
 @pytest.mark.parametrize("number", ["INF", "NaN", "soon", "", "1e400"])
 def test_an_experiment_without_usable_numbers_names_none(
     mini_fmus: Minis, tmp_path: Path, number: str

@@ -187,7 +187,10 @@ async def test_a_serial_setting_that_the_port_refuses_is_a_failure_of_that_devic
     link = ModbusLink(ModbusSettings("plc", device), plan_reads(FAR_APART), SystemClock())
     scan = await link.scan()
     assert link.state is LinkState.DEMOTED
-    assert "the serial port refuses its settings (Invalid argument)" in str(scan.failures[0])
+    said = str(scan.failures[0])
+    assert "the serial port refuses its settings (Invalid argument)" in said
+    assert "parity" in said
+    assert "cable" not in said
     await link.close()
 
 

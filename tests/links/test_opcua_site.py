@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from asyncua import ua
 
-from fieldlink.links import LinkError, open_link
-from fieldlink.site import Site, SiteError
+from fieldlink.links import LinkError, SystemClock, open_link
+from fieldlink.links.opcua_session import OpcuaSession, StatusError
+from fieldlink.site import Device, Site, SiteError
 
 
 @pytest.mark.parametrize(
@@ -35,3 +37,36 @@ def test_without_the_package_the_link_says_what_to_install(
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(LinkError, match=r"pip install 'fieldlink\[opcua\]'"):
         open_link(site, "plc")
+
+
+@pytest.mark.parametrize(
+    ("array", "said"),
+    [
+        (["a", "b"], "BadTypeMismatch; make exchange_node an array of UInt16"),
+        ([1.5, 2.0], "BadTypeMismatch"),
+        ([-1, 0], "BadTypeMismatch"),
+        ([0x10000, 0], "BadTypeMismatch"),
+        ([True, False], "BadTypeMismatch"),
+        ([1], "BadIndexRangeNoData; the array is too short"),
+        ([1, 2, 3], "the server does not support index ranges"),
+        ("no array", "BadIndexRangeNoData"),
+    ],
+)
+async def test_an_array_that_holds_no_registers_is_refused(
+    make_opcua_site: Callable[..., Site],
+    monkeypatch: pytest.MonkeyPatch,
+    array: object,
+    said: str,
+) -> None:
+    session = OpcuaSession("plc", *_device(make_opcua_site(1)), SystemClock())
+
+    async def answer(_: object) -> list[ua.DataValue]:
+        return [ua.DataValue(ua.Variant(array))]
+
+    monkeypatch.setattr(session._client.uaclient, "read", answer)
+    with pytest.raises(StatusError, match=said):
+        await session.read_words("ns=1;s=E", 0, 2)
+
+
+def _device(site: Site) -> tuple[Device, Site]:
+    return site.devices["plc"], site

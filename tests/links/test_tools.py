@@ -138,7 +138,9 @@ def test_an_absent_device_costs_the_tags_of_another_nothing(site: str) -> None:
     assert result.exit_code == 2
 
 
-@pytest.mark.parametrize("what", ["-1", "holding:", "holding:1:float", "1:string", "coil:1:int16"])
+@pytest.mark.parametrize(
+    "what", ["-1", "holding:", "holding:1:float", "1:string", "coil:1:int16", "65535:float32"]
+)
 def test_what_is_not_an_address_is_reported(port: int, what: str) -> None:
     assert what in refusal(run("read", f"127.0.0.1:{port}", "--", what))
 
@@ -190,6 +192,19 @@ def test_an_address_of_a_host_is_written(port: int, image: RegisterImage) -> Non
     result = run("write", f"127.0.0.1:{port}", "--yes", "--timeout", "5", "--", "10:int16", "-7")
     assert result.exit_code == 0, result.output
     assert image.get(Table.HOLDING, 10, 1) == [0xFFF9]
+
+
+def test_a_whole_number_is_written_to_its_last_digit_or_not_at_all(
+    port: int, image: RegisterImage
+) -> None:
+    exact, between = 2**53 + 2, 2**53 + 1
+    target = ("write", f"127.0.0.1:{port}", "--yes", "--timeout", "5", "10:int64")
+    assert f"would be written as {2**53}" in refusal(run(*target, str(between)))
+    assert image.get(Table.HOLDING, 10, 1) == [425]
+    assert run(*target, str(exact)).exit_code == 0
+    assert image.get(Table.HOLDING, 10, 4) == [0x20, 0, 0, 2]
+    # a float64 holds what is nearest, as for any other fraction
+    assert run(*target[:-1], "10:float64", "1e300").exit_code == 0
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import socket
 import ssl
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
 from fieldlink.links import LinkState
-from fieldlink.notices import NoticeError, Notifying, mail, receivers_of, web_hook
+from fieldlink.notices import Notice, NoticeError, Notifying, mail, receivers_of, web_hook
 from fieldlink.notices.outbox import Retrying
 from fieldlink.site import Site, SiteError, load_site
 from fieldlink.store import FindingRecord
@@ -314,6 +315,82 @@ async def test_tls_and_logins_of_both(
         server.stop()
 
 
+async def test_what_the_wire_cannot_carry_is_said_before_it_is_sent(
+    hook: HookServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SECRET", "pässword")
+    login = 'security = "none"\nusername = "edge"\npassword_variable = "SECRET"\n'
+    with pytest.raises(NoticeError, match="other characters than ASCII") as said:
+        receivers_of(site_of(tmp_path, mail_table(25, login)))
+    assert "pässword" not in str(said.value)
+    for token in ("t0kän", "t0\nken"):
+        (tmp_path / "token").write_text(token)
+        with pytest.raises(NoticeError, match="characters that a header cannot carry"):
+            receivers_of(site_of(tmp_path, hook_table(hook.port, 'token_file = "token"\n')))
+    # a host that is no name is told at once, not after the time for a whole mail
+    monkeypatch.setattr(mail, "PATIENCE", 3600.0)
+    odd = mail_table(25).replace('host = "127.0.0.1"', 'host = "mail..example"')
+    with pytest.raises(NoticeError, match="is not a host name; check host"):
+        await receivers_of(site_of(tmp_path, odd))["mail"].send(people_notice())
+
+
+async def test_a_number_that_is_none_holds_nothing_up(hook: HookServer, tmp_path: Path) -> None:
+    odd = replace(finding(), swing_period_s=float("nan"), weight=float("inf"))
+    async with People(site_of(tmp_path, hook_table(hook.port))).running() as people:
+        people.notifying.put(odd)
+        people.notifying.put(finding(2))
+        await people.until_delivered("web_hook", 2)
+    assert hook.posts[0][1]["detail"]["swing_period_s"] is None
+
+
+async def test_a_notice_that_cannot_be_sent_at_all_is_given_up(
+    hook: HookServer, tmp_path: Path
+) -> None:
+    people = People(site_of(tmp_path, hook_table(hook.port)))
+    send, broken = people.notifying._receivers["web_hook"].send, ValueError("a defect")
+
+    async def stumble(notice: Notice) -> None:
+        if notice.subject.endswith("-1"):
+            raise broken
+        await send(notice)
+
+    people.notifying._receivers["web_hook"].send = stumble  # type: ignore[method-assign]
+    async with people.notifying.running():
+        people.notifying.put(finding(1))
+        people.notifying.put(finding(2))
+        for number in range(1, QUICK.attempts + 1):
+            await until(lambda n=number: len(people.told.defects) >= n, "an attempt")  # type: ignore[misc]
+            people.now_ms += 1000
+        await people.until_delivered("web_hook", 1)
+    assert people.told.defects == [broken] * QUICK.attempts
+
+
+async def test_a_damaged_outbox_is_replaced_whenever_the_damage_is_met(
+    hook: HookServer, tmp_path: Path
+) -> None:
+    site = site_of(tmp_path, "per_hour = 1000\n" + hook_table(hook.port))
+    file = tmp_path / "data/notices.sqlite"
+    async with People(site).running() as people:
+        for number in range(20):
+            people.notifying.put(finding(number))
+        await people.until_delivered("web_hook", 20)
+    whole = file.read_bytes()
+    number = 100
+    for page in range(4096, len(whole), 4096):
+        damaged = whole[:page] + bytes(4096) + whole[page + 4096 :]
+        for at_run_time in (False, True):
+            file.write_bytes(whole if at_run_time else damaged)
+            async with People(site).running() as people:
+                number += 1
+                people.notifying.put(finding(number))
+                await people.until_delivered("web_hook", 1)
+                if at_run_time:
+                    file.write_bytes(damaged)
+                people.notifying.put(finding(number + 1000))
+                await people.until_delivered("web_hook", 2)
+    assert list(tmp_path.glob("data/notices.damaged-*.sqlite"))
+
+
 async def test_starttls_is_never_left_out(mails: tuple[Mails, MailServer], tmp_path: Path) -> None:
     taken, server = mails
     site = site_of(tmp_path, mail_table(server.port, ""))
@@ -348,6 +425,8 @@ def test_the_command_tries_every_receiver(mails: tuple[Mails, MailServer], tmp_p
             "the token would cross the network unencrypted",
         ),
         (mail_table(25, 'security = "none"\n').replace("a@", "a "), "is not a mail address"),
+        (mail_table(25).replace("a@", "ä@"), "is not a mail address; write NAME@HOST in ASCII"),
+        (mail_table(25).replace("a@", "a..b@"), "is not a mail address"),
         (
             mail_table(25, 'username = "edge"\n'),
             "username and a password belong together",

@@ -126,6 +126,14 @@ def test_names_that_a_terminal_would_obey(refused: Callable[..., str], key: str)
     assert f"'{name}?[2J?' has characters that cannot be printed" in refused(text)
 
 
+@pytest.mark.parametrize("key", ["topic", "group", "node", "client_id"])
+def test_levels_of_topics_that_a_broker_refuses(refused: Callable[..., str], key: str) -> None:
+    text = SITE + f'[mqtt]\nhost = "127.0.0.1"\n{key} = "a\\tb\\uFFFE"\n'
+    assert f"mqtt.{key}: 'a b?' has characters that cannot be printed" in refused(text)
+    in_area = SITE.replace("[loops.FC101]", '[loops.FC101]\narea = "a\\u0000b"')
+    assert "loops.FC101.area: 'a?b' has characters that cannot be printed" in refused(in_area)
+
+
 def test_tags_that_a_terminal_would_obey(refused: Callable[..., str]) -> None:
     rows = "tag,address,type,unit,comment\n\x1b]0;x\x07,0,uint16,,\nPV,2,uint16,\x1b[5m,\n"
     said = refused(register_map=rows).splitlines()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fieldlink.site import Recording, RecordingError, read_recording
-from fieldlink.site.recording import NanRun, read_recordings
+from fieldlink.site.recording import NanRun, files_in, read_recordings
 
 Write = Callable[..., Path]
 
@@ -284,3 +285,11 @@ def test_real_recordings_are_read(shared_data: Path) -> None:
     chem = read_recording(shared_data / "isdb" / "CHEM10.csv")
     assert len(chem) == 1000
     assert chem.op[0] == pytest.approx(0.89177)
+
+
+def test_a_pipe_in_a_folder_of_recordings_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "FC1.csv").write_text("op,pv\n" + 60 * "1,2\n")
+    os.mkfifo(tmp_path / "pipe.csv")
+    assert files_in(tmp_path) == [tmp_path / "FC1.csv"]
+    # one that is named itself is read, as a shell gives it for the output of a program
+    assert files_in(tmp_path / "pipe.csv") == [tmp_path / "pipe.csv"]

@@ -94,6 +94,16 @@ def test_the_data_folder_can_be_elsewhere(tmp_path: Path) -> None:
     assert site.historian_url == f"sqlite:///{tmp_path}/history.sqlite"
 
 
+def test_a_folder_whose_name_means_something_in_an_address_holds_the_historian(
+    tmp_path: Path,
+) -> None:
+    from fieldlink.store.database import file_of
+
+    for name in ("100%20plant", "what?now"):
+        site = load_site(DEMO).with_data_dir(tmp_path / name)
+        assert file_of(site.historian_url) == tmp_path / name / "history.sqlite"
+
+
 @pytest.mark.parametrize(
     "url", ["sqlite:////var/lib/history.sqlite", "sqlite:///:memory:", "postgresql://db/history"]
 )

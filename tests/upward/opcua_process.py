@@ -72,6 +72,7 @@ class Served:
 
     def __init__(self, process: asyncio.subprocess.Process, port: int) -> None:
         self._process = process
+        self.pid = process.pid
         self.port = port
         self.address = f"opc.tcp://127.0.0.1:{port}/fieldlink"
 

@@ -12,6 +12,7 @@ import pytest
 
 from fieldlink.upward import connections
 from fieldlink.upward.packets import LONGEST_COMMAND
+from fieldlink.upward.sparkplug_payload import DataType, Metric, Payload, encode
 from tests.upward.client import Client
 from tests.upward.conftest import documents, sample, until
 from tests.upward.mosquitto import Mosquitto
@@ -92,6 +93,26 @@ GARBAGE = (
     b"x" * (LONGEST_COMMAND + 1),
     b"7" * 9000,
 )
+
+
+async def test_a_retained_command_is_refused_once_in_a_connection(
+    bench: Callable[..., Any], broker_process: Mosquitto
+) -> None:
+    extra = 'formats = ["sparkplug"]\ncommands = ["withdraw"]\n'
+    metric = Metric("Command/Withdraw", None, DataType.STRING, "of a former life", 1)
+    topic = "spBv1.0/mill 4/DCMD/fieldlink/FC101"
+    async with Client(broker_process.port) as host:
+        host.publish(topic, encode(Payload((metric,), 1, None)), retain=True)
+        async with bench(broker_process.port, extra) as running:
+            # each delivery is confirmed by a subscription, which brings what is retained again
+            for number in range(5):
+                running.put(sample("FC101", number))
+                await until(lambda: running.waiting == 0, "the delivery")
+            assert running.kinds().count("command.refused") == 1
+            # the same words without the flag are a command
+            host.publish(topic, encode(Payload((metric,), 1, None)))
+            await until(lambda: running.commands, "the command")
+    assert running.commands == [("withdraw", "FC101", "of a former life")]
 
 
 async def test_no_message_from_above_holds_up_the_delivery(

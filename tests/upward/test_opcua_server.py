@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -226,6 +227,44 @@ async def test_a_flood_of_connections_leaves_the_client_that_is_there_alone() ->
             with pytest.raises(UaError):
                 await other.nodes.objects.add_folder(1, "mine")
             assert await other.get_node("ns=1;s=Loops/FC101/StickBand").read_value() == 3.0
+
+
+@pytest.mark.parametrize("loops", [0, 1, 200, 201, 1000])
+def test_a_fleet_is_told_in_parts_that_an_answer_has_time_for(loops: int) -> None:
+    changed = {f"L{number}": {"Score": float(number)} for number in range(loops)}
+    whole = {
+        "time": 1.0,
+        "loops": {"names": [*changed, "unchanged"], "changed": changed},
+        "devices": {"names": ["plc"], "changed": {"plc": DEVICE}},
+    }
+    parts = list(serving.parts_of(whole))
+    for kind in ("loops", "devices"):
+        told = [one for part in parts for one in part[kind]["changed"].items()]
+        assert told == list(whole[kind]["changed"].items())  # type: ignore[index]
+        assert all(part[kind]["names"] == whole[kind]["names"] for part in parts)  # type: ignore[index]
+    sizes = [sum(len(part[kind]["changed"]) for kind in ("loops", "devices")) for part in parts]
+    assert max(sizes) <= serving.AT_ONCE
+    nothing = {kind: {"names": ["a"], "changed": {}} for kind in ("loops", "devices")}
+    assert list(serving.parts_of({"time": 1.0, **nothing})) == [{"time": 1.0, **nothing}]
+
+
+async def test_the_bound_of_memory_grows_with_the_loops() -> None:
+    resource = pytest.importorskip("resource")
+    first = {f"A{number}": LOOP for number in range(20)}
+    more = first | {f"B{number}": LOOP for number in range(200)}
+    async with served() as server:
+        status = Path(f"/proc/{server.pid}/status")
+        if not status.exists():
+            pytest.skip("no /proc")
+        used, bound = [], []
+        for loops in (first, more):
+            await server.show(loops)
+            (kilobytes,) = re.findall(r"VmData:\s+(\d+) kB", status.read_text())
+            used.append(1024 * int(kilobytes))
+            bound.append(resource.prlimit(server.pid, resource.RLIMIT_DATA)[0])
+    # what thousands of loops take is there as well, and as much again for those who subscribe
+    assert bound[1] - bound[0] >= 1.5 * (used[1] - used[0])
+    assert bound[0] >= 3 * used[0]
 
 
 @pytest.mark.slow

@@ -6,12 +6,13 @@ import asyncio
 import json
 import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fieldlink.store.errors import StoreError
 from fieldlink.upward.errors import UpwardError
 from fieldlink.upward.messages import Message
 from fieldlink.upward.spool import Spool
@@ -166,11 +167,11 @@ def test_what_is_too_old_goes_and_a_clock_that_stepped_tears_no_hole(
 def test_a_message_leaves_when_every_format_has_delivered_it(spool: Callable[..., Spool]) -> None:
     both = spool()
     both.append(messages(4))
-    both.confirm("a", 4)
-    both.confirm("b", 1)
+    both.confirm("a", 4, both.stream)
+    both.confirm("b", 1, both.stream)
     assert [message.id for message in both.read(both.confirmed("b"), 10)] == [2, 3, 4]
     assert (both.waiting("a"), both.waiting("b")) == (0, 3)
-    both.confirm("b", 4)
+    both.confirm("b", 4, both.stream)
     both.close()
     again = spool()
     assert again.append(messages(1)) == 5  # numbers never come back
@@ -191,6 +192,83 @@ def test_a_damaged_file_is_set_aside(spool: Callable[..., Spool], tmp_path: Path
     assert second.stream != stream
     assert len(list(tmp_path.glob("s.damaged-*.sqlite"))) == 1
     second.close()
+
+
+USES: list[Callable[[Spool], object]] = [
+    lambda found: found.read(0, 1000),
+    lambda found: found.confirm("a", 200, found.stream),
+    lambda found: found.confirm("a", 290, found.stream),
+    lambda found: found.trim(),
+    lambda found: found.waiting("a"),
+]
+
+
+def zero_pages(file: Path, *, keep: Collection[int] = ()) -> Iterator[int]:
+    """Yield after each page of an SQLite file, the first apart, was filled with zeros alone."""
+    whole = file.read_bytes()
+    for begin in range(4096, len(whole), 4096):
+        if begin not in keep:
+            file.write_bytes(whole[:begin] + bytes(4096) + whole[begin + 4096 :])
+            yield begin
+            for one in file.parent.glob(f"{file.stem}*"):
+                one.unlink()
+
+
+def test_damage_that_is_met_while_reading_stops_nothing(
+    spool: Callable[..., Spool], tmp_path: Path
+) -> None:
+    first = spool()
+    first.append(messages(300, size=100))
+    stream = first.stream
+    first.close()
+    replaced = 0
+    for page in zero_pages(tmp_path / "s.sqlite"):
+        found = spool()
+        for use in USES:
+            use(found)
+        replaced += found.set_aside
+        # a new file has a new stream, and what comes now is delivered
+        last = found.append(messages(3))
+        assert (found.stream != stream) == (found.set_aside > 0), page
+        assert [message.id for message in found.read(last - 3, 10)] == [last - 2, last - 1, last]
+        found.close()
+    assert replaced >= 10
+
+
+def test_a_number_of_the_file_before_confirms_nothing(
+    spool: Callable[..., Spool], tmp_path: Path
+) -> None:
+    found = spool()
+    found.append(messages(300, size=100))
+    before = found.stream
+    found.close()
+    (tmp_path / "s.sqlite").write_bytes(b"SQLite format 3\0" + b"\xff" * 5000)
+    again = spool()
+    again.append(messages(5))
+    again.confirm("a", 300, before)
+    assert again.waiting("a") == 5
+    again.close()
+
+
+def test_a_spool_that_could_not_be_replaced_is_tried_again(
+    spool: Callable[..., Spool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = spool()
+    first.append(messages(300, size=100))
+    first.close()
+    next(zero_pages(tmp_path / "s.sqlite", keep=range(4096, 40_960)))
+    found = spool()
+
+    def refuse(_file: Path) -> Path:
+        raise StoreError("cannot be renamed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fieldlink.upward.spool.set_aside", refuse)
+        with pytest.raises(UpwardError, match="cannot be renamed"):
+            found.read(0, 1000)
+    assert found.read(0, 1000) == []
+    assert found.append(messages(1)) == 1
+    found.close()
 
 
 def test_a_spool_that_cannot_be_opened_is_one_sentence(tmp_path: Path) -> None:

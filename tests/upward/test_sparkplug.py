@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from fieldlink.upward.messages import Message
+from fieldlink.upward.sparkplug_node import EdgeNode
 from fieldlink.upward.sparkplug_payload import DataType, Metric, Payload, encode
 from tests.upward.client import Client
 from tests.upward.conftest import event, finding, sample, until, verdict
@@ -34,9 +36,9 @@ def assert_conforms(tap: WireTap) -> None:
     assert violations(tap.of("-sparkplug"), GROUP, NODE) == []
 
 
-def rebirth_request() -> bytes:
+def rebirth_request(times: int = 1) -> bytes:
     metric = Metric("Node Control/Rebirth", None, DataType.BOOLEAN, True, 1)
-    return encode(Payload((metric,), 1, None))
+    return encode(Payload((metric,) * times, 1, None))
 
 
 async def test_a_session_conforms_from_birth_to_death(
@@ -90,6 +92,28 @@ async def test_a_rebirth_request_gives_births_in_the_same_connection(
     assert [metric.value for metric in births] == [None, None, "stiction", None]
     numbers = {metric.value for metric in metrics_sent(tap, "NBIRTH") if metric.name == "bdSeq"}
     assert len(numbers) == 1
+
+
+async def test_a_flood_of_rebirth_requests_gets_one_birth(
+    bench: Callable[..., Any], tap: WireTap
+) -> None:
+    async with bench(tap.port, 'formats = ["sparkplug"]') as running, Client(tap.broker) as host:
+        await until(lambda: tap.of("-sparkplug") and len(verbs(tap)) == 3, "births")
+        host.publish(f"spBv1.0/{GROUP}/NCMD/{NODE}", rebirth_request(20))
+        await until(lambda: verbs(tap).count("NBIRTH") == 2, "a rebirth")
+        running.put(sample("FC101", 1))
+        await until(lambda: running.waiting == 0, "the sample")
+    assert verbs(tap).count("NBIRTH") == 2
+    assert_conforms(tap)
+
+
+def test_events_of_a_spool_from_before_the_site_stopped_publishing_them_hold_nothing_up() -> None:
+    node = EdgeNode(GROUP, NODE, ["estimates"], [], "1")
+    node.follow(["FC101"], "stream")
+    list(node.birth({"devices": [], "loops": {"FC101": "good"}, "store_failing": False}))
+    told = Message("event", "plc", 1, {"kind": "device.demoted", "message": "gone"}, 1)
+    about_loop = Message("event", "FC101", 1, {"kind": "loop.silent", "message": "silent"}, 2)
+    assert [*node.data(told), *node.data(about_loop)] == []
 
 
 async def test_after_an_outage_history_follows_the_birth_and_nothing_is_missing(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -165,6 +166,18 @@ def test_each_reader_gets_a_list_of_its_own(
     page = out.read_text("utf-8")
     assert len(re.findall(r'<td class="tag">', page)) == listed
     assert page.count('<section class="evidence') == evidence
+
+
+def test_a_recording_whose_name_is_not_utf8_is_a_row(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"W\xe4rme")
+    folder.mkdir()
+    for name, cells in ((b"R\xfcck.csv", "40,50\n"), (b"\xe4.csv", "zwei,1\n")):
+        (folder / os.fsdecode(name)).write_text("op,pv\n" + 60 * cells)
+    out = tmp_path / "list.html"
+    run("report", folder, "--out", out)
+    page = out.read_text("utf-8")
+    assert r"R\xfcck" in page
+    assert r"\xe4" in page
 
 
 def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(

@@ -12,6 +12,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named
 from fieldlink.assess.series import Recorded, Series, runs_in_order
+from fieldlink.printable import as_text
 from fieldlink.site.recording import Recording, read_recordings
 
 __all__ = ["csv_pieces", "csv_windows"]
@@ -33,7 +34,7 @@ def csv_windows(job: Job, piece: Piece) -> Iterator[Named]:
             try:
                 for window in cut_windows(Recorded(run), piece, job.cut):
                     found = True
-                    yield name or path.stem, window
+                    yield name or as_text(path.stem), window
             except ReadingError as error:
                 # Another part of the recording may hold windows.
                 empty = error

@@ -12,7 +12,8 @@ from pathlib import Path
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece
 from fieldlink.assess.readers.base import Named, Opening
-from fieldlink.errors import FieldlinkError
+from fieldlink.printable import as_text
+from fieldlink.sqlite_url import sqlite_url
 
 __all__ = ["ENDINGS", "FileReader"]
 
@@ -42,8 +43,8 @@ def _sqlite() -> tuple[_Pieces, _Windows]:
     from fieldlink.assess.readers.historian_samples import historian_pieces, historian_windows
 
     return (
-        lambda job, piece: historian_pieces(job, piece, f"sqlite:///{piece.path}"),
-        lambda job, piece: historian_windows(job, piece, f"sqlite:///{piece.path}"),
+        lambda job, piece: historian_pieces(job, piece, sqlite_url(piece.path)),
+        lambda job, piece: historian_windows(job, piece, sqlite_url(piece.path)),
     )
 
 
@@ -77,7 +78,7 @@ class FileReader:
                 continue
             try:
                 yield from _kind(path)[0](job, whole)
-            except FieldlinkError:
+            except Exception:  # noqa: BLE001  (reading it says what is wrong; the others go on)
                 yield whole
 
     def windows(self, job: Job, piece: Piece) -> Iterator[Named]:
@@ -161,7 +162,7 @@ def _of_folders(paths: list[str], where: str, shown: str) -> Iterator[tuple[str,
 
 
 def _shown(path: Path, where: str, shown: str) -> str:
-    return str(Path(shown) / path.relative_to(where))
+    return as_text(str(Path(shown) / path.relative_to(where)))
 
 
 def _refusal(path: str) -> str | None:
@@ -170,6 +171,8 @@ def _refusal(path: str) -> str | None:
         return f"the folder {_why_closed(path)}"
     if os.path.exists(path) and not os.path.isfile(path):
         return "is a pipe or a device; give a file"
+    if Path(path).suffix.lower() in (".parquet", ".sqlite") and as_text(path) != path:
+        return "has a name that is not UTF-8, which the libraries of its format refuse; rename it"
     return None
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,17 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.series import Recorded, Series
+from fieldlink.printable import as_text
 from fieldlink.site.column_names import guess_columns
 from fieldlink.site.errors import nearest
-from fieldlink.site.timestamps import is_moment
+from fieldlink.site.timestamps import counts_a_second, is_moment
 
 __all__ = ["parquet_pieces", "parquet_windows"]
 
 Floats = NDArray[np.float64]
+
+FIRST_TIMES = 1000
+"""Rows that are read at once to find a time: few, since nearly every file has one in the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +55,12 @@ def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
     if columns.time is None and columns.loop is None:
         yield piece
         return
+    unit = _counts_a_second(file, columns)
     spans: dict[str, _Span] = {}
     read = [name for name in (columns.loop, columns.time) if name is not None]
-    for batch in file.iter_batches(columns=read):
-        _measure(batch, columns, spans)
+    with _explained():
+        for batch in file.iter_batches(columns=read):
+            _measure(batch, columns, spans, unit)
     for name, span in spans.items():
         own = piece if columns.loop is None else replace(piece, loop=name)
         if columns.time is None or not is_moment(span.first):
@@ -67,28 +74,31 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
     """Read a piece's rows and cut them into windows."""
     import pyarrow.dataset as ds
 
-    schema = _open(piece.path).schema_arrow
+    file = _open(piece.path)
+    schema = file.schema_arrow
     columns = _find_columns(schema, piece.path, job)
+    unit = _counts_a_second(file, columns)
     chosen = None
     if columns.loop is not None:
-        chosen = ds.field(columns.loop) == piece.loop
+        chosen = _as_names(ds.field(columns.loop), schema.field(columns.loop).type) == piece.loop
     for moment, is_first in ((piece.since, True), (piece.until, False)):
         if moment is not None and columns.time is not None:
-            bound = _as_stored(moment, schema.field(columns.time).type)
+            bound = _as_stored(moment, schema.field(columns.time).type, unit)
             field = ds.field(columns.time)
             side = field >= bound if is_first else field < bound
             chosen = side if chosen is None else chosen & side
     names = [columns.op, columns.pv, columns.sp, columns.auto, columns.time]
-    table = ds.dataset(piece.path, format="parquet").to_table(
-        columns=[name for name in names if name is not None], filter=chosen
-    )
+    with _explained():
+        table = ds.dataset(piece.path, format="parquet").to_table(
+            columns=[name for name in names if name is not None], filter=chosen
+        )
     if table.num_rows < MIN_ROWS:
         if piece.since is None and piece.until is None:
             raise ReadingError(f"has {table.num_rows} rows, at least {MIN_ROWS} are needed")
         return
-    series = _series(table, columns, job.columns.period)
+    series = _series(table, columns, job.columns.period, unit)
     for window in cut_windows(Recorded(series), piece, job.cut):
-        yield piece.loop or Path(piece.path).stem, window
+        yield piece.loop or as_text(Path(piece.path).stem), window
 
 
 @dataclass(slots=True)
@@ -100,12 +110,19 @@ class _Span:
 
 def _open(path: str) -> Any:
     try:
-        import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
         raise ReadingError("Parquet files need pyarrow; pip install 'fieldlink[assess]'") from error
-    try:
+    with _explained():
         return pq.ParquetFile(path)
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    import pyarrow as pa
+
+    try:
+        yield
     except (OSError, pa.ArrowException) as error:
         said = " ".join(str(error).split())
         raise ReadingError(f"cannot be read as Parquet ({said}); export it again") from error
@@ -143,8 +160,27 @@ def _find_columns(schema: Any, path: str, job: Job) -> _Columns:
     return _Columns(**found)  # type: ignore[arg-type]
 
 
-def _seconds(column: Any) -> Floats:
-    """A time column as seconds; since 1970 when it holds moments."""
+def _counts_a_second(file: Any, columns: _Columns) -> float:
+    """How many of what a column of numbers counts a second has, by the first; 1 for seconds."""
+    if columns.time is None:
+        return 1.0
+    with _explained():
+        for batch in file.iter_batches(columns=[columns.time], batch_size=FIRST_TIMES):
+            times = _seconds(batch.column(columns.time), 1.0)
+            known = times[np.isfinite(times)]
+            if known.size:
+                counted = counts_a_second(float(known[0]))
+                return 1.0 if counted is None else counted[1]
+    return 1.0
+
+
+def _seconds(column: Any, unit: float) -> Floats:
+    """A time column as seconds; since 1970 when it holds moments.
+
+    Args:
+        column: timestamps, dates or numbers.
+        unit: how many of what numbers count a second has.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -156,28 +192,38 @@ def _seconds(column: Any) -> Floats:
         raise ReadingError(
             f"its times are of type {kind}; store them as timestamps, or as seconds since 1970"
         )
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64) / unit
 
 
-def _as_stored(moment: float, kind: Any) -> Any:
+def _as_names(column: Any, kind: Any) -> Any:
+    """A column of loops, or the field of one, as text: loops may have numbers."""
+    import pyarrow as pa
+
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
+        return column.cast(pa.string())
+    return column
+
+
+def _as_stored(moment: float, kind: Any, unit: float) -> Any:
     import pyarrow as pa
 
     if not pa.types.is_timestamp(kind):
-        return moment
+        return moment * unit
     return pa.scalar(round(moment * 1e6), pa.timestamp("us", kind.tz)).cast(kind)
 
 
-def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span]) -> None:
+def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span], unit: float) -> None:
     """Take the rows of a batch into the spans of their loops."""
     import pyarrow.compute as pc
 
     times = np.zeros(batch.num_rows)
     if columns.time is not None:
-        times = _seconds(batch.column(columns.time))
+        times = _seconds(batch.column(columns.time), unit)
     names = np.zeros(batch.num_rows, dtype=np.int64)
     loops = [""]
     if columns.loop is not None:
-        coded = pc.dictionary_encode(batch.column(columns.loop))
+        column = batch.column(columns.loop)
+        coded = pc.dictionary_encode(_as_names(column, column.type))
         names = np.asarray(coded.indices.fill_null(-1))
         loops = [str(name) for name in coded.dictionary.to_pylist()]
     for code, loop in enumerate(loops):
@@ -190,7 +236,7 @@ def _measure(batch: Any, columns: _Columns, spans: dict[str, _Span]) -> None:
         span.rows += int(own.size)
 
 
-def _series(table: Any, columns: _Columns, period: float | None) -> Series:
+def _series(table: Any, columns: _Columns, period: float | None, unit: float) -> Series:
     def numbers(name: str | None) -> Floats | None:
         return None if name is None else _numbers(table.column(name), name)
 
@@ -201,7 +247,7 @@ def _series(table: Any, columns: _Columns, period: float | None) -> Series:
     if columns.time is None:
         time = np.arange(op.size, dtype=np.float64) * (period or 1.0)
     else:
-        time = _seconds(table.column(columns.time).combine_chunks())
+        time = _seconds(table.column(columns.time).combine_chunks(), unit)
     known = np.flatnonzero(np.isfinite(time))
     order = known[np.argsort(time[known], kind="stable")]
     # Files that overlap hold a moment twice: the last one counts.

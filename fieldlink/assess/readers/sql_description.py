@@ -31,6 +31,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from fieldlink.assess.errors import AssessError
 from fieldlink.site.toml_source import TomlSource
 from fieldlink.site.validation import validated
+from fieldlink.sqlite_url import SQLITE, sqlite_url
 
 __all__ = ["SqlTable", "TagNames", "read_description"]
 
@@ -114,9 +115,8 @@ def read_description(path: Path) -> SqlTable:
     """
     table = validated(TomlSource(path), _File).sql
     url = table.url
-    prefix = "sqlite:///"
-    if url.startswith(prefix) and not Path(url.removeprefix(prefix)).is_absolute():
-        url = f"{prefix}{(path.parent / url.removeprefix(prefix)).absolute()}"
+    if url.startswith(SQLITE) and not Path(url.removeprefix(SQLITE)).is_absolute():
+        url = f"{sqlite_url(path.parent.absolute())}/{url.removeprefix(SQLITE)}"
     if table.password_file is not None:
         url = _with_password(url, path.parent / table.password_file)
     return table.model_copy(

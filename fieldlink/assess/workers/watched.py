@@ -19,6 +19,7 @@ from typing import Any
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.table_row import error_row
+from fieldlink.printable import as_printable
 
 __all__ = ["TRIES", "WatchedWorker", "WorkerClosedError"]
 
@@ -284,7 +285,9 @@ def _placed(place: str, message: str) -> str:
 
 def _without_place(message: str, piece: Piece) -> str:
     """The message without the file, which its row has: once for each of several problems."""
-    for place in {piece.path, piece.file} - {""}:
+    names = {piece.path, as_printable(piece.path), piece.file} - {""}
+    # the longest first: what is shown is often the end of the path
+    for place in sorted(names, key=len, reverse=True):
         message = message.replace(f"{place}: ", "").replace(f"{place}:", "line ")
     return message
 

@@ -57,16 +57,25 @@ def write_bundle(site: Path | None, out: Path) -> tuple[str, ...]:
     if site is not None:
         parts |= _site_parts(site)
     try:
-        with out.open("xb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
-            for name, text in parts.items():
-                bundle.writestr(name, text)
+        file = out.open("xb")
     except FileExistsError as error:
         raise BundleError(f"{out}: the file exists; choose another name") from error
     except OSError as error:
-        raise BundleError(
-            f"{out}: cannot be written ({error.strerror or error}); choose another path"
-        ) from error
+        raise _unwritable(out, error) from error
+    try:
+        with file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as bundle:
+            for name, text in parts.items():
+                # a path in it may have bytes that are not UTF-8
+                bundle.writestr(name, text.encode("utf-8", "backslashreplace"))
+    except OSError as error:
+        # half a bundle would be sent, and stand in the way of the next one
+        out.unlink(missing_ok=True)
+        raise _unwritable(out, error) from error
     return tuple(parts)
+
+
+def _unwritable(out: Path, error: OSError) -> BundleError:
+    return BundleError(f"{out}: cannot be written ({error.strerror or error}); choose another path")
 
 
 def _site_parts(path: Path) -> dict[str, str]:

@@ -47,14 +47,17 @@ class Acknowledgement:
         if self._until is None:
             self._until = now + self._patience
         committed = commit_word(attempt.bank, attempt.block.seq)
-        if control.ack_seq == attempt.block.seq and control.ack_result == ACCEPTED:
+        is_named = control.ack_seq == attempt.block.seq and control.ack_result == ACCEPTED
+        # A PLC that names another bank uses another block, whatever number it says.
+        if is_named and control.active_bank == attempt.bank:
             found = attempt.became(WritebackOutcome.ACCEPTED, "")
         elif control.ack_commit == committed and control.ack_result != ACCEPTED:
             found = attempt.became(WritebackOutcome.REJECTED, describe_ack(control.ack_result))
         elif now >= self._until:
             found = attempt.became(
                 WritebackOutcome.NOT_ACKNOWLEDGED,
-                f"ack_seq is {control.ack_seq} after {self._patience:g} s",
+                f"ack_seq is {control.ack_seq}, active_bank {control.active_bank} after "
+                f"{self._patience:g} s",
             )
         else:
             return None
