@@ -37,7 +37,7 @@ class TrackerSettings:
             of its own: that of 2.5 deviations.
         hypotheses: how many are kept.
         hopeless: log-odds against a hypothesis from which it is dropped: one in three million.
-        alike: log-odds up to which the position that OP is held for stays the same: one in ten is
+        alike: log-odds up to which the position that OP is held for stays the same: 1 % is
             no evidence, and a change of mind may set off the stem.
         memory: samples over which evidence counts.
         recalled: log-odds against an earlier position that is believed possible again when
@@ -69,7 +69,7 @@ class TrackerSettings:
     negligible: float = 0.006
     hypotheses: int = 14
     hopeless: float = 15.0
-    alike: float = 0.1
+    alike: float = 0.01
     memory: float = 60.0
     recalled: float = 3.5
     fluctuation_margin: float = 2.0
