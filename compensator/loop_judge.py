@@ -33,11 +33,13 @@ class LoopJudge:
         self._settings, self._record = settings, record
         self._watch: LoopWatch | None = None
         self._sp = math.nan
+        self._slope = 0.0
         self._own_scans = 0
         self.limited = False
 
     def follow(self, sp: float) -> None:
         """Take in the set-point of a scan in which the compensator does not have the loop."""
+        self._slope = sp - self._sp if math.isfinite(self._sp) else 0.0
         self._sp = sp
 
     def forget(self) -> None:
@@ -73,6 +75,11 @@ class LoopJudge:
         """
         assert self._watch is not None
         change, self._sp = sp - self._sp, sp
+        asked = abs(change) / compensator.prediction.scale
+        process = compensator.prediction.process
+        if process.is_integrating:  # a ramp asks for another slope once, where it begins or turns
+            asked = min(asked, abs(change - self._slope) / abs(sum(process.b)))
+        self._slope = change
         # A set-point that moves by little each scan is to be followed inside the known range.
         if abs(change) > self._settings.watch.stepped * self._watch.before.largest:
             self._watch.restart(compensator.horizon // 2)
@@ -86,7 +93,7 @@ class LoopJudge:
             error=pv - sp,
             travel=moved,
             noise_variance=compensator.held_variance,
-            sp_travel=abs(change) / compensator.prediction.scale,
+            sp_travel=asked,
             limited=self.limited,
             at_limit=op <= limits.low + reach or op >= limits.high - reach,
         )

@@ -50,8 +50,15 @@ def outcomes_of(h: Belief, op: float, valve: ValveModel, settings: TrackerSettin
 
 
 def likely_ones(beliefs: list[Belief], settings: TrackerSettings) -> list[Belief]:
-    """Return the best few, best first: none hopeless, one of a position."""
+    """Return the best few, best first: none hopeless, one of a position.
+
+    The first of ``beliefs`` stays the first while no other is plainly likelier: at rest PV tells
+    none from another, and an OP that went from the middle of one band to that of another would set
+    off a stem that stands in a third.
+    """
     ranked = sorted(beliefs, key=lambda h: -h.score)
+    if beliefs[0].score > ranked[0].score - settings.alike:
+        ranked.sort(key=lambda h: h is not beliefs[0])
     kept: list[Belief] = []
     for h in ranked:
         hopeless = h.score < ranked[0].score - settings.hopeless

@@ -153,6 +153,8 @@ class Supervisor:
                 self.refusal, self.refused = "", RefusalKind.NONE
                 return True
             compensator = self._build(model, stated)
+            if len(self._record) >= self.settings.check.shortest:
+                self._admission.require_fine_enough(model, self._figures(compensator))
         except CompensatorError as error:
             self.refusal, self.refused = str(error), error.kind
             if self._compensator is None and self._next is None:

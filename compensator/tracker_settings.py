@@ -37,6 +37,8 @@ class TrackerSettings:
             of its own: that of 2.5 deviations.
         hypotheses: how many are kept.
         hopeless: log-odds against a hypothesis from which it is dropped: one in three million.
+        alike: log-odds up to which the position that OP is held for stays the same: 1 % is
+            no evidence, and a change of mind may set off the stem.
         memory: samples over which evidence counts.
         recalled: log-odds against an earlier position that is believed possible again when
             innovations stay biased: 3 %, below what a move is made larger for, because a load
@@ -67,6 +69,7 @@ class TrackerSettings:
     negligible: float = 0.006
     hypotheses: int = 14
     hopeless: float = 15.0
+    alike: float = 0.01
     memory: float = 60.0
     recalled: float = 3.5
     fluctuation_margin: float = 2.0
@@ -82,6 +85,7 @@ class TrackerSettings:
             "TrackerSettings",
             gain_spread=self.gain_spread,
             delay_spread=self.delay_spread,
+            alike=self.alike,
             claim=self.claim,
             lead=self.lead,
         )
