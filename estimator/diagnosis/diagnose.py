@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array
+from estimator.diagnosis.amplitude import amplitude_variation
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
@@ -126,6 +127,7 @@ def diagnose(
         setpoint_swings=_setpoint_swings(record, swing, settings),
         wave_share=_wave_share(error, explained, period),
         swing_share=share_around(error, swing.period_s / period) if swing.present else 0.0,
+        amplitude=_amplitude(record, swing, settings),
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable_share(error, explained, loop, controller, period, settings),
@@ -175,6 +177,14 @@ def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscil
             best = (found, name)
     assert best is not None
     return best
+
+
+def _amplitude(record: LoopRecord, swing: Oscillation, settings: DiagnosisSettings) -> float:
+    """How much the amplitude of the main oscillation wanders."""
+    if not swing.present or record.error is None:
+        return math.nan
+    calm = without_setpoint_steps(record.error, record.sp)
+    return amplitude_variation(calm, swing.period_s / record.period, settings.grouping.width)
 
 
 def _nonlinearity(

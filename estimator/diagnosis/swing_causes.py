@@ -39,6 +39,17 @@ def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
     return found.swing.regularity >= judging.steady and found.swing.decay >= judging.kept
 
 
+def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool | None:
+    """Whether noise keeps the oscillation going; None where its amplitude does not tell."""
+    judging = settings.judging
+    bounded = found.limits.share > settings.facts.least_limit
+    bent = found.explained is not None and found.explained.curved >= judging.threshold
+    # a limit or a curved characteristic bounds what a loop makes by itself
+    if bounded or bent or found.swing.cycles < judging.lasting_periods:
+        return None
+    return None if math.isnan(found.amplitude) else found.amplitude > judging.wanders
+
+
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
@@ -50,13 +61,14 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
         return False
     # what shows beside the oscillation amplifies it as well: a wave needs positive evidence
     unsure = judging.unsure if beside > judging.tight else -judging.unsure
-    if found.explained.outside >= unsure:
+    wanders = _wanders(found, settings)
+    if found.explained.outside >= unsure or wanders is False:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
     _, damping = found.loop.swing()
     dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
     at_limit = found.limits.share > settings.facts.least_limit
-    return dies > judging.dies or at_limit or beside > judging.endless
+    return dies > judging.dies or at_limit or beside > judging.endless or wanders is True
 
 
 def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -133,7 +145,8 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     beside = found.amplification_beside_wave()
     judging = settings.judging
     # a process that is fitted to a steady wave takes it for its own resonance
-    is_swung = here > judging.tight and beside <= judging.well
+    is_steady = _wanders(found, settings) is False
+    is_swung = here > judging.tight and (beside <= judging.well or is_steady)
     if not is_swung:
         if one.outside < judging.unsure and (here > judging.tight or found.loop is None):
             return None
@@ -149,7 +162,12 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         if one.outside > 0.0
         else "neither valve nor tuning makes this oscillation",
     ]
-    if is_swung:
+    if is_swung and is_steady:
+        evidence.append(
+            f"its amplitude is steadier ({found.amplitude:.0%} of its mean) than noise through a "
+            f"tight loop makes it (52 %)"
+        )
+    elif is_swung:
         evidence.append(
             f"by what the record shows beside the oscillation the loop amplifies disturbances of "
             f"this period only {beside:.2g} times"

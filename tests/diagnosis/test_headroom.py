@@ -46,3 +46,9 @@ def test_where_neither_is_likely_a_set_point_step_is_asked_for(kind: str) -> Non
     answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
     assert answer.first.name == "undetermined"
     assert "set-point" in answer.first.action
+
+
+def test_a_load_without_a_corner_stops_no_diagnosis() -> None:
+    loop = draw_paced("sticky_valve", 71016)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.causes
