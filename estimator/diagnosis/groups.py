@@ -14,7 +14,7 @@ group must be less likely by chance than all the groups of its size that the pla
 
 Two loops at least must oscillate visibly, or one must swing by its own valve or tuning and its past
 tell another's future: that needs no period. A loop whose valve sticks at irregular times makes no
-oscillation and may still move others: those are compared in a wider band.
+oscillation and may still move others: only such a lead tells, not that the motions are alike.
 
 Which loop started it is decided in `estimator.diagnosis.sources`.
 """
@@ -126,9 +126,6 @@ def find_groups(
             continue
         those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
         candidates = rank_candidates(those, settings)
-        if seed.irregular and candidates[0].loop != seed.loop:
-            # without an oscillation of its own it is no event unless its valve moves the others
-            continue
         found = Group(names, period, candidates, inside)
         (wide if seed.irregular else groups).append(found)
     return tuple(sorted((*groups, *wide), key=lambda group: -len(group.loops)))
@@ -186,8 +183,13 @@ def _members(
 ) -> set[str]:
     """Loops that agree with the seed's oscillation; the seed alone where none does."""
     grouping, period = settings.grouping, seed.found.period_s
-    width = grouping.wide if seed.irregular else grouping.width
-    delays = np.array(grouping.delays if seed.irregular else (0.0,))
+    # coupled loops follow by the same chance: each must be sure by itself
+    least, tried = math.log(grouping.chance), math.log(len(spectra))
+    driven = _driven(seed, signals, spectra, settings) if seed.made else {}
+    follow = {one for one, at in driven.items() if at + tried < least}
+    if seed.irregular:
+        # motions without a period that look alike may have a cause in common
+        return {seed.loop, *follow}
     near = {one.loop for one in swings if _is_near(one, period, settings)}
     clear = {one.loop: one.found.prominence for one in swings}
     visible: dict[str, float] = {}
@@ -196,24 +198,17 @@ def _members(
         # a period needs four samples
         if name == seed.loop or other.period > 0.25 * period:
             continue
-        if name not in near and other.share(period, width) < grouping.share:
+        if name not in near and other.share(period, grouping.width) < grouping.share:
             continue
-        found = agreement(spectra[seed.loop], other, period, width, delays)
+        found = agreement(spectra[seed.loop], other, period, grouping.width, np.zeros(1))
         if name in near and found.coherence > grouping.coherence:
             visible[name] = found.chance() - _log_periods(seed, settings)
-        elif found.coherence > (grouping.coherence if seed.irregular else grouping.hidden):
+        elif found.coherence > grouping.hidden:
             # a period of a loop that swings in several ways is told less well
-            (visible if name in clear else hidden)[name] = found.chance() + math.log(delays.size)
-    least = math.log(grouping.chance)
-    everyone = dict.fromkeys(spectra, 0.0)
-    driven = _driven(seed, signals, spectra, settings) if seed.made else {}
-    follow = _surest(driven, seed.loop, everyone, least)
-    if seed.irregular:
-        return {seed.loop, *follow, *_surest(visible | hidden, seed.loop, everyone, least)}
+            (visible if name in clear else hidden)[name] = found.chance()
     chosen = _surest(visible, seed.loop, clear, least)
     if not chosen:
         return {seed.loop, *follow}
-    tried = math.log(len(spectra))
     beside = (one for one, at in hidden.items() if at + tried < least)
     return {seed.loop, *follow, *chosen, *beside}
 
