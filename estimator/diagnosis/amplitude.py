@@ -13,8 +13,11 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.coherence import LoopSignals, spectrum_of
+from estimator.diagnosis.loop_record import LoopRecord, without_setpoint_steps
+from estimator.diagnosis.oscillation import Oscillation
+from estimator.diagnosis.settings import DiagnosisSettings
 
-__all__ = ["amplitude_variation"]
+__all__ = ["amplitude_variation", "swing_amplitude"]
 
 _ENDS = 20
 """One part of so many is left out at each end of the record, where the band is cut."""
@@ -34,3 +37,11 @@ def amplitude_variation(signal: Array, period: float, width: float) -> float:
     size = size[size.size // _ENDS : size.size - size.size // _ENDS]
     mean = float(size.mean()) if size.size > 1 else 0.0
     return float(size.std()) / mean if mean > 0.0 else math.nan
+
+
+def swing_amplitude(record: LoopRecord, swing: Oscillation, settings: DiagnosisSettings) -> float:
+    """How much the amplitude of the main oscillation wanders in the error; NaN without one."""
+    if not swing.present or record.error is None:
+        return math.nan
+    calm = without_setpoint_steps(record.error, record.sp)
+    return amplitude_variation(calm, swing.period_s / record.period, settings.grouping.width)

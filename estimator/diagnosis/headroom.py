@@ -25,7 +25,8 @@ from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.linear_loop import LinearLoop
-from estimator.diagnosis.loop_record import LoopRecord
+from estimator.diagnosis.loop_record import LoopRecord, without_steady_wave
+from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings, Headroom
 from estimator.diagnosis.tuning_rules import simc
 from loop_model import ProcessModel
@@ -70,11 +71,15 @@ class _Fitted:
 def headroom_of(
     record: LoopRecord,
     controller: Controller | None,
+    swing: Oscillation,
     predictable: tuple[float, float],
     limits: Limits,
     settings: DiagnosisSettings,
 ) -> float:
-    """The probability where the error lasts, so that slow tuning may be why; else NaN."""
+    """The probability where the error lasts, so that slow tuning may be why; else NaN.
+
+    A steady wave is taken out of OP and PV alike: it is no load of one corner.
+    """
     one, two = np.nan_to_num(predictable)
     lasts = two > settings.judging.slow or one + two > settings.judging.lingering
     by_hand = record.auto is not None and not record.auto.all()
@@ -82,9 +87,10 @@ def headroom_of(
         return math.nan
     if not record.good.all() or limits.share >= settings.facts.least_limit:
         return math.nan
-    return probability_of_headroom(
-        record.op, record.pv, controller, record.period, settings.headroom
+    op, pv = (
+        without_steady_wave(one, swing, record.period, settings) for one in (record.op, record.pv)
     )
+    return probability_of_headroom(op, pv, controller, record.period, settings.headroom)
 
 
 def probability_of_headroom(
