@@ -121,8 +121,11 @@ def find_groups(
             _same_event(names, period, group, settings, is_wide=True) for group in wide
         ):
             continue
+        if seed.irregular and any(set(names) <= set(group.loops) for group in (*groups, *wide)):
+            continue
         inside = tuple(one for one in cascades if one.master in members and one.slave in members)
-        if not _is_event(members - {one.slave for one in inside}, diagnoses):
+        # a slave's own valve or tuning may be the source, what it follows is its master's
+        if not (seed.made or _is_event(members - {one.slave for one in inside}, diagnoses)):
             continue
         those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
         candidates = rank_candidates(those, settings)
@@ -148,9 +151,9 @@ def _swings_of(
         is_tight = CauseName.TIGHT_TUNING in causes
         return [_Swing(name, found, made=is_tight) for found in present]
     if not present:
-        # the main motion of a loop whose valve sticks, regular or not
+        # the motions of a loop whose valve sticks, regular or not, the main one first
         return [_Swing(name, found, irregular=True, made=True)
-                for found in sorted(all_found, key=lambda found: -found.share)[:1]]  # fmt: skip
+                for found in sorted(all_found, key=lambda found: -found.share)]  # fmt: skip
     regular = settings.grouping.regular
     return [_Swing(name, found, found.regularity < regular, made=True) for found in present]
 
@@ -184,7 +187,8 @@ def _members(
     """Loops that agree with the seed's oscillation; the seed alone where none does."""
     grouping, period = settings.grouping, seed.found.period_s
     # coupled loops follow by the same chance: each must be sure by itself
-    least, tried = math.log(grouping.chance), math.log(len(spectra))
+    motions = sum(one.loop == seed.loop for one in swings)
+    least, tried = math.log(grouping.chance), math.log(len(spectra) * motions)
     driven = _driven(seed, signals, spectra, settings) if seed.made else {}
     follow = {one for one, at in driven.items() if at + tried < least}
     if seed.irregular:

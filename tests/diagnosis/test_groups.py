@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.diagnosis_families.tuning.events import draw_event
 from estimator.diagnosis.cascades import find_cascades
 from fieldlink.diagnosing import Plant
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
@@ -58,6 +59,23 @@ def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(se
     (group,) = find_groups(loops, found)
     assert group.loops == ("A", "B")
     assert group.candidates[0].loop == "A"
+
+
+@pytest.mark.parametrize(
+    ("plant", "seed"), [("cascade", 72004), ("cascade", 72007), ("recycle", 72102)]
+)
+def test_a_slave_or_a_valve_of_several_motions_may_be_the_source(plant: str, seed: int) -> None:
+    event = draw_event(plant, "sticky_valve", seed)
+    masters = {master for master, slave in event.cascades if slave == event.origin}
+    kept = {name: event.loops[name] for name in {*event.members, *masters}}
+    loops = {name: LoopSignals(one.op, one.pv, one.sp, one.period) for name, one in kept.items()}
+    found = {
+        name: diagnose(one.op, one.pv, one.sp, period=one.period, advice=False)
+        for name, one in kept.items()
+    }
+    groups = find_groups(loops, found)
+    assert groups
+    assert groups[0].candidates[0].loop == event.origin
 
 
 def test_loops_that_swing_each_for_themselves_are_no_group() -> None:
