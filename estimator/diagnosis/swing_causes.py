@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 
@@ -47,7 +48,17 @@ def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool | None:
     # a limit or a curved characteristic bounds what a loop makes by itself
     if bounded or bent or found.swing.cycles < judging.lasting_periods:
         return None
-    return None if math.isnan(found.amplitude) else found.amplitude > judging.wanders
+    if math.isnan(found.amplitude) or found.amplitude > judging.wanders:
+        return None if math.isnan(found.amplitude) else True
+    # a swing that outlasts the record has no time to wander: it takes twice the steadiness
+    has_time = found.loop is not None and _e_foldings(found, found.loop) > judging.dies
+    return False if has_time or found.amplitude < 0.5 * judging.wanders else None
+
+
+def _e_foldings(found: Gathered, loop: LinearLoop) -> float:
+    """By how many factors of e the loop's own swing dies out within the record."""
+    _, damping = loop.swing()
+    return 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
 
 
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
@@ -65,8 +76,7 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     if found.explained.outside >= unsure or wanders is False:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
-    _, damping = found.loop.swing()
-    dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
+    dies = _e_foldings(found, found.loop)
     at_limit = found.limits.share > settings.facts.least_limit
     return dies > judging.dies or at_limit or beside > judging.endless or wanders is True
 
