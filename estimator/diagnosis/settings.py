@@ -223,10 +223,8 @@ class Judging:
         well: amplification of a well-tuned loop (SIMC: 1.6). By a process that is fitted beside the
             oscillation, loops under an outside wave stay below it and tight ones above.
         wanders: deviation of an oscillation's amplitude over its mean from which noise keeps it
-            going, and below which something steady does: half of Rayleigh's 0.52 (tuning family:
-            tight loops have 0.29 to 1, waves from outside 0.01 to 0.23 over 15 periods and more).
-            A swing that outlasts the record must be below half of it (at gain margins of 1.003 to
-            1.02 it has 0.14 and more).
+            going: half of Rayleigh's 0.52 (tuning family: tight loops have 0.29 to 1, waves from
+            outside 0.01 to 0.23 over 15 periods and more).
         lasting_periods: periods from which the amplitude is asked: fewer hold too few values.
         damping: damping of the loop's own swing below which it rings for five periods.
         steady: regularity from which an oscillation has a period: its periods scatter by 5 % then

@@ -40,19 +40,13 @@ def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
     return found.swing.regularity >= judging.steady and found.swing.decay >= judging.kept
 
 
-def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool | None:
-    """Whether noise keeps the oscillation going; None where its amplitude does not tell."""
+def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether the amplitude is seen to wander, so that noise keeps the oscillation going.
+
+    A steady one tells nothing: a loop near its limit of stability has it as well as a wave.
+    """
     judging = settings.judging
-    bounded = found.limits.share > settings.facts.least_limit
-    bent = found.explained is not None and found.explained.curved >= judging.threshold
-    # a limit or a curved characteristic bounds what a loop makes by itself
-    if bounded or bent or found.swing.cycles < judging.lasting_periods:
-        return None
-    if math.isnan(found.amplitude) or found.amplitude > judging.wanders:
-        return None if math.isnan(found.amplitude) else True
-    # a swing that outlasts the record has no time to wander: it takes twice the steadiness
-    has_time = found.loop is not None and _e_foldings(found, found.loop) > judging.dies
-    return False if has_time or found.amplitude < 0.5 * judging.wanders else None
+    return found.swing.cycles >= judging.lasting_periods and found.amplitude > judging.wanders
 
 
 def _e_foldings(found: Gathered, loop: LinearLoop) -> float:
@@ -72,13 +66,12 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
         return False
     # what shows beside the oscillation amplifies it as well: a wave needs positive evidence
     unsure = judging.unsure if beside > judging.tight else -judging.unsure
-    wanders = _wanders(found, settings)
-    if found.explained.outside >= unsure or wanders is False:
+    if found.explained.outside >= unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
     dies = _e_foldings(found, found.loop)
     at_limit = found.limits.share > settings.facts.least_limit
-    return dies > judging.dies or at_limit or beside > judging.endless or wanders is True
+    return dies > judging.dies or at_limit or beside > judging.endless or _wanders(found, settings)
 
 
 def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
@@ -155,8 +148,7 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     beside = found.amplification_beside_wave()
     judging = settings.judging
     # a process that is fitted to a steady wave takes it for its own resonance
-    is_steady = _wanders(found, settings) is False
-    is_swung = here > judging.tight and (beside <= judging.well or is_steady)
+    is_swung = here > judging.tight and beside <= judging.well
     if not is_swung:
         if one.outside < judging.unsure and (here > judging.tight or found.loop is None):
             return None
@@ -172,12 +164,7 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         if one.outside > 0.0
         else "neither valve nor tuning makes this oscillation",
     ]
-    if is_swung and is_steady:
-        evidence.append(
-            f"its amplitude is steadier ({found.amplitude:.0%} of its mean) than noise through a "
-            f"tight loop makes it (52 %)"
-        )
-    elif is_swung:
+    if is_swung:
         evidence.append(
             f"by what the record shows beside the oscillation the loop amplifies disturbances of "
             f"this period only {beside:.2g} times"
