@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array
+from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
@@ -29,6 +30,7 @@ from estimator.diagnosis.loop_record import (
     open_loop_swing,
     predictable_shares,
     without_setpoint_steps,
+    without_steady_wave,
 )
 from estimator.diagnosis.nonlinearity import largest_bicoherence
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
@@ -126,10 +128,18 @@ def diagnose(
         setpoint_swings=_setpoint_swings(record, swing, settings),
         wave_share=_wave_share(error, explained, period),
         swing_share=share_around(error, swing.period_s / period) if swing.present else 0.0,
+        amplitude=swing_amplitude(record, swing, settings),
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
-        removable=removable_share(error, explained, loop, controller, period, settings),
-        headroom=headroom_of(cut, controller, predictable, limits, settings),
+        removable=removable_share(
+            without_steady_wave(error, swing, period, settings),
+            explained,
+            loop,
+            controller,
+            period,
+            settings,
+        ),
+        headroom=headroom_of(cut, controller, swing, predictable, limits, settings),
     )
     proposal = None
     if advice and explained is not None and controller is not None:

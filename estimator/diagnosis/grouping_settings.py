@@ -25,6 +25,8 @@ class Grouping:
         coherence: least coherence of two loops that both oscillate; half of the amplitude's
             variance is then in common.
         hidden: least coherence of a loop that does not oscillate visibly itself.
+        driven: least coherence, in the wide band, of a loop with one that makes its own motion, for
+            it to be asked whether that one's past tells its future: a quarter in common.
         share: least share of the oscillation in such a loop's motion.
         moving: share of samples in which a cascade's set-point moves.
         masters: outputs most like a set-point that are tried as its master's.
@@ -57,6 +59,7 @@ class Grouping:
     range: float = 3.0
     coherence: float = 0.7
     hidden: float = 0.85
+    driven: float = 0.5
     share: float = 0.1
     moving: float = 0.3
     masters: int = 3

@@ -12,8 +12,9 @@ from the number of independent values, counted from both spectra. Two steady wav
 their periods do, which two independent loops have as seldom as there are periods to tell apart. A
 group must be less likely by chance than all the groups of its size that the plant could have shown.
 
-Two loops at least must oscillate visibly. A loop whose valve sticks at irregular times makes no
-oscillation and may still move others: those are compared in a wider band.
+Two loops at least must oscillate visibly, or one must swing by its own valve or tuning and its past
+tell another's future: that needs no period. A loop whose valve sticks at irregular times makes no
+oscillation and may still move others: only such a lead tells, not that the motions are alike.
 
 Which loop started it is decided in `estimator.diagnosis.sources`.
 """
@@ -33,8 +34,10 @@ from estimator.diagnosis.coherence import (
     LoopSpectrum,
     agreement,
     compared_signal,
+    on_one_grid,
     spectrum_of,
 )
+from estimator.diagnosis.leading import chance_of_lead
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillations
 from estimator.diagnosis.result import CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
@@ -67,11 +70,15 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class _Swing:
-    """An oscillation of a loop; ``irregular`` where a sticky valve moves at its own odd times."""
+    """An oscillation of a loop; ``irregular`` where a sticky valve moves at its own odd times.
+
+    ``made`` where the loop's own valve or tuning makes it.
+    """
 
     loop: str
     found: Oscillation
     irregular: bool = False
+    made: bool = False
 
 
 def find_groups(
@@ -102,7 +109,7 @@ def find_groups(
     for i, seed in enumerate(swings):
         if i in used:
             continue
-        members = _members(seed, spectra, swings, settings)
+        members = _members(seed, signals, spectra, swings, settings)
         if len(members) < 2:
             continue
         period = seed.found.period_s
@@ -114,14 +121,14 @@ def find_groups(
             _same_event(names, period, group, settings, is_wide=True) for group in wide
         ):
             continue
+        if seed.irregular and any(set(names) <= set(group.loops) for group in (*groups, *wide)):
+            continue
         inside = tuple(one for one in cascades if one.master in members and one.slave in members)
-        if not _is_event(members - {one.slave for one in inside}, diagnoses):
+        # a slave's own valve or tuning may be the source, what it follows is its master's
+        if not (seed.made or _is_event(members - {one.slave for one in inside}, diagnoses)):
             continue
         those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
         candidates = rank_candidates(those, settings)
-        if seed.irregular and candidates[0].loop != seed.loop:
-            # without an oscillation of its own it is no event unless its valve moves the others
-            continue
         found = Group(names, period, candidates, inside)
         (wide if seed.irregular else groups).append(found)
     return tuple(sorted((*groups, *wide), key=lambda group: -len(group.loops)))
@@ -138,16 +145,17 @@ def _swings_of(
     all_found = detect_oscillations(
         compared_signal(one), period=one.period, settings=settings.swinging
     )
-    sticks = any(cause.name is CauseName.STICKY_VALVE for cause in diagnoses[name].causes)
+    causes = {cause.name for cause in diagnoses[name].causes}
     present = [found for found in all_found if found.present]
-    if not sticks:
-        return [_Swing(name, found) for found in present]
+    if CauseName.STICKY_VALVE not in causes:
+        is_tight = CauseName.TIGHT_TUNING in causes
+        return [_Swing(name, found, made=is_tight) for found in present]
     if not present:
-        # the main motion of a loop whose valve sticks, regular or not
-        return [_Swing(name, found, irregular=True)
-                for found in sorted(all_found, key=lambda found: -found.share)[:1]]  # fmt: skip
+        # the motions of a loop whose valve sticks, regular or not, the main one first
+        return [_Swing(name, found, irregular=True, made=True)
+                for found in sorted(all_found, key=lambda found: -found.share)]  # fmt: skip
     regular = settings.grouping.regular
-    return [_Swing(name, found, found.regularity < regular) for found in present]
+    return [_Swing(name, found, found.regularity < regular, made=True) for found in present]
 
 
 _NO_PERIOD = (
@@ -171,14 +179,21 @@ def _is_near(swing: _Swing, period: float, settings: DiagnosisSettings) -> bool:
 
 def _members(
     seed: _Swing,
+    signals: Mapping[str, LoopSignals],
     spectra: Mapping[str, LoopSpectrum],
     swings: list[_Swing],
     settings: DiagnosisSettings,
 ) -> set[str]:
     """Loops that agree with the seed's oscillation; the seed alone where none does."""
     grouping, period = settings.grouping, seed.found.period_s
-    width = grouping.wide if seed.irregular else grouping.width
-    delays = np.array(grouping.delays if seed.irregular else (0.0,))
+    # coupled loops follow by the same chance: each must be sure by itself
+    motions = sum(one.loop == seed.loop for one in swings)
+    least, tried = math.log(grouping.chance), math.log(len(spectra) * motions)
+    driven = _driven(seed, signals, spectra, settings) if seed.made else {}
+    follow = {one for one, at in driven.items() if at + tried < least}
+    if seed.irregular:
+        # motions without a period that look alike may have a cause in common
+        return {seed.loop, *follow}
     near = {one.loop for one in swings if _is_near(one, period, settings)}
     clear = {one.loop: one.found.prominence for one in swings}
     visible: dict[str, float] = {}
@@ -187,23 +202,43 @@ def _members(
         # a period needs four samples
         if name == seed.loop or other.period > 0.25 * period:
             continue
-        if name not in near and other.share(period, width) < grouping.share:
+        if name not in near and other.share(period, grouping.width) < grouping.share:
             continue
-        found = agreement(spectra[seed.loop], other, period, width, delays)
+        found = agreement(spectra[seed.loop], other, period, grouping.width, np.zeros(1))
         if name in near and found.coherence > grouping.coherence:
             visible[name] = found.chance() - _log_periods(seed, settings)
-        elif found.coherence > (grouping.coherence if seed.irregular else grouping.hidden):
+        elif found.coherence > grouping.hidden:
             # a period of a loop that swings in several ways is told less well
-            (visible if name in clear else hidden)[name] = found.chance() + math.log(delays.size)
-    least = math.log(grouping.chance)
-    if seed.irregular:
-        everyone = dict.fromkeys(spectra, 0.0)
-        return {seed.loop, *_surest(visible | hidden, seed.loop, everyone, least)}
+            (visible if name in clear else hidden)[name] = found.chance()
     chosen = _surest(visible, seed.loop, clear, least)
     if not chosen:
-        return {seed.loop}
-    tried = math.log(len(spectra))
-    return {seed.loop, *chosen, *(one for one, at in hidden.items() if at + tried < least)}
+        return {seed.loop, *follow}
+    beside = (one for one, at in hidden.items() if at + tried < least)
+    return {seed.loop, *follow, *chosen, *beside}
+
+
+def _driven(
+    seed: _Swing,
+    signals: Mapping[str, LoopSignals],
+    spectra: Mapping[str, LoopSpectrum],
+    settings: DiagnosisSettings,
+) -> dict[str, float]:
+    """By loop that the seed seems to move, the log probability that it does so by chance."""
+    grouping, period = settings.grouping, seed.found.period_s
+    found = {}
+    for name, other in spectra.items():
+        if name == seed.loop or other.period > 0.25 * period:
+            continue
+        if other.share(period, grouping.wide) < grouping.share:
+            continue
+        alike = agreement(
+            spectra[seed.loop], other, period, grouping.wide, np.array(grouping.delays)
+        )
+        if alike.coherence < grouping.driven:
+            continue
+        both = on_one_grid((seed.loop, name), signals, period, grouping)
+        found[name] = chance_of_lead(both[seed.loop], both[name], grouping)
+    return found
 
 
 def _log_periods(seed: _Swing, settings: DiagnosisSettings) -> float:

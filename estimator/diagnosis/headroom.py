@@ -25,7 +25,8 @@ from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.linear_loop import LinearLoop
-from estimator.diagnosis.loop_record import LoopRecord
+from estimator.diagnosis.loop_record import LoopRecord, without_steady_wave
+from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings, Headroom
 from estimator.diagnosis.tuning_rules import simc
 from loop_model import ProcessModel
@@ -33,6 +34,10 @@ from loop_model import ProcessModel
 __all__ = ["headroom_of", "probability_of_headroom"]
 
 _IMPOSSIBLE = 1e12
+_LEAST_POLE = 1e-6
+"""A pole below it is that of no lag at all; smaller ones only overflow in the spectral factor."""
+_FAR = 14.0
+"""Nats below the likeliest process at which one in a million counts, and is left out."""
 _GAIN_POINTS = (-1.28, -0.52, 0.0, 0.52, 1.28)
 """Five equally likely points of a normal distribution: the gain is spread by its deviation."""
 
@@ -66,11 +71,15 @@ class _Fitted:
 def headroom_of(
     record: LoopRecord,
     controller: Controller | None,
+    swing: Oscillation,
     predictable: tuple[float, float],
     limits: Limits,
     settings: DiagnosisSettings,
 ) -> float:
-    """The probability where the error lasts, so that slow tuning may be why; else NaN."""
+    """The probability where the error lasts, so that slow tuning may be why; else NaN.
+
+    A steady wave is taken out of OP and PV alike: it is no load of one corner.
+    """
     one, two = np.nan_to_num(predictable)
     lasts = two > settings.judging.slow or one + two > settings.judging.lingering
     by_hand = record.auto is not None and not record.auto.all()
@@ -78,9 +87,10 @@ def headroom_of(
         return math.nan
     if not record.good.all() or limits.share >= settings.facts.least_limit:
         return math.nan
-    return probability_of_headroom(
-        record.op, record.pv, controller, record.period, settings.headroom
+    op, pv = (
+        without_steady_wave(one, swing, record.period, settings) for one in (record.op, record.pv)
     )
+    return probability_of_headroom(op, pv, controller, record.period, settings.headroom)
 
 
 def probability_of_headroom(
@@ -104,32 +114,48 @@ def probability_of_headroom(
     lag = max(2.0, controller.integral_time_s / period)
     start = np.log([lag, settings.corner, settings.noise])
     moves = np.vstack([np.zeros(3), np.diag(settings.reach)])
-    weights, slow = [], []
+    tried: list[tuple[float, ProcessModel]] = []
     for structure in _STRUCTURES:
+        # an integrator has no lag
+        free = int(structure.integrating)
+        simplex = start[free:] + moves[[0, *range(free + 1, 4)], free:]
         found = minimize(
-            _cost, start, (structure, y, u, settings), method="Nelder-Mead",
-            options={"maxfev": settings.tries, "initial_simplex": start + moves,
+            _cost, start[free:], (structure, y, u, settings), method="Nelder-Mead",
+            options={"maxfev": settings.tries, "initial_simplex": simplex,
                      "xatol": 0.03, "fatol": 0.1},
         ).x  # fmt: skip
         fitted = _fit(found, structure, y, u, settings)
         if fitted is None:
             continue
-        process = _process_poles(found, structure)
+        pole, step = _process_poles(found, structure)
         for dead, (cost, gain, deviation) in enumerate(
             zip(fitted.costs, fitted.gains, fitted.deviations, strict=True), start=1
         ):
+            # a scale that is not known: every octave of dead times is as likely before
+            weight = -cost - math.log(dead)
             for point in _GAIN_POINTS:
                 k = size * (gain + point * deviation)
-                one = ProcessModel((-process[0],), (process[1] * k,), dead, 0.0, period)
-                # a scale that is not known: every octave of dead times is as likely before
-                weights.append(-cost - math.log(dead))
-                slow.append(_headroom(one, controller, settings))
-    chance = np.exp(np.array(weights) - max(weights, default=0.0))
-    ratios = np.array(slow)
-    known = np.isfinite(ratios)
-    if not float(chance[known].sum()) > 0.0:
-        return math.nan
-    return float(chance[known & (ratios >= settings.slower)].sum() / chance[known].sum())
+                tried.append((weight, ProcessModel((-pole,), (step * k,), dead, 0.0, period)))
+    return _share_of_slow(tried, controller, settings)
+
+
+def _share_of_slow(
+    tried: list[tuple[float, ProcessModel]], controller: Controller, settings: Headroom
+) -> float:
+    """Share of the probability (logarithms beside the processes) that has the headroom, or NaN."""
+    chances: list[float] = []
+    slow: list[bool] = []
+    first = -math.inf
+    for weight, process in sorted(tried, key=lambda one: -one[0]):
+        if weight < first - _FAR:
+            break
+        ratio = _headroom(process, controller, settings)
+        if math.isnan(ratio):
+            continue
+        first = max(first, weight)
+        chances.append(math.exp(weight - first))
+        slow.append(ratio >= settings.slower)
+    return float(np.average(slow, weights=chances)) if chances else math.nan
 
 
 def _headroom(process: ProcessModel, controller: Controller, settings: Headroom) -> float:
@@ -147,17 +173,22 @@ def _process_poles(numbers: Array, structure: _Structure) -> tuple[float, float]
     """The pole of the process, and its first step's share of the gain."""
     if structure.integrating:
         return 1.0, 1.0
-    pole = math.exp(-math.exp(-float(numbers[0])))
+    pole = _pole(float(numbers[0]))
     return pole, 1.0 - pole
+
+
+def _pole(time: float) -> float:
+    """Pole of the time constant whose logarithm, in samples, is given."""
+    return max(_LEAST_POLE, math.exp(-math.exp(-time)))
 
 
 def _innovations_filter(numbers: Array, structure: _Structure) -> tuple[Array, Array] | None:
     """Numerator and denominator that whiten load plus noise; None where there is none."""
-    lag, corner, noise = (float(v) for v in numbers)
-    load = np.array([1.0, -math.exp(-math.exp(-corner))])
+    corner, noise = (float(v) for v in numbers[-2:])
+    load = np.array([1.0, -_pole(corner)])
     if structure.order == 2:
         load = np.convolve(load, load)
-    pole, _ = _process_poles(np.array([lag]), structure)
+    pole, _ = _process_poles(numbers, structure)
     poles = load if structure.behind else np.convolve(load, [1.0, -pole])
     response = lfilter([1.0], poles, np.eye(1, 2000)[0])
     both = math.exp(noise) * np.convolve(poles, poles[::-1])

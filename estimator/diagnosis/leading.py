@@ -11,11 +11,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.stats import chi2
 
 from estimator.arrays import Array
 from estimator.diagnosis.settings import Grouping
 
-__all__ = ["leads"]
+__all__ = ["chance_of_lead", "leads"]
 
 
 def leads(signals: Mapping[str, Array], grouping: Grouping) -> dict[str, float]:
@@ -35,6 +36,16 @@ def leads(signals: Mapping[str, Array], grouping: Grouping) -> dict[str, float]:
             found[one] += towards
             found[other] -= towards
     return {name: value / (len(names) - 1) for name, value in found.items()}
+
+
+def chance_of_lead(source: Array, target: Array, grouping: Grouping) -> float:
+    """Logarithm of the probability that a signal tells as much of another's future by chance.
+
+    Both are ``(n,)`` on one grid, NaN where bad. Twice the gain in likelihood is chi-squared then
+    (Wilks 1938), whatever the spectra: each signal's own past is accounted for.
+    """
+    gain = _gain(source, target, grouping.order)
+    return float(chi2.logsf(2.0 * gain, grouping.order)) if math.isfinite(gain) else 0.0
 
 
 def _gain(source: Array, target: Array, order: int) -> float:

@@ -28,6 +28,7 @@ __all__ = [
     "open_loop_swing",
     "predictable_shares",
     "without_setpoint_steps",
+    "without_steady_wave",
 ]
 
 _AT_REST = 2.0
@@ -148,11 +149,19 @@ def predictable_shares(
     if free.mean() < 0.5:
         return nothing
     error = record.error
-    if swing.present and swing.regularity >= settings.judging.steady:
-        # a wave is predictable for ever, however the loop is tuned
-        error = without_wave(error, swing.period_s / record.period)
+    # a wave is predictable for ever, however the loop is tuned
+    error = without_steady_wave(error, swing, record.period, settings)
     error = np.where(free, error, np.nan)
     return predictable_share(error, ahead), predictable_share(error, 2 * ahead)
+
+
+def without_steady_wave(
+    signal: Array, swing: Oscillation, period: float, settings: DiagnosisSettings
+) -> Array:
+    """The signal ``(n,)`` without the main oscillation, where that has a steady period."""
+    if not swing.present or swing.regularity < settings.judging.steady:
+        return signal
+    return without_wave(signal, swing.period_s / period)
 
 
 def without_setpoint_steps(error: Array, sp: Array | None) -> Array:

@@ -222,6 +222,10 @@ class Judging:
             (tuning family: loops under an outside wave reach nine).
         well: amplification of a well-tuned loop (SIMC: 1.6). By a process that is fitted beside the
             oscillation, loops under an outside wave stay below it and tight ones above.
+        wanders: deviation of an oscillation's amplitude over its mean from which noise keeps it
+            going: half of Rayleigh's 0.52 (tuning family: tight loops have 0.29 to 1, waves from
+            outside 0.01 to 0.23 over 15 periods and more).
+        lasting_periods: periods from which the amplitude is asked: fewer hold too few values.
         damping: damping of the loop's own swing below which it rings for five periods.
         steady: regularity from which an oscillation has a period: its periods scatter by 5 % then
             (tuning family: waves from outside have 5 to 100, noise through a well-tuned loop up to
@@ -261,6 +265,8 @@ class Judging:
     dies: float = 2.0
     endless: float = 10.0
     well: float = 1.6
+    wanders: float = 0.26
+    lasting_periods: float = 15.0
     damping: float = 0.1
     steady: float = 6.7
     kept: float = 0.75

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 
@@ -39,6 +40,21 @@ def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
     return found.swing.regularity >= judging.steady and found.swing.decay >= judging.kept
 
 
+def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether the amplitude is seen to wander, so that noise keeps the oscillation going.
+
+    A steady one tells nothing: a loop near its limit of stability has it as well as a wave.
+    """
+    judging = settings.judging
+    return found.swing.cycles >= judging.lasting_periods and found.amplitude > judging.wanders
+
+
+def _e_foldings(found: Gathered, loop: LinearLoop) -> float:
+    """By how many factors of e the loop's own swing dies out within the record."""
+    _, damping = loop.swing()
+    return 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
+
+
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
@@ -53,10 +69,9 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     if found.explained.outside >= unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
-    _, damping = found.loop.swing()
-    dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
+    dies = _e_foldings(found, found.loop)
     at_limit = found.limits.share > settings.facts.least_limit
-    return dies > judging.dies or at_limit or beside > judging.endless
+    return dies > judging.dies or at_limit or beside > judging.endless or _wanders(found, settings)
 
 
 def find_tight(found: Gathered, settings: DiagnosisSettings) -> Cause | None:

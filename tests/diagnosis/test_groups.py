@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 
+from benchmarks.diagnosis_families.tuning.events import draw_event
 from estimator.diagnosis.cascades import find_cascades
 from fieldlink.diagnosing import Plant
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
@@ -32,6 +35,47 @@ def test_the_sticky_valve_is_the_source_of_what_it_moves() -> None:
     assert sum(one.weight for one in groups[0].candidates) <= 1.0 + 1e-9
     picture = group_figure(Plant(found, groups, {}, loops), groups[0], title="mill")
     assert [axes.get_ylabel().split()[0] for axes in picture.axes] == ["A", "B"]
+
+
+def wander(seed: int) -> NDArray[np.float64]:
+    moves = np.random.default_rng(seed).standard_normal(1500)
+    load = np.zeros(1500)
+    for k in range(1, load.size):
+        load[k] = 0.98 * load[k - 1] + moves[k]
+    return np.asarray(3.0 * load / load.std())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(seed: int) -> None:
+    source = run(band=6.0, jump=4.0, seed=seed, load=wander(100 + seed))
+    load = 0.6 * (source.op - source.op.mean()) + wander(200 + seed)
+    follower = run(load=load, lag=20.0, seed=seed + 20)
+    apart = run(load=wander(300 + seed), seed=seed + 40)
+    loops = {"A": signals(source), "B": signals(follower), "C": signals(apart)}
+    found = {
+        name: diagnose(one.op, one.pv, one.sp, period=one.period, advice=False)
+        for name, one in loops.items()
+    }
+    (group,) = find_groups(loops, found)
+    assert group.loops == ("A", "B")
+    assert group.candidates[0].loop == "A"
+
+
+@pytest.mark.parametrize(
+    ("plant", "seed"), [("cascade", 72004), ("cascade", 72007), ("recycle", 72102)]
+)
+def test_a_slave_or_a_valve_of_several_motions_may_be_the_source(plant: str, seed: int) -> None:
+    event = draw_event(plant, "sticky_valve", seed)
+    masters = {master for master, slave in event.cascades if slave == event.origin}
+    kept = {name: event.loops[name] for name in {*event.members, *masters}}
+    loops = {name: LoopSignals(one.op, one.pv, one.sp, one.period) for name, one in kept.items()}
+    found = {
+        name: diagnose(one.op, one.pv, one.sp, period=one.period, advice=False)
+        for name, one in kept.items()
+    }
+    groups = find_groups(loops, found)
+    assert groups
+    assert groups[0].candidates[0].loop == event.origin
 
 
 def test_loops_that_swing_each_for_themselves_are_no_group() -> None:

@@ -46,3 +46,16 @@ def test_where_neither_is_likely_a_set_point_step_is_asked_for(kind: str) -> Non
     answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
     assert answer.first.name == "undetermined"
     assert "set-point" in answer.first.action
+
+
+def test_a_load_without_a_corner_stops_no_diagnosis() -> None:
+    loop = draw_paced("sticky_valve", 71016)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.causes
+
+
+@pytest.mark.parametrize("seed", [71009, 71020])
+def test_slow_tuning_shows_beside_a_wave_from_outside(seed: int) -> None:
+    loop = draw_loop(("external_oscillation", "slow_tuning"), seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert {cause.name for cause in answer.causes} >= {"external_oscillation", "slow_tuning"}
