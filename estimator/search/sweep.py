@@ -55,10 +55,14 @@ def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
 
 
 def _swept(case: Case, start: Hypothesis, *, anywhere: bool) -> Hypothesis:
-    """The likeliest of the start and of what the best valves around it are refined to."""
+    """The likeliest of the start and of what the best valves around it are refined to.
+
+    ``anywhere`` also tries the best of those from other first positions of the stem.
+    """
     assert start.valve is not None
     valve = np.array(start.valve.numbers)
-    ranked = _best_by_one_step(case, start, valve, anywhere=anywhere)
+    lattice = _around(valve, *_LATTICE)
+    ranked = _best_by_one_step(case, start, lattice)
     table = np.vstack([ranked, _around(valve, *_LINES)])
     costs = _simulated(case, start, table)
     chosen = _best_apart(table, costs, case.settings.searching.swept, valve)
@@ -67,9 +71,13 @@ def _swept(case: Case, start: Hypothesis, *, anywhere: bool) -> Hypothesis:
         # the best one by one-step errors, whatever its simulation says with this process
         chosen.append(0)
     best = _likeliest(case, start, table[chosen], own)
+    if anywhere:
+        away = _best_by_one_step(case, start, _from_anywhere(case, lattice))[:1]
+        ranked = np.vstack([ranked[:1], away])
+        best = _likeliest(case, best, away, own)
     if own != first and len(ranked) > 0 and best.likelihood < start.likelihood + _AGAIN:
         # one-step errors are those of the first law: it may lie in another valley there
-        best = max(best, _likeliest(case, start, ranked[:1], first), key=lambda one: one.likelihood)
+        best = max(best, _likeliest(case, start, ranked, first), key=lambda one: one.likelihood)
     return best
 
 
@@ -85,14 +93,8 @@ def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothe
     return best
 
 
-def _best_by_one_step(case: Case, start: Hypothesis, valve: Array, *, anywhere: bool) -> Array:
-    """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first.
-
-    ``anywhere`` also from other first positions of the stem.
-    """
-    lattice = _around(valve, *_LATTICE)
-    if anywhere:
-        lattice = np.vstack([lattice[1 :: _SIDES.size], _from_anywhere(case, lattice)])
+def _best_by_one_step(case: Case, start: Hypothesis, lattice: Array) -> Array:
+    """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first."""
     columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
     shortest = max(1, start.dead_time - 1)
     shifts = min(3, case.max_dead_time + 1 - shortest)
