@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-__all__ = ["why_no_file"]
+__all__ = ["is_pipe_or_device", "why_no_file"]
 
 
 def why_no_file(path: str | Path) -> str | None:
@@ -20,3 +20,8 @@ def why_no_file(path: str | Path) -> str | None:
         # ValueError: a path with a zero byte in it.
         return getattr(error, "strerror", None) or str(error)
     return None if stat.S_ISREG(kind) else "it is not a file"
+
+
+def is_pipe_or_device(path: str | Path) -> bool:
+    """Whether a path leads to neither a file nor a folder: opening a pipe waits for a writer."""
+    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))

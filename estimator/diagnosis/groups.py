@@ -22,7 +22,7 @@ Which loop started it is decided in `estimator.diagnosis.sources`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -198,10 +198,7 @@ def _members(
     clear = {one.loop: one.found.prominence for one in swings}
     visible: dict[str, float] = {}
     hidden: dict[str, float] = {}
-    for name, other in spectra.items():
-        # a period needs four samples
-        if name == seed.loop or other.period > 0.25 * period:
-            continue
+    for name, other in _others(seed, spectra):
         if name not in near and other.share(period, grouping.width) < grouping.share:
             continue
         found = agreement(spectra[seed.loop], other, period, grouping.width, np.zeros(1))
@@ -217,6 +214,15 @@ def _members(
     return {seed.loop, *follow, *chosen, *beside}
 
 
+def _others(
+    seed: _Swing, spectra: Mapping[str, LoopSpectrum]
+) -> Iterator[tuple[str, LoopSpectrum]]:
+    """The other loops whose sampling shows the seed's period, which needs four samples."""
+    for name, other in spectra.items():
+        if name != seed.loop and other.period <= 0.25 * seed.found.period_s:
+            yield name, other
+
+
 def _driven(
     seed: _Swing,
     signals: Mapping[str, LoopSignals],
@@ -226,9 +232,7 @@ def _driven(
     """By loop that the seed seems to move, the log probability that it does so by chance."""
     grouping, period = settings.grouping, seed.found.period_s
     found = {}
-    for name, other in spectra.items():
-        if name == seed.loop or other.period > 0.25 * period:
-            continue
+    for name, other in _others(seed, spectra):
         if other.share(period, grouping.wide) < grouping.share:
             continue
         alike = agreement(

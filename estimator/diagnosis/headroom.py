@@ -34,6 +34,7 @@ from loop_model import ProcessModel
 __all__ = ["headroom_of", "probability_of_headroom"]
 
 _IMPOSSIBLE = 1e12
+"""Cost of numbers that fit nothing: beyond what any record has, and finite for the search."""
 _LEAST_POLE = 1e-6
 """A pole below it is that of no lag at all; smaller ones only overflow in the spectral factor."""
 _FAR = 14.0
@@ -78,10 +79,10 @@ def headroom_of(
 ) -> float:
     """The probability where the error lasts, so that slow tuning may be why; else NaN.
 
-    A steady wave is taken out of OP and PV alike: it is no load of one corner.
+    A steady wave is taken out of OP and PV alike: the fitted load cannot make one.
     """
-    one, two = np.nan_to_num(predictable)
-    lasts = two > settings.judging.slow or one + two > settings.judging.lingering
+    first, second = np.nan_to_num(predictable)
+    lasts = second > settings.judging.slow or first + second > settings.judging.lingering
     by_hand = record.auto is not None and not record.auto.all()
     if controller is None or record.pv is None or not lasts or by_hand:
         return math.nan

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from estimator.diagnosis.gathered import Gathered
-from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 
@@ -49,12 +48,6 @@ def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
     return found.swing.cycles >= judging.lasting_periods and found.amplitude > judging.wanders
 
 
-def _e_foldings(found: Gathered, loop: LinearLoop) -> float:
-    """By how many factors of e the loop's own swing dies out within the record."""
-    _, damping = loop.swing()
-    return 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
-
-
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
@@ -69,7 +62,8 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     if found.explained.outside >= unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
-    dies = _e_foldings(found, found.loop)
+    _, damping = found.loop.swing()
+    dies = 2.0 * math.pi * max(damping, 0.0) * found.swing.cycles
     at_limit = found.limits.share > settings.facts.least_limit
     return dies > judging.dies or at_limit or beside > judging.endless or _wanders(found, settings)
 

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.file_at import is_pipe_or_device
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.recorded_columns import RecordedColumns
@@ -115,14 +116,10 @@ def files_in(path: Path) -> list[Path]:
         return [path]
     try:
         named = [file for file in path.iterdir() if file.suffix.lower() in ENDINGS]
-        return sorted(file for file in named if not _is_pipe_or_device(file))
+        return sorted(file for file in named if not is_pipe_or_device(file))
     except OSError as error:
         message = f"cannot be listed ({error.strerror})"
         raise RecordingError([Problem(str(path), "", message, "check its permissions")]) from error
-
-
-def _is_pipe_or_device(path: Path) -> bool:
-    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
 
 
 def read_recording(

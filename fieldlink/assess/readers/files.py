@@ -12,6 +12,7 @@ from pathlib import Path
 from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece
 from fieldlink.assess.readers.base import Named, Opening
+from fieldlink.file_at import is_pipe_or_device
 from fieldlink.printable import as_text
 from fieldlink.sqlite_url import sqlite_url
 
@@ -169,7 +170,7 @@ def _refusal(path: str) -> str | None:
     """Why a path is not opened: opening a pipe would wait for a writer without end."""
     if os.path.isdir(path):
         return f"the folder {_why_closed(path)}"
-    if os.path.exists(path) and not os.path.isfile(path):
+    if is_pipe_or_device(path):
         return "is a pipe or a device; give a file"
     if Path(path).suffix.lower() in (".parquet", ".sqlite") and as_text(path) != path:
         return "has a name that is not UTF-8, which the libraries of its format refuse; rename it"
