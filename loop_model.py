@@ -14,7 +14,7 @@ Sign and time conventions, used everywhere:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,6 +123,20 @@ class ProcessModel:
         if self.is_integrating:
             return math.copysign(math.inf, sum(self.b))
         return sum(self.b) / (1.0 + sum(self.a))
+
+    def as_controlled(self) -> ProcessModel:
+        """Return the process as a controller meets it, which reads PV before it moves OP.
+
+        In a record PV may be stored after OP, so that a sample of PV holds part of what the stem
+        did in it (dead time 0). For a controller that part comes with the next sample's: the
+        first two coefficients act together, one sample after OP. Gain and lags stay the same. A
+        lag that is sampled at any point between two moves of OP becomes itself, exactly.
+        """
+        if self.dead_time > 0:
+            return self
+        first, *others = self.b
+        b = (first + others[0], *others[1:]) if others else (first,)
+        return replace(self, b=b, dead_time=1)
 
     def simulate(
         self, stem: ArrayLike, *, pv0: ArrayLike = (), noise: ArrayLike | None = None

@@ -87,14 +87,15 @@ class Prediction:
     def of(cls, process: ProcessModel, disturbance: Disturbance = "auto") -> Prediction:
         """Build the state space.
 
-        A dead time of 0 (PV and OP of one record recorded after each other) is taken as 1: a
-        controller reads PV before it moves OP, so it can never act on the same sample.
+        A dead time of 0 (PV and OP of one record recorded after each other) becomes one of 1:
+        `ProcessModel.as_controlled`.
 
         Raises:
             CompensatorError: a process that controls nothing (zero gain), is unstable, or is
                 integrating with an output disturbance asked for.
         """
-        dead_time = max(1, process.dead_time)
+        process = process.as_controlled()
+        dead_time = process.dead_time
         if dead_time > LONGEST_DEAD_TIME:
             raise CompensatorError(
                 f"a dead time of {dead_time} samples is longer than the {LONGEST_DEAD_TIME} that "

@@ -163,8 +163,8 @@ def answer_correlation(
     stem = valve.simulate(op, op[0] + first * valve.static_friction)
     if np.count_nonzero(np.diff(stem)) < slips:
         return 0.0
-    p = model.process
-    late = max(p.dead_time - 1, 0)
+    p = model.process.as_controlled()
+    late = p.dead_time - 1
     drive = np.concatenate([np.zeros(late), stem - stem[0]])[: stem.size]
     answer = np.asarray(lfilter(p.b, [1.0, *p.a], drive), dtype=np.float64)
     prediction = Prediction.of(p, "input")

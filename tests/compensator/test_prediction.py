@@ -6,7 +6,7 @@ from scipy import signal
 
 from compensator import CompensatorError, NoiseModel, Prediction
 from compensator.prediction import StateFilter
-from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2
+from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Plant
 from loop_model import ProcessModel
 
 PROCESSES = [
@@ -30,6 +30,20 @@ def test_state_space_gives_the_arx_model_s_output(process: ProcessModel) -> None
         pv.append(state[0])
         state = prediction.A @ state + prediction.B * x
     np.testing.assert_allclose(pv, reference[: len(pv)], atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.99])
+def test_what_a_record_shows_too_early_comes_with_the_next_sample(share: float) -> None:
+    """A lag of four samples; the record reads PV a share of the period after OP has moved."""
+    late, pole = np.exp(-share / 4.0), np.exp(-1.0 / 4.0)
+    recorded = ProcessModel((-pole,), (1.0 - late, late - pole), 0, 0.0, 1.0)
+    # A controller reads PV, moves OP, and reads PV again after the whole period.
+    expected = 1.0 - pole ** np.arange(1, 13)
+    np.testing.assert_allclose(Prediction.of(recorded).step_response(12), expected, rtol=1e-12)
+    plant = Plant(recorded, None, 0.0)
+    np.testing.assert_allclose([plant.step(1.0) for _ in range(12)], expected, rtol=1e-12)
+    alone = ProcessModel((-0.5,), (0.2,), 0, 0.0, 1.0).as_controlled()
+    assert (alone.b, alone.dead_time) == ((0.2,), 1)
 
 
 @pytest.mark.parametrize("process", PROCESSES)

@@ -115,14 +115,14 @@ class Plant:
         op0: float,
         stem0: float | None = None,
     ) -> None:
-        self.process = process
+        self.process = process = process.as_controlled()
         self._law = valve.step if isinstance(valve, ValveModel) else valve
         self.stem = op0 if stem0 is None else stem0
         rest = 0.0
         if not process.is_integrating:
             rest = (sum(process.b) * self.stem + process.offset) / (1.0 + sum(process.a))
         self._y = [rest] * max(1, len(process.a))
-        self._x = [self.stem] * (max(1, process.dead_time) + len(process.b) - 1)
+        self._x = [self.stem] * (process.dead_time + len(process.b) - 1)
         self.pv = rest
 
     def step(self, op: float, noise: float = 0.0, load: float = 0.0) -> float:
@@ -130,7 +130,7 @@ class Plant:
         p = self.process
         self.stem = op if self._law is None else self._law(self.stem, op)
         self._x = [self.stem + load, *self._x[:-1]]
-        delay = max(1, p.dead_time) - 1
+        delay = p.dead_time - 1
         y = p.offset + noise
         y -= sum(a * past for a, past in zip(p.a, self._y, strict=False))
         y += sum(b * past for b, past in zip(p.b, self._x[delay:], strict=True))
