@@ -89,7 +89,7 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
         def tried(nuisance: Nuisance, taps: Array | None = None, at: Hypothesis = at) -> Hypothesis:
             return _with(case, at, (nuisance,), taps)
 
-        found.append(_sharpened(tried, wave, -math.inf, _ROUGH_STEPS))
+        found.append(_sharpened(tried, wave, starts[0][0].likelihood, _ROUGH_STEPS))
     found.sort(key=lambda one: -round(one.likelihood, 6))
     ends = [polish(case, None, one, one.nuisances, one.taps) for one in found[:_FOLLOWED]]
     return max(ends, key=lambda one: one.likelihood)
@@ -129,9 +129,8 @@ def _sharpened(
     first where the frequency is only that of a peak.
     """
     best = tried(wave)
-    if not rough and (
-        len(wave.harmonics) == 1 or best.likelihood < least - _HOPE * len(wave.harmonics)
-    ):
+    harmonics = len(wave.harmonics)
+    if best.likelihood < least - _HOPE * harmonics or (harmonics == 1 and not rough):
         return best
     cycles, held = wave.cycles, best
     for step in (*rough, *_SHARP_STEPS):

@@ -90,7 +90,7 @@ def weigh(case: Case) -> Weighing:
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLEAR:
-        sticky = sweep_valves(case, sticky)
+        sticky = _with_any_process(case, sweep_valves(case, sticky))
     judging = case.settings.judging
     laws: tuple[Hypothesis, ...] = (sticky,)
     if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
@@ -117,6 +117,14 @@ def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     healthy = settle(case, healthy)
     exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=2, wide=False)
     return _likelier(healthy, exchanged), sticky
+
+
+def _with_any_process(case: Case, sticky: Hypothesis) -> Hypothesis:
+    """The valve with the likeliest of all starting processes, swept again where one is likelier."""
+    other = polish(case, sticky.valve, sticky, sticky.nuisances, sticky.taps)
+    if other.likelihood < sticky.likelihood + _PAYS:
+        return sticky
+    return sweep_valves(case, refine_valve(case, other))
 
 
 def _grown(case: Case, start: Hypothesis, other: Hypothesis, most: int | None = None) -> Hypothesis:

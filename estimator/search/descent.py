@@ -234,11 +234,17 @@ class Descent:
 
 
 def refine_valve(
-    case: Case, start: Hypothesis, width: float = 0.05, law: str | None = None
+    case: Case,
+    start: Hypothesis,
+    width: float = 0.05,
+    law: str | None = None,
+    rival: Hypothesis | None = None,
 ) -> Hypothesis:
     """The hypothesis with valve and poles refined together, its noise model in turn.
 
-    Under another ``law`` than its own it is that law's hypothesis, likelier or not.
+    Under another ``law`` than its own it is that law's hypothesis, likelier or not. It is given up
+    after a turn that leaves it further behind a ``rival`` than the turn has gained: the next gains
+    less.
     """
     assert start.valve is not None
     searching = case.settings.searching
@@ -256,6 +262,8 @@ def refine_valve(
         if gained > 0.0:
             best = found
         if gained < searching.enough:
+            break
+        if rival is not None and best.likelihood + gained < rival.likelihood:
             break
         width *= 0.5
     return best

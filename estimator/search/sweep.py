@@ -45,8 +45,8 @@ def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
     sweep is repeated.
     """
     best = start
-    for _ in range(case.settings.searching.swept):
-        found = _swept(case, best)
+    for turn in range(case.settings.searching.swept):
+        found = _swept(case, best, anywhere=turn == 0)
         gained = found.likelihood - best.likelihood
         best = found
         if gained < _AGAIN:
@@ -54,11 +54,15 @@ def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
     return best
 
 
-def _swept(case: Case, start: Hypothesis) -> Hypothesis:
-    """The likeliest of the start and of what the best valves around it are refined to."""
+def _swept(case: Case, start: Hypothesis, *, anywhere: bool) -> Hypothesis:
+    """The likeliest of the start and of what the best valves around it are refined to.
+
+    ``anywhere`` also tries the best of those from other first positions of the stem.
+    """
     assert start.valve is not None
     valve = np.array(start.valve.numbers)
-    ranked = _best_by_one_step(case, start, valve)
+    lattice = _around(valve, *_LATTICE)
+    ranked = _best_by_one_step(case, start, lattice)
     table = np.vstack([ranked, _around(valve, *_LINES)])
     costs = _simulated(case, start, table)
     chosen = _best_apart(table, costs, case.settings.searching.swept, valve)
@@ -67,9 +71,13 @@ def _swept(case: Case, start: Hypothesis) -> Hypothesis:
         # the best one by one-step errors, whatever its simulation says with this process
         chosen.append(0)
     best = _likeliest(case, start, table[chosen], own)
+    if anywhere:
+        away = _best_by_one_step(case, start, _from_anywhere(case, lattice))[:1]
+        ranked = np.vstack([ranked[:1], away])
+        best = _likeliest(case, best, away, own)
     if own != first and len(ranked) > 0 and best.likelihood < start.likelihood + _AGAIN:
         # one-step errors are those of the first law: it may lie in another valley there
-        best = max(best, _likeliest(case, start, ranked[:1], first), key=lambda one: one.likelihood)
+        best = max(best, _likeliest(case, start, ranked, first), key=lambda one: one.likelihood)
     return best
 
 
@@ -79,15 +87,14 @@ def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothe
     for row in table:
         valve = Valve(float(row[0]), float(row[1]), float(row[2]), law)
         at = case.fit(valve, start.poles, start.dead_time, start.nuisances, start.taps)
-        found = refine_valve(case, at, _REACH)
+        found = refine_valve(case, at, _REACH, rival=best)
         if found.likelihood > best.likelihood:
             best = found
     return best
 
 
-def _best_by_one_step(case: Case, start: Hypothesis, valve: Array) -> Array:
+def _best_by_one_step(case: Case, start: Hypothesis, lattice: Array) -> Array:
     """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first."""
-    lattice = _around(valve, *_LATTICE)
     columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
     shortest = max(1, start.dead_time - 1)
     shifts = min(3, case.max_dead_time + 1 - shortest)
@@ -110,6 +117,19 @@ def _around(valve: Array, bands: Array, jumps: Array) -> Array:
     table: Array = moved_valves(valve, steps)
     more = 0.5 * (table[:, 0] + table[:, 1] - valve[0] - valve[1])
     table[:, 2] += np.tile(_SIDES, bands.size * jumps.size) * more
+    return table
+
+
+def _from_anywhere(case: Case, lattice: Array) -> Array:
+    """The valves of the lattice from other first positions of the stem, wherever it may have been.
+
+    One valve may go two ways: from other first positions its stem slips at other samples all
+    through the window.
+    """
+    shares = np.array(case.settings.searching.fine_starts)
+    table = np.repeat(lattice[:: _SIDES.size], shares.size, axis=0)
+    band = 0.5 * (table[:, 0] + table[:, 1])
+    table[:, 2] = case.rows.u[0] + band * np.tile(shares, len(table) // shares.size)
     return table
 
 

@@ -67,7 +67,9 @@ def _refined(case: Case, starts: list[Hypothesis]) -> list[Hypothesis]:
         polish(case, one.valve, one, one.nuisances, one.taps, passes=2, wide=False)
         for one in _best_apart(starts, searching.polished)
     ]
-    ended = [refine_valve(case, one) for one in _best_apart(found, searching.refined)]
+    ended: list[Hypothesis] = []
+    for one in _best_apart(found, searching.refined):
+        ended.append(refine_valve(case, one, rival=ended[0] if ended else None))
     return sorted(ended, key=_likeliest_first)
 
 

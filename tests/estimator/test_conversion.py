@@ -70,7 +70,11 @@ def _continued(model: ProcessModel, stem: np.ndarray, before: np.ndarray, known:
 
 @pytest.mark.parametrize("integrating", [False, True])
 def test_the_model_for_the_controller_simulates_the_loop(loop, integrating) -> None:
-    """From the true stem, which nobody measures; an integrating one drifts but does not leave."""
+    """From the true stem, which nobody measures; what is wrong with the valve, an integrator sums.
+
+    An integrating process shows a wrong first position of the stem: the valve then slips at other
+    samples all through the window.
+    """
     left = []
     for seed in range(20):
         op, pv, stem = loop(ValveModel(5.0, 2.0), samples=500, integrating=integrating, seed=seed)
@@ -78,5 +82,5 @@ def test_the_model_for_the_controller_simulates_the_loop(loop, integrating) -> N
         assert model is not None
         error = model.process.simulate(stem, pv0=pv[:3]) - pv
         left.append(float(np.std(error[100:]) / np.std(pv)))
-    assert np.median(left) < 0.2
-    assert max(left) < (1.0 if integrating else 0.3)
+    assert np.median(left) < 0.15
+    assert max(left) < (0.5 if integrating else 0.3)
