@@ -19,10 +19,10 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
+from estimator.diagnosis.delay_fits import fit_delays, power_of_load
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.loop_record import LoopRecord, without_steady_wave
@@ -191,9 +191,8 @@ def _innovations_filter(numbers: Array, structure: _Structure) -> tuple[Array, A
         load = np.convolve(load, load)
     pole, _ = _process_poles(numbers, structure)
     poles = load if structure.behind else np.convolve(load, [1.0, -pole])
-    response = lfilter([1.0], poles, np.eye(1, 2000)[0])
     both = math.exp(noise) * np.convolve(poles, poles[::-1])
-    both[poles.size - 1] += 1.0 / float(response @ response)
+    both[poles.size - 1] += 1.0 / power_of_load(poles)
     roots = np.roots(both)
     inside = roots[np.abs(roots) < 1.0]
     if inside.size != poles.size - 1:
@@ -217,18 +216,9 @@ def _fit(
         return None
     top, bottom = found
     pole, step = _process_poles(numbers, structure)
-    late, first = settings.dead_times, settings.first
-    response = lfilter([step], [1.0, -pole], u - u[0])
-    shared = [np.ones(y.size)]
-    if structure.integrating:
-        shared.append(np.arange(y.size) / y.size)
-    whitened = lfilter(top, bottom, np.vstack([y - y[0], response, *shared]), axis=1)
-    level, _ = np.linalg.qr(whitened[2:, first:].T)
-    target = whitened[0, first:]
-    target = target - level @ (level.T @ target)
-    delayed = np.stack([whitened[1, first - d : y.size - d] for d in range(1, late + 1)], axis=1)
-    delayed = delayed - level @ (level.T @ delayed)
-    along, power = delayed.T @ target, np.sum(delayed**2, axis=0) + 1e-300
-    n = target.size
-    squares = np.maximum(target @ target - along**2 / power, 1e-300)
-    return _Fitted(0.5 * n * np.log(squares / n), along / power, np.sqrt(squares / n / power))
+    squares, gains, powers = fit_delays(
+        y, u, (pole, step), top, bottom, settings.dead_times, settings.first,
+        structure.integrating,
+    )  # fmt: skip
+    n = y.size - settings.first
+    return _Fitted(0.5 * n * np.log(squares / n), gains, np.sqrt(squares / n / powers))

@@ -1,0 +1,34 @@
+"""The compiled fit behind every dead time is least squares on signals that SciPy has filtered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimator.diagnosis.delay_fits import fit_delays, power_of_load
+
+
+@pytest.mark.parametrize("drifts", [False, True])
+def test_gain_deviation_and_rest_are_those_of_least_squares(drifts: bool) -> None:
+    rng = np.random.default_rng(5)
+    n, first, late = 300, 40, 6
+    u = np.cumsum(rng.normal(size=n))
+    y = 0.4 * lfilter([0.0, 0.0, 0.3], [1.0, -0.7], u) + rng.normal(size=n) + 0.01 * np.arange(n)
+    top, bottom = np.array([1.0, -1.5, 0.56]), np.array([1.0, -0.9, 0.2])
+    found = fit_delays(y, u, (0.7, 0.3), top, bottom, late, first, drifts)
+    answer = lfilter(top, bottom, lfilter([0.3], [1.0, -0.7], u - u[0]))
+    levels = [np.ones(n), np.arange(n) / n][: 1 + drifts]
+    for d in range(1, late + 1):
+        columns = [answer[first - d : n - d]] + [lfilter(top, bottom, x)[first:] for x in levels]
+        table = np.stack(columns, axis=1)
+        target = lfilter(top, bottom, y - y[0])[first:]
+        gains, squares, _, _ = np.linalg.lstsq(table, target, rcond=None)
+        power = 1.0 / np.linalg.inv(table.T @ table)[0, 0]
+        expected = squares[0], gains[0], power
+        np.testing.assert_allclose([one[d - 1] for one in found], expected, rtol=1e-8)
+
+
+def test_power_of_a_load_with_one_corner_is_that_of_its_geometric_series() -> None:
+    assert power_of_load(np.array([1.0, -0.9])) == pytest.approx(1.0 / (1.0 - 0.81), rel=1e-12)
+    assert power_of_load(np.array([1.0, -1.0])) == 2000.0
