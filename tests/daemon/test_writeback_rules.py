@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.estimation.estimating import Findings, Interval
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.links.writable import WRITTEN_PARTS
 from fieldlink.registers import (
@@ -133,6 +133,25 @@ async def test_windows_have_to_agree_first(bench: Callable[..., Bench], findings
         WritebackOutcome.ACCEPTED,
     ]
     assert b.plc.state.in_force.windows == 2
+
+
+@pytest.mark.parametrize("unsure_first", [False, True])
+async def test_of_windows_that_agree_the_surest_is_written(
+    bench: Callable[..., Bench], findings: Make, unsure_first: bool
+) -> None:
+    b = bench(min_windows=2)
+    unsure = replace(findings(4.4, 1.3), stick_band=Interval(4.4, 0.8, 5.9))
+    windows = [findings(8.0), unsure, findings(5.0, 1.5)]
+    if not unsure_first:
+        windows[1:] = reversed(windows[1:])
+    for window in windows:
+        b.submit(window)
+    await b.seconds(5)
+    written = b.plc.state.in_force
+    assert written is not None
+    # the one before them agrees with neither, however sure it is
+    assert (written.valve.stick_band, written.valve.slip_jump) == (5.0, 1.5)
+    assert (written.stick_band.high, written.windows) == (pytest.approx(5.1), 2)
 
 
 @pytest.mark.parametrize("verdict", ["no_stiction", "not_assessable"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 
 from fieldlink.daemon.estimation.estimating import Findings, Interval
@@ -154,28 +155,64 @@ class Candidate:
 
 
 class Agreement:
-    """Counts how many windows in a row say the same.
+    """Counts how many windows in a row say the same, and knows the surest of the latest.
 
     Windows agree when their verdict is the same and, for a sticky valve, their stick bands differ
     by at most a tenth or have overlapping intervals.
+
+    Args:
+        windows: how many of the latest are looked at for the surest: those that a block needs.
     """
 
-    def __init__(self) -> None:
-        self._last: Findings | None = None
+    def __init__(self, windows: int = 1) -> None:
+        self._latest: deque[Findings] = deque(maxlen=max(1, windows))
         self._count = 0
+
+    def carry_over(self, other: Agreement) -> None:
+        """Go on counting where another one was."""
+        self._latest.extend(other._latest)
+        self._count = other._count
 
     def count(self, findings: Findings) -> int:
         """Return the windows in a row that agree with ``findings``, this one included."""
-        self._count = self._count + 1 if self._agrees(findings) else 1
-        self._last = findings
+        if not self._latest or not findings_agree(self._latest[-1], findings):
+            self.start_again()
+        self._latest.append(replace(findings, document={}))  # the document is large
+        self._count += 1
         return self._count
 
     def start_again(self) -> None:
         """Count from the next window on: the experiment is another one."""
-        self._last, self._count = None, 0
+        self._latest.clear()
+        self._count = 0
 
-    def _agrees(self, findings: Findings) -> bool:
-        return self._last is not None and findings_agree(self._last, findings)
+    def as_surest(self, newest: Findings) -> Findings:
+        """Return the newest findings with valve and process of the surest window counted.
+
+        That is the one with the narrowest interval of the stick band, for its size. A window with
+        few strokes has a wide interval, agrees with nearly every other one, and knows less.
+        """
+        if newest.verdict != "stiction":
+            return newest
+        agreeing = [one for one in self._latest if findings_agree(one, newest)]
+        known = [one for one in agreeing if one.model is not None and not one.uncertain]
+        surest = min([newest, *reversed(known)], key=_relative_width)
+        return replace(
+            newest,
+            stick_band=surest.stick_band,
+            slip_jump=surest.slip_jump,
+            static_friction=surest.static_friction,
+            dynamic_friction=surest.dynamic_friction,
+            confidence=surest.confidence,
+            model=surest.model,
+        )
+
+
+def _relative_width(findings: Findings) -> float:
+    """Width of the stick band's interval over the stick band; infinite where it is not known."""
+    band = findings.stick_band
+    width = (band.high - band.low) / band.value if band.value > 0.0 else math.inf
+    return width if math.isfinite(width) else math.inf
 
 
 def findings_agree(one: Findings, other: Findings) -> bool:

@@ -20,20 +20,26 @@ class Intake:
         permission: judges what may wait.
         waiting: holds what waits.
         report: called with every decision.
+        windows: that have to agree before a block is written.
     """
 
     def __init__(
-        self, permission: WritePermission, waiting: Waiting, report: Callable[[Attempt], None]
+        self,
+        permission: WritePermission,
+        waiting: Waiting,
+        report: Callable[[Attempt], None],
+        windows: int,
     ) -> None:
         self._permission = permission
         self._waiting = waiting
         self._report = report
-        self._agreement = Agreement()
+        self._agreement = Agreement(windows)
         self._found_at: float | None = None
 
     def carry_over(self, other: Intake) -> None:
         """Go on counting where another one was."""
-        self._agreement, self._found_at = other._agreement, other._found_at
+        self._agreement.carry_over(other._agreement)
+        self._found_at = other._found_at
 
     def take(self, findings: Findings, end_utc: float, since: float, compensated: bool) -> None:
         """Judge findings; what passes waits and takes the place of what waited.
@@ -47,7 +53,8 @@ class Intake:
         if self._found_at is not None and since <= self._found_at:
             compensated = True
         counted = self._agreement.count(findings)
-        candidate = Candidate(findings, end_utc, counted, since, compensated)
+        surest = self._agreement.as_surest(findings)
+        candidate = Candidate(surest, end_utc, counted, since, compensated)
         self._drop_what_contradicts(findings)
         objection = self._permission.judge(candidate, since)
         if objection is not None:

@@ -101,7 +101,7 @@ class BlockWriter:
         rules = Rules(settings, settings.loop_id, read_only, settings.max_age or max_age)
         self._permission = WritePermission(rules, self._orders, self._use, identity)
         self._waiting = Waiting(report)
-        self._intake = Intake(self._permission, self._waiting, report)
+        self._intake = Intake(self._permission, self._waiting, report, settings.min_windows)
         self._recorded = RecordedHandover(self._handover, self._permission, self._waiting, keep)
         self._unsettled = Unsettled(period, self._handover, self._use, self._waiting, report)
         self._turn = Turn(
