@@ -7,13 +7,17 @@ import multiprocessing
 import re
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fieldlink.lab.demo import running
+from fieldlink.lab.demo.outcome import Phase
 from fieldlink.lab.demo.site_files import DemoError, simulated_scene
+from fieldlink.lab.plc.truth import Truth
 from tests.cli.conftest import SCRIPT, Run
 from tests.conftest import SHARED_DATA
 
@@ -57,6 +61,20 @@ def outcome_of(demo: Demo) -> tuple[dict[str, Any], Path]:
     assert process.returncode == 0, complaints
     found: dict[str, Any] = json.loads(printed)
     return found, folder
+
+
+def test_a_cycle_that_the_plant_was_late_for_hides_no_travel() -> None:
+    """A busy machine: the PLC then knows neither PV nor stem, and goes on in the next cycle."""
+    stem = np.array([1.0, 2.0, np.nan, 4.0, 3.0, 3.0])
+    cycles, flags = np.arange(6), np.ones(6, dtype=bool)
+    truth = Truth(cycles, stem, stem, stem, stem, flags, flags)
+    phase = Phase.of(truth, 0, 6)
+    assert (phase.valve_travel, phase.reversals) == (
+        pytest.approx(100 * 4 / 6),
+        pytest.approx(100 / 6),
+    )
+    unknown = Phase.of(replace(truth, stem=np.full(6, np.nan)), 0, 6)
+    assert np.isnan([unknown.valve_travel, unknown.reversals]).all()
 
 
 @pytest.mark.slow

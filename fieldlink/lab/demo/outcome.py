@@ -40,10 +40,15 @@ class Phase:
 
     @classmethod
     def of(cls, truth: Truth, start: int, stop: int) -> Phase:
-        """Measure cycles ``start`` to ``stop``."""
-        moves = np.diff(truth.stem[start:stop])
+        """Measure cycles ``start`` to ``stop``.
+
+        A cycle that came before the plant was ready knows neither PV nor stem; the stem's way past
+        it is the one between its neighbours.
+        """
+        stem = truth.stem[start:stop]
+        moves = np.diff(stem[np.isfinite(stem)])
         pv_std = float(np.nanstd(truth.pv[start:stop]))
-        if not np.isfinite(moves).all():
+        if moves.size == 0:
             return cls(start, stop, pv_std, math.nan, math.nan)
         directions = np.sign(moves[moves != 0.0])
         per_hundred = 100.0 / (stop - start)
