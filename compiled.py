@@ -1,10 +1,13 @@
 """How the numeric kernels of `estimator` and `compensator` are compiled, and where they are kept.
 
-Two rules make a result the same on every processor:
+Three rules make a result the same on every processor:
 
 * Strict arithmetic. Without ``fastmath`` the compiler may neither reorder a sum nor fuse a product
   into it, so that a loop gives the same bits whatever the width of the processor's lanes. Kernels
   are quick because many candidates are worked on side by side, one a lane.
+* One process at a time in the cache. Numba reads a function's index, adds a name and writes it back
+  without a lock (numba issue 4807): of two processes that compile at once, one could load what the
+  other had compiled for other types or another processor.
 * One cache for one state of the sources. Numba compiles a kernel again when its own file changes,
   but not when a kernel that it calls changes in another file. The cache folder's name therefore
   holds a hash of all kernel sources: after an upgrade no old kernel can run.
@@ -14,14 +17,18 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba import njit
 from numba.core import config
+from numba.core.caching import IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 
 __all__ = ["cache_folder", "kernel", "kernel_for", "source_hash"]
 
@@ -79,7 +86,42 @@ def _compiled(function: _Function, signature: str | None) -> _Function:
     before = config.CACHE_DIR  # type: ignore[attr-defined]
     config.CACHE_DIR = str(cache_folder())  # type: ignore[attr-defined]
     try:
-        compiled = njit(signature, cache=True, error_model="numpy")(function)
+        compiled = njit(cache=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = before  # type: ignore[attr-defined]
+    if isinstance(compiled, Dispatcher):  # otherwise Numba was told to compile nothing
+        store = compiled._cache  # type: ignore[attr-defined]
+        store._cache_file = _LockedIndex(  # type: ignore[no-untyped-call]
+            store._cache_path, store._impl.filename_base, store._impl.locator.get_source_stamp()
+        )
+        if signature is not None:
+            compiled.compile(signature)
+            compiled.disable_compile()
     return cast("_Function", compiled)
+
+
+class _LockedIndex(IndexDataCacheFile):
+    """Index and machine code of one function, read and written by one process at a time."""
+
+    def save(self, key: object, data: object) -> None:
+        """Keep what was compiled."""
+        with _alone():
+            super().save(key, data)  # type: ignore[no-untyped-call]
+
+    def load(self, key: object) -> object:
+        """Return what was compiled; None when it was not."""
+        with _alone():
+            return cast("object", super().load(key))  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Hold the lock of the cache folder; go on without it where there is none to be had."""
+    with ExitStack() as held:
+        if sys.platform != "win32":
+            import fcntl
+
+            with suppress(OSError):  # the folder is gone, or on a file system without locks
+                lock = held.enter_context(open(cache_folder() / "lock", "a"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

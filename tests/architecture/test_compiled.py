@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
-from compiled import cache_folder, kernel, source_hash
+from compiled import _LockedIndex, cache_folder, kernel, source_hash
 from estimator.algebra import dot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -137,3 +138,41 @@ def test_a_division_by_zero_in_a_kernel_is_numpy_s() -> None:
 
     assert divide(1.0, 0.0) == np.inf
     assert np.isnan(divide(0.0, 0.0))
+
+
+STORE = """
+import sys, time
+from pathlib import Path
+from compiled import _LockedIndex
+
+class Slow(_LockedIndex):
+    def _save_index(self, overloads):
+        time.sleep(0.002)
+        super()._save_index(overloads)
+
+folder, name, other = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
+(folder / name).touch()
+while not (folder / other).exists():
+    time.sleep(0.001)
+mine = Slow(folder, "outer", 0)
+for number in range(30):
+    mine.save((name, number), (name, number))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such lock there")
+def test_processes_that_compile_at_once_keep_each_their_own(package: Path, tmp_path: Path) -> None:
+    """Numba's index alone loses and mixes up what two processes add at the same time."""
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    running = [
+        subprocess.Popen([sys.executable, "-c", STORE, str(tmp_path), *names], cwd=package, env=env)
+        for names in (("one", "other"), ("other", "one"))
+    ]
+    assert [process.wait(60) for process in running] == [0, 0]
+    kept = IndexDataCacheFile(str(tmp_path), "outer", 0)
+    keys = [(name, number) for name in ("one", "other") for number in range(30)]
+    assert [kept.load(key) for key in keys] == keys
+
+
+def test_every_kernel_has_the_locked_index() -> None:
+    assert isinstance(dot._cache._cache_file, _LockedIndex)
