@@ -127,7 +127,10 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for loop in found["loops"]:
         block = loop["block"]
         # A run in lockstep stores no counts of samples.
-        samples = f"{loop['read']} of {loop['expected']} samples, {loop['missed']} missed; "
+        samples = (
+            f"{loop['read']} of {loop['expected']} samples, {loop['bad']} bad, "
+            f"{loop['missed']} missed; "
+        )
         lines.append(
             f"loop {loop['name']}: {samples if loop['expected'] else ''}"
             f"{loop['verdict'] or 'no estimate yet'}"
@@ -135,6 +138,8 @@ def _lines(found: dict[str, Any]) -> list[str]:
             + (f", S = {loop['stick_band']:.4g}" if _is_sticky(loop) else "")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )
+        if loop["fault"]:
+            lines.append(f"  bad: {loop['fault']}")
         if block["seq"] is not None:
             lines.append(f"  block {block['seq']}: {block['status']}; {block['reason']}")
         elif block["reason"]:

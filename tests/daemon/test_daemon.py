@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from fieldlink.daemon import Daemon, WritebackOutcome
+from fieldlink.daemon.reporting.status_documents import live_status
 from fieldlink.links import LinkState
 from fieldlink.registers import decode_block
 from fieldlink.site import load_site
@@ -122,6 +123,26 @@ async def test_a_controller_that_stands_still_is_said_once(device: Any, tmp_path
     events = read_events(site.historian_url)
     of_loop = events[events["source"] == "PLC"]["kind"].tolist()
     assert of_loop[:2] == ["loop.silent", "loop.sampled"]
+
+
+async def test_values_outside_their_range_are_named_with_tag_and_remedy(
+    device: Any, tmp_path: Path
+) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    (tmp_path / "map.csv").write_text(
+        "tag,table,address,type,low,high\n"
+        "OP,holding,0,float32,0,100\nPV,holding,2,float32,0,10\nSCAN,holding,4,uint16,,\n"
+    )
+    site = load_site(tmp_path / "site.toml")
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].counts.bad >= 40, "40 bad samples")
+        (loop,) = live_status(daemon.status(), 0.0)["loops"]
+    events = read_events(site.historian_url)
+    said = events[events["kind"] == "loop.silent"]
+    assert len(said) == 1
+    assert "PV: above the map's high: check" in said["message"].iloc[0]
+    assert loop["fault"].startswith("PV: above the map's high: check")
+    assert loop["bad"] >= 40
 
 
 WRITEBACK = """
