@@ -7,11 +7,13 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from fieldlink.daemon import Daemon, WritebackOutcome
 from fieldlink.daemon.reporting.status_documents import live_status
+from fieldlink.daemon.sampling.silence import SilenceWatch
 from fieldlink.links import LinkState
 from fieldlink.registers import decode_block
 from fieldlink.site import load_site
@@ -143,6 +145,23 @@ async def test_values_outside_their_range_are_named_with_tag_and_remedy(
     assert "PV: above the map's high: check" in said["message"].iloc[0]
     assert loop["fault"].startswith("PV: above the map's high: check")
     assert loop["bad"] >= 40
+
+
+def test_a_scan_between_two_bad_samples_does_not_hide_why() -> None:
+    told: list[str] = []
+    journal = Mock(event=lambda kind, _, message, **__: told.append(f"{kind} {message}"))
+    watch = SilenceWatch("FC101", 1.0, journal)
+    for half in range(60):
+        watch.look(
+            0.5 * half, sampled=half % 2 == 0, answers=True, fault="PV: NaN" * (1 - half % 2)
+        )
+    watch.look(30.0, sampled=True, answers=True)
+    for half in range(61, 140):
+        watch.look(0.5 * half, sampled=False, answers=True)
+        assert len(told) == (2 if half <= 100 else 3)
+    assert [line.split()[0] for line in told] == ["loop.silent", "loop.sampled", "loop.silent"]
+    assert "PV: NaN" in told[0]
+    assert "counter stands still" in told[2]
 
 
 WRITEBACK = """

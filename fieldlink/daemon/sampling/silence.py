@@ -40,12 +40,13 @@ class SilenceWatch:
         self._journal = journal
         self._sampled_at: float | None = None
         self._good_at: float | None = None
+        self._fault = ""
         self._silent = False
 
     def carry_over(self, other: SilenceWatch) -> None:
         """Go on where another one was."""
         self._sampled_at, self._silent = other._sampled_at, other._silent
-        self._good_at = other._good_at
+        self._good_at, self._fault = other._good_at, other._fault
 
     def idle(self, now: float) -> float:
         """Return the plant seconds since the last sample; 0 before the first look."""
@@ -62,6 +63,8 @@ class SilenceWatch:
         """
         if sampled or self._sampled_at is None:
             self._sampled_at = now
+        if sampled:
+            self._fault = fault
         good = sampled and not fault
         since = now if self._good_at is None else self._good_at
         self._good_at = now if good else since
@@ -70,14 +73,16 @@ class SilenceWatch:
             self._journal.event(
                 "loop.sampled", self._name, f"good samples after {now - since:.0f} s"
             )
-        elif now - since > SILENT_AFTER * self._period and not self._silent and answers:
+        limit = SILENT_AFTER * self._period
+        if now - self._good_at > limit and not self._silent and answers:
             self._silent = True
+            still_come = now - self._sampled_at < 0.5 * limit
             self._journal.event(
                 "loop.silent",
                 self._name,
                 f"no good sample for {now - since:.0f} s: "
                 + (
-                    fault
+                    (self._fault if still_come else "")
                     or "OP or PV cannot be read, or the cycle counter stands still; look at the "
                     "tags and whether the controller runs"
                 ),
