@@ -133,7 +133,7 @@ def _lines(found: dict[str, Any]) -> list[str]:
         )
         lines.append(
             f"loop {loop['name']}: {samples if loop['expected'] else ''}"
-            f"{loop['verdict'] or 'no estimate yet'}"
+            f"{loop['verdict'] or _no_verdict(loop)}"
             # The S of another verdict is that of a valve that the window does not confirm.
             + (f", S = {loop['stick_band']:.4g}" if _is_sticky(loop) else "")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
@@ -149,6 +149,12 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for finding in found.get("findings", []):
         lines.append(f"finding {finding['finding']} ({finding['state']}): {finding['text']}")
     return [_printable(line) for line in lines]
+
+
+def _no_verdict(loop: dict[str, Any]) -> str:
+    # Only a running daemon has a window.
+    filled = loop.get("filled")
+    return "no estimate yet" + ("" if filled is None else f", window {filled:.0%} full")
 
 
 def _is_sticky(loop: dict[str, Any]) -> bool:
