@@ -202,6 +202,10 @@ async def test_read_only_overrides_the_site_file(device: Any, plc: Any, tmp_path
         attempt = daemon.status().loops["PLC"].last_attempt
     assert attempt is not None
     assert attempt.outcome is WritebackOutcome.READ_ONLY
+    # What is stored, printed and shown says the same.
+    stored = read_writebacks(site.historian_url, "PLC")["reason"].iloc[0]
+    (loop,) = live_status(daemon.status(), 0.0)["loops"]
+    assert loop["block"]["reason"] == stored == attempt.why
     assert device.writes == []
 
 

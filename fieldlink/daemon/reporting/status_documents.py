@@ -69,8 +69,7 @@ def _loop(name: str, loop: LoopStatus) -> Document:
     estimate, attempt = loop.last_estimate, loop.last_attempt
     found = None if estimate is None else estimate.findings
     block = loop.block
-    last = "" if attempt is None else attempt.reason or attempt.outcome.advice
-    reason = loop.refusal or last
+    reason = loop.refusal or ("" if attempt is None else attempt.why)
     return {
         "name": name,
         "device": loop.device,
