@@ -300,9 +300,14 @@ async function drawMap(name) {
 }
 
 let coursePlot = null;
-async function drawCourse(name) {
+async function drawCourse(name, tries = 10) {
   const loop = await ask(api(name)), holder = document.getElementById("course"), c = loop.course;
-  if (c.time.length === 0) { holder.textContent = "no estimates yet"; return; }
+  if (c.time.length === 0) {
+    holder.textContent = "no estimates yet";
+    // The estimates of a store that was opened just now are read in the background.
+    if (loop.estimate && tries > 0) setTimeout(() => drawCourse(name, tries - 1).catch(() => {}), 1000);
+    return;
+  }
   if (c.stick_band.every((S) => S === null)) { holder.textContent = "no window has shown a sticky valve"; return; }
   const marks = [
     ...loop.orders.filter((one) => one.action === "annotate").map((one) => ({ at: Date.parse(one.time) / 1000, text: one.why })),
