@@ -164,13 +164,7 @@ class _Canvas:
         self._lower.set_ylabel("PV")
         self._across.set(xlabel="OP, stem", ylabel="PV")
         self._gone = [
-            axes.text(
-                0.5,
-                0.5,
-                "no good samples are kept",
-                ha="center",
-                transform=axes.transAxes,
-            )
+            axes.text(0.5, 0.5, "no good samples are kept", ha="center", transform=axes.transAxes)
             for axes in (self._lower, self._across)
         ]
         if has_course:
