@@ -127,14 +127,19 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for loop in found["loops"]:
         block = loop["block"]
         # A run in lockstep stores no counts of samples.
-        samples = f"{loop['read']} of {loop['expected']} samples, {loop['missed']} missed; "
+        samples = (
+            f"{loop['read']} of {loop['expected']} samples, {loop['bad']} bad, "
+            f"{loop['missed']} missed; "
+        )
         lines.append(
             f"loop {loop['name']}: {samples if loop['expected'] else ''}"
-            f"{loop['verdict'] or 'no estimate yet'}"
+            f"{loop['verdict'] or _no_verdict(loop)}"
             # The S of another verdict is that of a valve that the window does not confirm.
             + (f", S = {loop['stick_band']:.4g}" if _is_sticky(loop) else "")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )
+        if loop["fault"]:
+            lines.append(f"  bad: {loop['fault']}")
         if block["seq"] is not None:
             lines.append(f"  block {block['seq']}: {block['status']}; {block['reason']}")
         elif block["reason"]:
@@ -144,6 +149,12 @@ def _lines(found: dict[str, Any]) -> list[str]:
     for finding in found.get("findings", []):
         lines.append(f"finding {finding['finding']} ({finding['state']}): {finding['text']}")
     return [_printable(line) for line in lines]
+
+
+def _no_verdict(loop: dict[str, Any]) -> str:
+    # Only a running daemon has a window.
+    filled = loop.get("filled")
+    return "no estimate yet" + ("" if filled is None else f", window {filled:.0%} full")
 
 
 def _is_sticky(loop: dict[str, Any]) -> bool:

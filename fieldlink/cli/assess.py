@@ -27,8 +27,8 @@ def assess(
     places: Annotated[
         list[str],
         typer.Argument(
-            help="Files (CSV, Parquet, .mat), folders of them, a site file or its historian, a "
-            "database address, or a TOML file that describes a historian's SQL table.",
+            help="Files (CSV, Excel, Parquet, .mat), folders of them, a site file or its "
+            "historian, a database address, or a TOML file that describes a historian's SQL table.",
             metavar="PLACE...",
         ),
     ],

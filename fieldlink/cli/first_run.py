@@ -61,6 +61,15 @@ def read_once(out: Path) -> bool:
             "other order; if the operator's screen shows another value, make the site again with "
             "the other --word-order and a new --out"
         )
+    modes = {p.tag.name: reading for p, reading in zip(points, readings, strict=True)}
+    for name, loop in site.loops.items():
+        mode = None if loop.mode is None else modes[loop.mode]
+        if mode is not None and mode.good and mode.value not in loop.auto_values:
+            values = ", ".join(f"{value:g}" for value in loop.auto_values)
+            say(
+                f"  {name}: {loop.mode} is {mode.value:g}, which counts as manual; if it means "
+                f"automatic, set auto_values = [{values}, {mode.value:g}] in {out}"
+            )
     return True
 
 

@@ -251,7 +251,7 @@ def loop(
 ) -> None:
     """Put a process of your own into a loop with a sticky valve: a scenario to rehearse."""
     from fieldlink.lab.fmu.loop_scenario import write_scenario
-    from fieldlink.lab.fmu.step_test import LoopWish, respond
+    from fieldlink.lab.fmu.step_test import STEP, LoopWish, is_share, respond
     from fmu_models import summarise
 
     summary = summarise(_file(fmu))
@@ -260,12 +260,16 @@ def loop(
     gain, integral_time = response.tune()
     file = output or Path(f"{fmu.stem}.toml")
     write_scenario(summary, wish, response, file)
-    kind = "rises by" if response.integrates else "changes by"
     unit = " a second" if response.integrates else ""
     typer.echo(
-        f"{pv} {kind} {response.gain:.3g}{unit} for each percent of {op}, "
+        f"{pv} changes by {response.gain:.3g}{unit} for each percent of {op}, "
         f"lag {response.lag:.3g} s, dead time {response.dead_time:.3g} s; "
         f"scan every {response.period:g} s"
     )
+    if is_share(summary, op):
+        typer.echo(
+            f"note {op} was stepped from {response.op:g} to {response.op + STEP:g}: percent. Put a "
+            "gain of 0.01 before an opening from 0 to 1"
+        )
     typer.echo(f"PI by SIMC: gain {gain:.3g}, integral time {integral_time:.3g} s")
     typer.echo(f"{file}: fieldlink rehearse {file} --report report")

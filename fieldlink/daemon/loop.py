@@ -17,7 +17,7 @@ from fieldlink.daemon.loop_spec import LoopSpec
 from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import LoopStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
-from fieldlink.daemon.sampling.silence import SilenceWatch
+from fieldlink.daemon.sampling.silence import SilenceWatch, fault_of
 from fieldlink.daemon.windows.pipeline import LoopPipeline
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
@@ -118,7 +118,8 @@ class LoopRunner:
         record = self.pipeline.take(scan, now, due)
         if record is not None:
             self._journal.sample(record)
-        self._silence.look(now, sampled=record is not None, answers=answers)
+        fault = fault_of(record, self.spec.loop)
+        self._silence.look(now, sampled=record is not None, answers=answers, fault=fault)
         return record
 
     def request(self, *, by_hand: bool = False) -> EstimateRequest:
@@ -196,6 +197,7 @@ class LoopRunner:
             filled=self.pipeline.filled,
             samples_until_estimate=self.pipeline.samples_until_estimate,
             latest=self.pipeline.latest,
+            fault=fault_of(self.pipeline.latest, self.spec.loop),
             estimates=self._estimates,
             last_estimate=self._estimate,
             attempts=self._outcomes.total(),

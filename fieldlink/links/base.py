@@ -37,8 +37,14 @@ class Quality(Enum):
 
     GOOD = (0, "a value read in this scan")
     NOT_A_NUMBER = (1, "the register holds NaN or infinity: the PLC marks the signal as bad")
-    BELOW_RANGE = (2, "below the map's low: check the sensor, the scaling or the range")
-    ABOVE_RANGE = (3, "above the map's high: check the sensor, the scaling or the range")
+    BELOW_RANGE = (
+        2,
+        "below the map's low: check sensor, address, word order, scale, range",
+    )
+    ABOVE_RANGE = (
+        3,
+        "above the map's high: check sensor, address, word order, scale, range",
+    )
     NOT_READ = (4, "the request failed: see the link's errors")
     QUARANTINED = (5, "the register answered with an exception and is left out for a while")
     INVALID = (7, "the register holds the value that the map declares to mean invalid")

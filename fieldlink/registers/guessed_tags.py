@@ -1,7 +1,8 @@
 """Tags of a device that has no list of registers, guessed from one reading of its words.
 
 Two words that make a float32 of an everyday size are taken for one, in the word order that makes
-more of them; every other word is a uint16. A person has to compare the values and give the names.
+more of them; every other word is a uint16. Where both make as many, the likelier words decide. A
+person has to compare the values and give the names.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ __all__ = ["guess_tags"]
 SMALLEST, LARGEST = 1e-3, 1e6
 """Sizes of measured values: two counters read as one float32 are far below or above, as a rule."""
 
+ROUND = 0.5
+"""Chance that the less significant word of a float32 is 0, as of a set-point of 54; else each is as
+likely."""
+
 _PREFIX = {Table.HOLDING: "H", Table.INPUT: "I"}
 
 
@@ -29,11 +34,25 @@ def guess_tags(words: Mapping[Table, Mapping[int, int]]) -> list[Tag]:
     """
     orders: tuple[Order, ...] = ("big", "little")
     by_order = {order: list(_tags(words, order)) for order in orders}
-    floats = {
-        order: sum(tag.data_type is DataType.FLOAT32 for tag in tags)
-        for order, tags in by_order.items()
-    }
-    return by_order["big" if floats["big"] >= floats["little"] else "little"]
+    return max(by_order.values(), key=lambda tags: _likeliness(tags, words))
+
+
+def _likeliness(tags: list[Tag], words: Mapping[Table, Mapping[int, int]]) -> tuple[int, float]:
+    """Return the number of floats, and the log-likelihood of all words but their first ones.
+
+    The halves of two neighbouring floats make a third of an everyday size; what is then left alone
+    looks like the end of a number, and a small mode or counter stands where such an end would.
+    """
+    floats, log_likelihood = 0, 0.0
+    for tag in tags:
+        if tag.data_type is DataType.FLOAT32:
+            floats += 1
+            low = words[tag.table][tag.address + (tag.word_order == "big")]
+            log_likelihood += math.log(ROUND if low == 0 else (1.0 - ROUND) / 65535.0)
+        else:
+            # Every size, small to large, is as likely.
+            log_likelihood -= math.log((words[tag.table][tag.address] + 1.0) * math.log(65536.0))
+    return floats, log_likelihood
 
 
 def _tags(words: Mapping[Table, Mapping[int, int]], order: Order) -> Iterator[Tag]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from fieldlink.registers import Apart, ReadRequest, find_apart
+from fieldlink.registers import Apart, ReadRequest, Table, find_apart
 from fieldlink.site.checked_site import Site
 from fieldlink.site.models import Loop
 
@@ -16,6 +16,10 @@ LINE_SHARE = 0.8
 
 BITS_PER_BYTE = 11
 """Start bit, eight data bits, parity or a second stop bit, stop bit."""
+
+
+FIRST_IN_MANUALS = {Table.HOLDING: 40001, Table.INPUT: 30001}
+"""Where manuals begin to count the registers of a table whose first address is 0."""
 
 
 def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
@@ -57,7 +61,15 @@ def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -
                 )
                 break
     views: dict[tuple[str, int], list[str]] = {}
-    for tag in site.maps.get(name, {}).values():
+    tags = site.maps.get(name, {}).values()
+    for table, first in FIRST_IN_MANUALS.items():
+        addresses = [tag.address for tag in tags if tag.table is table and not tag.node]
+        if addresses and first <= min(addresses) and max(addresses) < first + 9999:
+            warnings.append(
+                f"device {name}: every {table} address is from {first} on, as manuals count: if "
+                f"theirs are meant, subtract {first}, so that {first} becomes 0"
+            )
+    for tag in tags:
         if tag.bit is not None:
             # Bits of a status word are meant to share it.
             continue

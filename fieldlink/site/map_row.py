@@ -8,6 +8,7 @@ from typing import TypeVar
 from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import ORDERS, DataType, Order, Table, Tag
 from fieldlink.site.errors import Problem, nearest
+from fieldlink.site.map_words import meaning_of
 
 __all__ = ["COLUMNS", "NUMBER_COLUMNS", "REQUIRED", "RowReader"]
 
@@ -263,7 +264,10 @@ class RowReader:
             return default
         if cell not in choices:
             message = f"{quoted(self._cell(column))} is unknown" if cell else "is empty"
-            self.report(column, message, nearest(cell, [name for name in choices if name]))
+            # What others call float is float32 here, not the word that looks most alike.
+            meant = fold(meaning_of(column, cell))
+            known = [name for name in choices if name]
+            self.report(column, message, nearest(meant if meant in known else cell, known))
             return None
         return choices[cell]
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.site.recording import Recording
+from fieldlink.site.timestamps import typical_interval
 
 __all__ = ["LONGEST_FILLED", "fill_missing_rows", "missing_between", "put_into_slots"]
 
@@ -33,12 +34,11 @@ def fill_missing_rows(recording: Recording) -> Recording:
     """
     if recording.time is None or not recording.irregular or len(recording) < 2:
         return recording
-    rows = np.arange(len(recording), dtype=np.float64)
-    known = ~np.isnan(recording.time)
-    seconds = np.interp(rows, rows[known], recording.time[known])
-    steps = np.diff(seconds)
-    if abs(float(np.median(steps)) / recording.period - 1.0) > 0.05:
+    rows = np.arange(len(recording))
+    known = np.flatnonzero(~np.isnan(recording.time))
+    if abs(typical_interval(recording.time[known], known) / recording.period - 1.0) > 0.05:
         return recording
+    steps = np.diff(np.interp(rows, known, recording.time[known]))
     missing = missing_between(steps / recording.period)
     if not missing.any():
         return recording

@@ -40,6 +40,9 @@ _BAD_STATES = frozenset(
 )  # fmt: skip
 """What historians (PI's digital states, OPC's qualities) and spreadsheets write for a bad value."""
 
+_PI_ERROR = re.compile(r"\[-\d+\] [A-Za-z]")
+"""What PI DataLink writes instead of a value: [-11059] No Good Data For Calculation."""
+
 NO_VALUE_FROM = 3.4e38
 """From this magnitude on a number marks a sample without a value: the largest number of a
 transmitter's float (IEEE 754 binary32: 3.4028235e38), however few digits are written of it, and
@@ -111,7 +114,7 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
             folded = cell.casefold()
             if folded in BAD:
                 continue
-            if folded in _BAD_STATES or cell.startswith("#"):
+            if folded in _BAD_STATES or cell.startswith("#") or _PI_ERROR.match(cell):
                 bad[cell] += 1
             else:
                 others[index] = cell.translate(_PLAIN)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NoClockError", "Sampling", "Times", "counts_a_second", "is_date", "is_moment",
-    "is_time_of_day", "parse_times", "sampling_of",
+    "is_time_of_day", "parse_times", "sampling_of", "typical_interval",
 ]  # fmt: skip
 
 _DAY = 86400.0
@@ -141,9 +141,8 @@ def sampling_of(times: Times) -> Sampling:
     """
     seconds = times.seconds
     known = np.flatnonzero(~np.isnan(seconds))
-    # Over an empty cell the interval is shared by the rows it spans.
     steps = np.diff(seconds[known]) / np.diff(known)
-    period = float(np.median(steps))
+    period = typical_interval(seconds[known], known)
     if not period > 0.0:
         raise NoClockError(f"the times do not increase (median interval {period:g} s)")
     irregular = int(np.count_nonzero(np.abs(steps - period) > _REGULAR * period))
@@ -156,6 +155,32 @@ def sampling_of(times: Times) -> Sampling:
         float(steps.min()),
         float(steps.max()),
     )
+
+
+def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
+    """Return the interval from row to row: the median, or what all intervals are multiples of.
+
+    A historian that keeps a row only when a value changes has intervals of one, two, three samples.
+    Rows counted by their median are soon many samples from their time, which they are not where
+    stamps are merely rounded or late.
+
+    Args:
+        seconds: times, not NaN.
+        rows: their rows.
+    """
+    # Over an empty cell the interval is shared by the rows it spans.
+    steps = np.diff(seconds) / np.diff(rows)
+    if steps.size == 0:
+        return math.nan
+    median, shortest = float(np.median(steps)), float(steps.min())
+    is_regular = np.count_nonzero(np.abs(steps - median) > _REGULAR * median) <= 0.5 * steps.size
+    if is_regular or not shortest > 0.0:
+        return median
+    multiples = steps / shortest
+    if np.any(np.abs(multiples - np.rint(multiples)) > _REGULAR):
+        return median
+    drift = seconds - np.polyval(np.polyfit(rows, seconds, 1), rows)
+    return shortest if float(np.std(drift)) > median else median
 
 
 def _as_seconds(values: Floats) -> tuple[Floats, float | None, str | None]:

@@ -159,7 +159,14 @@ class Course:
         )
 
     def typical(self, which: str) -> float:
-        """Return the median of ``stick_band`` or ``slip_jump``, % of span; NaN where unknown."""
+        """Return the median of ``stick_band`` or ``slip_jump``, % of span; NaN where unknown.
+
+        A valve that most windows call healthy has none: one window that began before a repair and
+        ended after it does not tell what the repair brought. Of as many the newest decides.
+        """
+        judged = [verdict == "stiction" for verdict in self.verdicts if verdict != _SILENT]
+        if judged and sum(judged) + 0.5 * judged[-1] <= 0.5 * len(judged):
+            return math.nan
         values = getattr(self, which)[:, 0]
         known = values[np.isfinite(values)]
         return float(np.median(known)) if known.size else math.nan

@@ -164,7 +164,7 @@ class _Canvas:
         self._lower.set_ylabel("PV")
         self._across.set(xlabel="OP, stem", ylabel="PV")
         self._gone = [
-            axes.text(0.5, 0.5, "samples are no longer kept", ha="center", transform=axes.transAxes)
+            axes.text(0.5, 0.5, "no good samples are kept", ha="center", transform=axes.transAxes)
             for axes in (self._lower, self._across)
         ]
         if has_course:
@@ -176,7 +176,8 @@ class _Canvas:
             self._limit = self._course.axhline(0.0, color="black", lw=0.9, ls=":", label="limit")
             self._repair = self._course.axvline(0.0, color=MARK, lw=1.2, ls="--", label="repair")
             self._course.set_ylabel("stick band S / % of OP's span")
-            locator = AutoDateLocator(minticks=3, maxticks=5)  # type: ignore[no-untyped-call]
+            # With three at least, no steps would do for two to three minutes, hours or days.
+            locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
             self._course.xaxis.set_major_locator(locator)
             self._course.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
         for axes in self.figure.axes:

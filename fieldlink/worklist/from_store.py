@@ -37,7 +37,10 @@ __all__ = ["Diagnose", "ReportedLoop", "list_loops"]
 Diagnose = Callable[[str, WindowSamples], Finding | None]
 """Gives the finding of a diagnosis for a loop's newest window, None where there is none."""
 
-NO_WINDOW_YET = "let the daemon run until a window is full; fieldlink status tells how far it is"
+NO_WINDOW_YET = (
+    "let the daemon run until a window is full; fieldlink status tells how far it is, and which "
+    "values are bad"
+)
 
 WINDOW = 800
 """Samples of a window where no site file gives its length."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from openpyxl import Workbook
 from scipy.io import savemat
 
 from fieldlink.assess import Columns, Cut, Job, Piece, Place
@@ -40,6 +42,17 @@ def as_csv(folder: Path, op: np.ndarray, pv: np.ndarray) -> Place:
     ]
     (folder / "x.csv").write_text("\n".join(["time,loop,op,pv", *lines]))
     return place_of(str(folder / "x.csv"))
+
+
+def as_workbook(folder: Path, op: np.ndarray, pv: np.ndarray) -> Place:
+    book = Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.append(["time", "loop", "op", "pv"])
+    for k, (o, p) in enumerate(zip(op.tolist(), pv.tolist(), strict=True)):
+        sheet.append([datetime.fromtimestamp(BEGIN + k, UTC).replace(tzinfo=None), "FC101", o, p])
+    book.save(folder / "x.xlsx")
+    return place_of(str(folder))
 
 
 def as_parquet(folder: Path, op: np.ndarray, pv: np.ndarray) -> Place:
@@ -93,7 +106,7 @@ def as_values(folder: Path, op: np.ndarray, pv: np.ndarray) -> Place:
     return place_of(str(folder / "x.toml"))
 
 
-MAKERS = [as_csv, as_parquet, as_historian, as_moments, as_values]
+MAKERS = [as_csv, as_workbook, as_parquet, as_historian, as_moments, as_values]
 
 
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
@@ -107,8 +120,9 @@ def test_every_kind_of_place_gives_the_samples_that_were_recorded(
     assert [window.time[0] for window in found] == [BEGIN + 100.0, BEGIN + 200.0, BEGIN + 300.0]
     assert [len(window) for window in found] == [80, 80, 50]
     assert all(window.period == 1.0 and window.dated for window in found)
-    np.testing.assert_array_equal(found[1].op, sticky.op[200:280])
-    np.testing.assert_array_equal(found[2].pv, sticky.pv[300:350])
+    # A workbook has 15 digits.
+    np.testing.assert_allclose(found[1].op, sticky.op[200:280], rtol=1e-14)
+    np.testing.assert_allclose(found[2].pv, sticky.pv[300:350], rtol=1e-14)
     if make is as_values:
         assert found[0].auto is not None
         assert (found[0].auto == 1.0).all()

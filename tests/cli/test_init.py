@@ -97,6 +97,17 @@ def test_values_of_the_other_word_order_are_named(port: int) -> None:
     assert "--word-order" not in right.stderr
 
 
+@pytest.mark.usefixtures("folder")
+def test_a_mode_that_counts_as_manual_is_named(port: int) -> None:
+    options = ("--host", "127.0.0.1", "--port", str(port), "--yes")
+    other = run("clear.csv", *options, "--auto-values", "5").stderr
+    hint = next(line for line in other.splitlines() if "counts as manual" in line)
+    assert hint.strip().startswith("FC101: FC101.MODE is 1,")
+    assert "auto_values = [5, 1] in site.toml" in hint
+    right = run("clear.csv", *options, "--auto-values", "1", "--out", "b.toml").stderr
+    assert "counts as manual" not in right
+
+
 def test_nothing_is_overwritten(folder: Path) -> None:
     (folder / "site-map.csv").write_text("mine")
     said = refusal(run("clear.csv", "--auto-values", "1", "--yes"))

@@ -7,10 +7,13 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
 from fieldlink.daemon import Daemon, WritebackOutcome
+from fieldlink.daemon.reporting.status_documents import live_status
+from fieldlink.daemon.sampling.silence import SilenceWatch
 from fieldlink.links import LinkState
 from fieldlink.registers import decode_block
 from fieldlink.site import load_site
@@ -124,6 +127,43 @@ async def test_a_controller_that_stands_still_is_said_once(device: Any, tmp_path
     assert of_loop[:2] == ["loop.silent", "loop.sampled"]
 
 
+async def test_values_outside_their_range_are_named_with_tag_and_remedy(
+    device: Any, tmp_path: Path
+) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    (tmp_path / "map.csv").write_text(
+        "tag,table,address,type,low,high\n"
+        "OP,holding,0,float32,0,100\nPV,holding,2,float32,0,10\nSCAN,holding,4,uint16,,\n"
+    )
+    site = load_site(tmp_path / "site.toml")
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].counts.bad >= 40, "40 bad samples")
+        (loop,) = live_status(daemon.status(), 0.0)["loops"]
+    events = read_events(site.historian_url)
+    said = events[events["kind"] == "loop.silent"]
+    assert len(said) == 1
+    assert "PV: above the map's high: check" in said["message"].iloc[0]
+    assert loop["fault"].startswith("PV: above the map's high: check")
+    assert loop["bad"] >= 40
+
+
+def test_a_scan_between_two_bad_samples_does_not_hide_why() -> None:
+    told: list[str] = []
+    journal = Mock(event=lambda kind, _, message, **__: told.append(f"{kind} {message}"))
+    watch = SilenceWatch("FC101", 1.0, journal)
+    for half in range(60):
+        watch.look(
+            0.5 * half, sampled=half % 2 == 0, answers=True, fault="PV: NaN" * (1 - half % 2)
+        )
+    watch.look(30.0, sampled=True, answers=True)
+    for half in range(61, 140):
+        watch.look(0.5 * half, sampled=False, answers=True)
+        assert len(told) == (2 if half <= 100 else 3)
+    assert [line.split()[0] for line in told] == ["loop.silent", "loop.sampled", "loop.silent"]
+    assert "PV: NaN" in told[0]
+    assert "counter stands still" in told[2]
+
+
 WRITEBACK = """
 [loops.LOOP.writeback]
 enabled = true
@@ -162,6 +202,10 @@ async def test_read_only_overrides_the_site_file(device: Any, plc: Any, tmp_path
         attempt = daemon.status().loops["PLC"].last_attempt
     assert attempt is not None
     assert attempt.outcome is WritebackOutcome.READ_ONLY
+    # What is stored, printed and shown says the same.
+    stored = read_writebacks(site.historian_url, "PLC")["reason"].iloc[0]
+    (loop,) = live_status(daemon.status(), 0.0)["loops"]
+    assert loop["block"]["reason"] == stored == attempt.why
     assert device.writes == []
 
 

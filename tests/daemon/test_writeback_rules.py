@@ -53,6 +53,7 @@ async def test_a_change_within_the_deadband_is_not_written(
     b.submit(findings(7.09, 3.91))
     await b.seconds(5)
     assert b.outcomes[-1] is WritebackOutcome.UNCHANGED
+    assert b.said[-1].why == f"deadband 0.1; {WritebackOutcome.UNCHANGED.advice}"
     await b.write(findings(7.0, 4.2))
 
 

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 from fieldlink.cli.fmu import app
 from fieldlink.lab.fmu import FmuError
 from fieldlink.lab.fmu.loop_scenario import write_scenario
-from fieldlink.lab.fmu.step_test import LoopWish, respond
+from fieldlink.lab.fmu.step_test import LoopWish, is_share, respond
 from fieldlink.lab.rehearse import Defect, load_scenario, rehearse
+from fieldlink.lab.rehearse.briefing import list_findings
 from fieldlink.lab.rehearse.happenings import Manual
 from fmu_models import fmu_path, summarise
 
@@ -30,6 +31,18 @@ def test_the_step_test_finds_lag_and_gain(mini_fmus: dict[str, Path]) -> None:
     assert not response.integrates
     slow = respond(summarise(mini_fmus["fmi2"]), LoopWish("tank.inflow[1]", "tank.h", period=0.5))
     assert slow.gain == pytest.approx(1.0, rel=0.02)
+
+
+def test_an_opening_from_0_to_1_is_named(mini_fmus: dict[str, Path]) -> None:
+    fmu = summarise(mini_fmus["fmi2"])
+    place = next(n for n, v in enumerate(fmu.variables) if v.name == "tank.inflow[1]")
+    for low, high, start, named in (
+        ("0", "1", "0.5", True), ("", "", "0.5", True), ("0", "100", "0.5", False),
+        ("", "", "50", False), ("", "", "", False),
+    ):  # fmt: skip
+        told = replace(fmu.variables[place], low=low, high=high, start=start)
+        variables = (*fmu.variables[:place], told, *fmu.variables[place + 1 :])
+        assert is_share(replace(fmu, variables=variables), told.name) is named
 
 
 def test_an_integrating_process_is_seen(tmp_path: Path) -> None:
@@ -61,6 +74,8 @@ def test_the_loop_is_identified_and_compensated(mini_fmus: dict[str, Path], tmp_
     assert "fieldlink rehearse" in done.output
     run = rehearse(load_scenario(file))
     assert run.passed, run.findings
+    # The confidence is that of the site that was run.
+    assert "90 % interval" in dict(list_findings(run, ""))["Stick band S, last found"]
     trend = run.course.trend
     # The valve is ours: the stem stands still or lies fD short of OP, never further off than fS.
     assert np.abs(trend.op - trend.stem).max() <= 0.5 * (5.0 + 1.5) + 1e-9

@@ -66,3 +66,23 @@ def test_a_given_period_that_contradicts_the_clock_counts(tmp_path: Path) -> Non
     path.write_text("\n".join(["time,op,pv", *(f"{t},{t},{t}" for t in seconds)]))
     recorded = read_recording(path, period=10.0)
     assert fill_missing_rows(recorded) is recorded
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rows_of_changes_only_stand_where_their_time_says(tmp_path: Path, seed: int) -> None:
+    """A historian that leaves out every other row: the median interval is no period."""
+    rng = np.random.default_rng(seed)
+    slots = np.sort(rng.choice(np.arange(1, 899), 450, replace=False))
+    slots = np.concatenate([[0], slots, [899]])
+    recorded = _recorded(tmp_path, 2.0 * slots)
+    assert recorded.period == 2.0
+    filled = fill_missing_rows(recorded)
+    assert len(filled) == 900
+    assert np.flatnonzero(~np.isnan(filled.op)).tolist() == slots.tolist()
+
+
+def test_stamps_in_whole_seconds_are_no_missing_rows(tmp_path: Path) -> None:
+    """A row each 1.5 s with stamps cut off: intervals of one and two seconds in turn."""
+    recorded = _recorded(tmp_path, np.floor(1.5 * np.arange(121)))
+    assert recorded.period == 1.5
+    assert len(fill_missing_rows(recorded)) == 121

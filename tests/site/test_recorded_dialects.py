@@ -123,8 +123,11 @@ def test_grouped_digits(separator: str, cell: Callable[[float], str], tmp_path: 
 
 @pytest.mark.parametrize(
     "word",
-    ["Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created", "3.40282e+38", "-1e39"],
-)
+    [
+        "Bad", "I/O Timeout", "#N/A", "No Data", "-", "inf", "Pt Created", "3.40282e+38", "-1e39",
+        "[-11059] No Good Data For Calculation",
+    ],
+)  # fmt: skip
 def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"
     path.write_text(lines("time,op,pv", lambda k: plain(k, word if k % 40 == 5 else None)))

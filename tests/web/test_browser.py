@@ -239,6 +239,29 @@ def test_two_hundred_loops_are_sorted_filtered_and_searched(store_page: str, pag
     expect(page.locator("th[aria-sort=descending]")).to_contain_text("stick band")
 
 
+def test_a_long_name_does_not_push_the_figures_out_of_sight(store_page: str, page: Any) -> None:
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.goto(store_page)
+    name = page.locator("#fleet tbody th a").first
+    name.evaluate("link => link.textContent = 'U100-Hydrocracker-Feed-Preheater-FIC-'.repeat(3)")
+    avoidable = page.locator("#fleet thead th", has_text="avoidable").bounding_box()
+    assert avoidable["x"] + avoidable["width"] < 1280
+
+
+def test_what_is_not_there_is_said_in_letters_that_can_be_read(store_page: str, page: Any) -> None:
+    page.set_viewport_size({"width": 375, "height": 800})
+    page.goto(f"{store_page}/loops/LIC-0002")
+    # Not assessable: S was never found, and axes without a line say nothing.
+    expect(page.locator("#course")).to_have_text("no window has shown a sticky valve")
+    # Its samples are gone, too. A canvas that is shrunk to a phone shrinks its letters.
+    page.locator("#phase").scroll_into_view_if_needed()
+    expect(page.locator("#phase")).to_have_attribute("height", "90")
+    shrunk = page.locator("#phase").evaluate(
+        "canvas => canvas.width / devicePixelRatio / canvas.getBoundingClientRect().width"
+    )
+    assert shrunk < 1.05
+
+
 def test_the_page_works_with_the_keyboard_alone(store_page: str, page: Any) -> None:
     page.goto(store_page)
     page.keyboard.press("Tab")

@@ -14,7 +14,7 @@ import pytest
 from benchmarks.web_store import fill_store
 from fieldlink.daemon import Daemon
 from fieldlink.site import load_site
-from fieldlink.store import StoreError, read_events
+from fieldlink.store import EstimateRecord, EventRecord, Historian, StoreError, read_events
 from fieldlink.web import WebError, store_server, web_server
 from fieldlink.web.view.curves import stem_of
 
@@ -47,6 +47,32 @@ async def test_the_fleet_is_ranked_by_what_to_repair_first(client: httpx.AsyncCl
     page = (await client.get("/")).text
     places = [page.index(f'data-name="{loop["name"]}"') for loop in loops]
     assert places == sorted(places)
+
+
+async def test_the_rank_follows_from_the_figures_that_are_shown(
+    tmp_path: Path, device: Any, live: Any
+) -> None:
+    site = live.site_for(tmp_path, {"a": device.port, "b": device.port})
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    historian = Historian(url)
+    historian.start(EventRecord(1, "start", "daemon", "started"))
+    # A controller that works against the valve hides a part of its effect: more than PV's variance.
+    for name, S, effect in (("A", 3.0, 4.7), ("B", 8.0, 1.3)):
+        document = {"evidence": {"effect": effect}}
+        historian.put(
+            EstimateRecord(
+                name, 2, 2, 0, 9, "estimated", "", "stiction", stick_band=S, document=document
+            )
+        )
+    historian.stop()
+    async with (
+        store_server(url, site, "127.0.0.1", 0) as address,
+        httpx.AsyncClient(base_url=address, timeout=60.0) as client,
+    ):
+        loops = (await client.get("/api/loops")).json()["loops"]
+    assert [(loop["name"], loop["avoidable"]) for loop in loops] == [("B", 1.0), ("A", 1.0)]
+    shown = [loop["avoidable"] + loop["stick_band"]["value"] / loop["limit"] for loop in loops]
+    assert shown == sorted(shown, reverse=True)
 
 
 async def test_a_loop_says_why_and_what_was_written(client: httpx.AsyncClient) -> None:

@@ -18,9 +18,10 @@ from typer.testing import CliRunner, Result
 from benchmarks.made_fleet import Fleet
 from fieldlink.cli.app import app
 from fieldlink.errors import FieldlinkError
-from fieldlink.store import EventRecord, record_work
+from fieldlink.store import EstimateRecord, EventRecord, Historian, record_work
 from fieldlink.store.database import open_for_writing
-from fieldlink.worklist import COLUMNS, PartialReport, judge_recordings
+from fieldlink.worklist import COLUMNS, PartialReport, judge_recordings, list_loops
+from fieldlink.worklist.evidence_figure import EvidencePictures
 from tests.cli.conftest import limit_cycle
 
 SITE = """\
@@ -287,3 +288,23 @@ def test_work_that_cannot_be_is_refused(site: Path, arguments: tuple[str, ...], 
     result = run("work", site, *arguments)
     assert result.exit_code == 2
     assert said in " ".join(result.output.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("hours", [150 / 3600, 2.5, 60.0, 24.0 * 75])
+def test_the_course_of_the_first_hours_has_its_times(tmp_path: Path, hours: float) -> None:
+    """No step of whole seconds, minutes or hours suits two to three of the next unit."""
+    store = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    historian = Historian(store)
+    historian.start(EventRecord(1, "start", "daemon", "started"))
+    for at in (1_795_000_000_000 + round(part * hours * 3.6e6) for part in (0.0, 0.4, 1.0)):
+        historian.put(
+            EstimateRecord(
+                "FC101", at, at, 0, 9, "estimated", "", "stiction", stick_band=4.0,
+                stick_band_low=3.0, stick_band_high=5.0, confidence=0.9,
+                document={"confidence": 0.9, "verdict": "not_assessable", "period_s": 1.0},
+            )
+        )  # fmt: skip
+    historian.stop()
+    (loop,) = list_loops(store)
+    # A warning is an error here; on a terminal it stood above the report.
+    assert "stick band S" in EvidencePictures().svg(loop, 1)

@@ -105,6 +105,27 @@ def test_a_cure_in_the_history_is_a_repair_with_before_and_after(
     assert (before.loss > 0.2, after.loss) == (True, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("verdicts", "S"),
+    [
+        (("stiction", "no_stiction", "no_stiction"), None),  # the first began before the repair
+        (("stiction", "no_stiction"), None),
+        (("no_stiction", "stiction"), 6.0),
+        (("stiction", "not_assessable", "not_assessable"), 6.0),
+    ],
+)
+def test_a_window_across_a_repair_does_not_hide_what_it_brought(
+    verdicts: tuple[str, ...], S: float | None
+) -> None:
+    sticky = np.array([verdict == "stiction" for verdict in verdicts])
+    rows = np.where(sticky[:, None], [6.0, 5.8, 6.2], math.nan)
+    course = Course(
+        86400.0 * np.arange(sticky.size), verdicts, rows, rows / 3.0, WorkListSettings()
+    )
+    found = course.typical("stick_band"), course.typical("slip_jump")
+    assert found == ((S, S / 3.0) if S else pytest.approx((math.nan, math.nan), nan_ok=True))
+
+
 def test_work_that_was_noted_starts_the_trend_again(own_fleet: Fleet) -> None:
     done = END_MS - 10 * 86_400_000
     record_work(own_fleet.url, "FC101", "done", owner="Meyer", note="new packing", utc_ms=done)

@@ -52,6 +52,7 @@ def _sqlite() -> tuple[_Pieces, _Windows]:
 ENDINGS = {
     ".csv": _csv,
     ".tsv": _csv,
+    ".xlsx": _csv,
     ".parquet": _parquet,
     ".mat": _matlab,
     ".sqlite": _sqlite,

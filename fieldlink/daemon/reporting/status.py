@@ -30,6 +30,7 @@ class LoopStatus:
         filled: how much of the window is there, 0 to 1.
         samples_until_estimate: samples to come before the next estimate.
         latest: the newest sample, None before the first.
+        fault: which tags of it are bad, and why; empty when it is good.
         estimates: estimates made.
         last_estimate: the newest one.
         attempts: write-back attempts and decisions; outcomes: how many came to what, by code.
@@ -55,6 +56,7 @@ class LoopStatus:
     last_attempt: Attempt | None
     last_accepted: Attempt | None
     outcomes: Mapping[str, int] = field(default_factory=dict)
+    fault: str = ""
     idle: float = 0.0
     dropped_estimates: int = 0
     waiting: str | None = None

@@ -69,13 +69,14 @@ def _loop(name: str, loop: LoopStatus) -> Document:
     estimate, attempt = loop.last_estimate, loop.last_attempt
     found = None if estimate is None else estimate.findings
     block = loop.block
-    last = "" if attempt is None else attempt.reason or attempt.outcome.advice
-    reason = loop.refusal or last
+    reason = loop.refusal or ("" if attempt is None else attempt.why)
     return {
         "name": name,
         "device": loop.device,
         "expected": loop.counts.expected,
         "read": loop.counts.read,
+        "bad": loop.counts.bad,
+        "fault": loop.fault,
         "missed": loop.counts.missed,
         "verdict": None if found is None else found.verdict,
         "stick_band": None if found is None else _number(found.stick_band.value),
@@ -151,6 +152,8 @@ def _stored_loop(
         "device": site.loops[name].device,
         "expected": _total(mine, "expected"),
         "read": _total(mine, "read"),
+        "bad": _total(mine, "bad"),
+        "fault": "",
         "missed": _total(mine, "missed"),
         "verdict": None if found.empty else found["verdict"].iloc[-1],
         "stick_band": None if found.empty else _number(found["stick_band"].iloc[-1]),

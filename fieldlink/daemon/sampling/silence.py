@@ -1,13 +1,28 @@
-"""A loop that gets no samples although its device answers: told once, and again when they come."""
+"""A loop that gets no good samples although its device answers: told once, and when they come."""
 
 from __future__ import annotations
 
-from fieldlink.daemon.reporting.journal import Journal
+import math
 
-__all__ = ["SilenceWatch"]
+from fieldlink.daemon.reporting.journal import Journal
+from fieldlink.links import Quality
+from fieldlink.site import Loop
+from fieldlink.store import SampleRecord
+
+__all__ = ["SilenceWatch", "fault_of"]
 
 SILENT_AFTER = 20
-"""Periods without a new sample after which a loop counts as silent."""
+"""Periods without a good sample after which a loop counts as silent."""
+
+_ADVICE = {quality.code: quality.advice for quality in Quality}
+
+
+def fault_of(sample: SampleRecord | None, loop: Loop) -> str:
+    """Return which tags of a bad sample are bad, and why; empty for a good one and for none."""
+    if sample is None or sample.quality == 0:
+        return ""
+    tags = [tag for tag, value in ((loop.op, sample.op), (loop.pv, sample.pv)) if math.isnan(value)]
+    return f"{' and '.join(tags or (loop.op, loop.pv))}: {_ADVICE[sample.quality]}"
 
 
 class SilenceWatch:
@@ -24,34 +39,52 @@ class SilenceWatch:
         self._period = period
         self._journal = journal
         self._sampled_at: float | None = None
+        self._good_at: float | None = None
+        self._fault = ""
         self._silent = False
 
     def carry_over(self, other: SilenceWatch) -> None:
         """Go on where another one was."""
         self._sampled_at, self._silent = other._sampled_at, other._silent
+        self._good_at, self._fault = other._good_at, other._fault
 
     def idle(self, now: float) -> float:
         """Return the plant seconds since the last sample; 0 before the first look."""
         return 0.0 if self._sampled_at is None else now - self._sampled_at
 
-    def look(self, now: float, *, sampled: bool, answers: bool) -> None:
-        """Tell when the loop has no new samples although its device answers, and when it has."""
-        if sampled and not self._silent:
+    def look(self, now: float, *, sampled: bool, answers: bool, fault: str = "") -> None:
+        """Tell when the loop has no good samples although its device answers, and when it has.
+
+        Args:
+            now: plant seconds.
+            sampled: whether there is a new sample.
+            answers: whether the device answers.
+            fault: why the new sample is bad; empty when it is good.
+        """
+        if sampled or self._sampled_at is None:
             self._sampled_at = now
-            return
-        since = now if self._sampled_at is None else self._sampled_at
-        self._sampled_at = now if sampled else since
         if sampled:
+            self._fault = fault
+        good = sampled and not fault
+        since = now if self._good_at is None else self._good_at
+        self._good_at = now if good else since
+        if good and self._silent:
             self._silent = False
             self._journal.event(
-                "loop.sampled", self._name, f"new samples after {now - since:.0f} s"
+                "loop.sampled", self._name, f"good samples after {now - since:.0f} s"
             )
-        elif now - since > SILENT_AFTER * self._period and not self._silent and answers:
+        limit = SILENT_AFTER * self._period
+        if now - self._good_at > limit and not self._silent and answers:
             self._silent = True
+            still_come = now - self._sampled_at < 0.5 * limit
             self._journal.event(
                 "loop.silent",
                 self._name,
-                f"no new sample for {now - since:.0f} s: OP or PV cannot be read, or the cycle "
-                "counter stands still; look at the tags and whether the controller runs",
+                f"no good sample for {now - since:.0f} s: "
+                + (
+                    (self._fault if still_come else "")
+                    or "OP or PV cannot be read, or the cycle counter stands still; look at the "
+                    "tags and whether the controller runs"
+                ),
                 bad=True,
             )

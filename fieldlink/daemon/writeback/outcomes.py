@@ -136,20 +136,25 @@ class Attempt:
     bank_before: tuple[int, ...] | None = None
     active_before: tuple[int, ...] | None = None
 
+    @property
+    def why(self) -> str:
+        """The figures behind the outcome, and what it means."""
+        return "; ".join(word for word in (self.reason, self.outcome.advice) if word)
+
     def became(self, outcome: WritebackOutcome, reason: str) -> Attempt:
         """Return the same attempt with another outcome."""
         return replace(self, outcome=outcome, reason=reason)
 
     def record(self, loop: str, utc: float) -> WritebackRecord:
         """Return what to store; ``utc`` in seconds since 1970."""
-        found, words = self.candidate.findings, [self.reason, self.outcome.advice]
+        found, why = self.candidate.findings, self.why
         if self.candidate.withdrawal:
-            words.insert(0, f"withdrawn by an operator: {self.candidate.withdrawal}")
+            why = f"withdrawn by an operator: {self.candidate.withdrawal}; {why}"
         return WritebackRecord(
             loop=loop,
             utc_ms=round(utc * 1000.0),
             outcome=self.outcome.code,
-            reason="; ".join(word for word in words if word),
+            reason=why,
             seq=None if self.block is None else self.block.seq,
             bank=None if self.bank is None else self.bank.name,
             status=self.candidate.status.name.lower(),

@@ -17,11 +17,11 @@ from fieldlink.lab.fmu.experiment import round_to_125
 from fieldlink.lab.fmu.signals import is_number
 from fmu_models import FmuSummary, open_plant
 
-__all__ = ["LoopWish", "StepResponse", "respond"]
+__all__ = ["STEP", "LoopWish", "StepResponse", "is_share", "respond"]
 
 Array = NDArray[np.float64]
 
-_STEP = 10.0
+STEP = 10.0
 """Percent of OP: large beside rounding, small beside the range."""
 _FIRST_STEPS, _MOST_STEPS = 200, 51_200
 _SETTLED = 0.02
@@ -102,6 +102,19 @@ def respond(fmu: FmuSummary, wish: LoopWish) -> StepResponse:
     return _measure(fmu, wish, op, step)
 
 
+def is_share(fmu: FmuSummary, name: str) -> bool:
+    """Whether an input looks like an opening from 0 to 1: it ends at 1, or starts between."""
+    variable = fmu.variable(name)
+    if variable is None:
+        return False
+    try:
+        if variable.high:
+            return float(variable.high) == 1.0
+        return 0.0 < float(variable.start.split()[0]) <= 1.0
+    except (ValueError, IndexError):
+        return False
+
+
 def _require(fmu: FmuSummary, name: str, causality: str) -> None:
     known = [
         element
@@ -122,7 +135,7 @@ def _first_op(fmu: FmuSummary, wish: LoopWish) -> float:
         start = float(text)
     except ValueError:
         return 40.0
-    return start if 5.0 <= start <= 95.0 - _STEP else 40.0
+    return start if 5.0 <= start <= 95.0 - STEP else 40.0
 
 
 def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> StepResponse:
@@ -130,15 +143,15 @@ def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> StepRes
     steps = _FIRST_STEPS
     while True:
         runs = []
-        for value in (op, op + _STEP):
+        for value in (op, op + STEP):
             with open_plant(fmu.file, parameters={wish.op: op}, period=step) as plant:
                 runs.append(plant.run(steps, {wish.op: value})[wish.pv])
-        rise = (runs[1] - runs[0]) / _STEP
+        rise = (runs[1] - runs[0]) / STEP
         start = float(runs[0][-1])
         if not np.abs(rise).max() > 1e-9 * max(1.0, abs(start)):
             raise FmuError(
                 f"{fmu.file.name}: {wish.pv} does not answer to {wish.op} stepping from {op:g} to "
-                f"{op + _STEP:g} in {steps * step:g} s; name other variables, or another OP with "
+                f"{op + STEP:g} in {steps * step:g} s; name other variables, or another OP with "
                 "--op-start"
             )
         tail = rise[-steps // 5 :]

@@ -15,6 +15,7 @@ from fieldlink.lab.rehearse.load import ScenarioFile
 from fieldlink.lab.rehearse.models import Scenario
 from fieldlink.lab.rehearse.outcome import RunCourse
 from fieldlink.lab.rehearse.run import Rehearsal
+from fieldlink.site.models import EstimatorSettings
 from fmu_models import FmuSummary, catalogue, fmu_path, summarise
 
 __all__ = ["describe_scene", "find_unit", "list_findings", "list_site_work"]
@@ -147,12 +148,12 @@ def list_findings(rehearsal: Rehearsal, unit: str) -> list[tuple[str, str]]:
     known = [w for w in sticky if math.isfinite(w.stick_band.value)]
     if known:
         last = known[-1]
-        true = _true(course, last.end)
+        true, sure = _true(course, last.end), 100.0 * EstimatorSettings().confidence
         rows.append(
             (
                 "Stick band S, last found",
-                f"{last.stick_band.value:.3g} % of OP, 95 % interval {last.stick_band.low:.3g} to "
-                f"{last.stick_band.high:.3g} %{true}",
+                f"{last.stick_band.value:.3g} % of OP, {sure:g} % interval "
+                f"{last.stick_band.low:.3g} to {last.stick_band.high:.3g} %{true}",
             )
         )
     accepted = [r.utc_ms / 1000.0 for r in course.writebacks if r.outcome == "accepted"]

@@ -198,12 +198,20 @@ function frame(canvas, xs, ys, labelX, labelY) {
 }
 
 function message(canvas, text) {
-  const context = canvas.getContext("2d");
-  context.setTransform(1, 0, 0, 1, 0, 0);
-  context.clearRect(0, 0, canvas.width, canvas.height);
+  const context = canvas.getContext("2d"), scale = window.devicePixelRatio || 1;
+  const width = canvas.parentElement.clientWidth - 34;
+  canvas.style.width = `${width}px`;
+  canvas.width = width * scale;
+  canvas.height = 90 * scale;
+  context.scale(scale, scale);
   context.font = "16px system-ui, sans-serif";
   context.fillStyle = COLOUR.ink;
-  context.fillText(text, 20, 40);
+  let line = "", y = 24;
+  for (const word of text.split(" ")) {
+    if (context.measureText(`${line} ${word}`).width > width) { context.fillText(line, 0, y); line = ""; y += 22; }
+    line = line ? `${line} ${word}` : word;
+  }
+  context.fillText(line, 0, y);
 }
 
 // The stem comes with the map: where the valve stood at the window's begin is known by judging it.
@@ -292,9 +300,15 @@ async function drawMap(name) {
 }
 
 let coursePlot = null;
-async function drawCourse(name) {
+async function drawCourse(name, tries = 10) {
   const loop = await ask(api(name)), holder = document.getElementById("course"), c = loop.course;
-  if (c.time.length === 0) { holder.textContent = "no estimates yet"; return; }
+  if (c.time.length === 0) {
+    holder.textContent = "no estimates yet";
+    // The estimates of a store that was opened just now are read in the background.
+    if (loop.estimate && tries > 0) setTimeout(() => drawCourse(name, tries - 1).catch(() => {}), 1000);
+    return;
+  }
+  if (c.stick_band.every((S) => S === null)) { holder.textContent = "no window has shown a sticky valve"; return; }
   const marks = [
     ...loop.orders.filter((one) => one.action === "annotate").map((one) => ({ at: Date.parse(one.time) / 1000, text: one.why })),
     ...c.changes.map(([kind, at]) => ({ at, text: kind === "increase" ? "rises from here" : "falls from here" })),

@@ -46,7 +46,7 @@ def _live(live: LoopStatus) -> tuple[str, str, str]:
     if live.off:
         return "switched off", live.off, "warn"
     last = live.last_attempt
-    why = "" if last is None else last.reason or last.outcome.advice
+    why = "" if last is None else last.why
     if live.hold:
         return "on hold", live.hold, "warn"
     if live.in_use:

@@ -214,6 +214,8 @@ class FleetView:
         course = self._course(name, known, judged)
         stick_band = _interval(judged, "stick_band")
         effect = (document.get("evidence") or {}).get("effect") if verdict == "stiction" else None
+        # The controller works against the valve, whose effect may be larger than what PV shows.
+        avoidable = None if effect is None else min(1.0, max(0.0, effect))
         device = device_of(name, site, live)
         days = None if course is None else course.days_to_limit[0]
         return {
@@ -223,7 +225,7 @@ class FleetView:
             "uncertain": bool(document.get("uncertain")),
             "compensated": _compensates(known, live),
             "order": looks.order,
-            "urgency": _urgency(effect, stick_band["value"], limit),
+            "urgency": _urgency(avoidable, stick_band["value"], limit),
             "score": None if judged is None else judged["score"],
             "stick_band": stick_band,
             "slip_jump": _interval(judged, "slip_jump"),
@@ -236,7 +238,7 @@ class FleetView:
             "since": iso_time(_since(known, judged)),
             "annotated": iso_time(known.annotated_ms),
             "swing_period_s": window.get("swing_period_s"),
-            "avoidable": None if effect is None else min(1.0, max(0.0, effect)),
+            "avoidable": avoidable,
             "automatic": window.get("automatic"),
             "saturated": window.get("saturated"),
             "travel_per_day": window.get("travel_per_day"),
@@ -281,10 +283,10 @@ def _compensates(known: StoredLoop, live: LoopStatus | None) -> bool:
     return known.accepted is not None and known.accepted["status"] == "valid"
 
 
-def _urgency(effect: float | None, stick_band: float | None, limit: float | None) -> float:
+def _urgency(avoidable: float | None, stick_band: float | None, limit: float | None) -> float:
     """Share of PV's variance that the valve costs, plus the stick band as a share of its limit."""
     used = 0.0 if stick_band is None or not limit else stick_band / limit
-    return (effect or 0.0) + used
+    return (avoidable or 0.0) + used
 
 
 def _interval(row: Row | None, name: str) -> dict[str, float | None]:

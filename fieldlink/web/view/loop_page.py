@@ -51,7 +51,7 @@ def loop_document(
         "findings": findings_of_loop(queries, name),
         "why": why(judged, last, compensated=row["compensated"]),
         "to_do": what_to_do(judged) if row["verdict"] == "stiction" else [],
-        "surer": what_would_help(row, judged, settings),
+        "surer": what_would_help(row, judged, settings, "" if live is None else live.fault),
         "course": _course(view, name),
         "compensation": before_and_after(
             queries, name, WINDOW if settings is None else settings.window

@@ -74,8 +74,20 @@ def what_to_do(judged: Row | None) -> list[str]:
     return [_sentence(text) for text in document.get("advice", [])]
 
 
-def what_would_help(row: Mapping[str, Any], judged: Row | None, settings: Loop | None) -> list[str]:
-    """Return what would make the verdict surer, the most useful first."""
+def what_would_help(
+    row: Mapping[str, Any], judged: Row | None, settings: Loop | None, fault: str = ""
+) -> list[str]:
+    """Return what would make the verdict surer, the most useful first.
+
+    Args:
+        row: the loop in the fleet.
+        judged: the newest estimate with a verdict.
+        settings: of the loop; None without a site file.
+        fault: why the newest sample is bad; empty when it is not.
+    """
+    bad = [f"Good values, where the newest are bad. {fault}."] if fault else []
+    if judged is None and bad:
+        return bad
     if judged is None:
         missing = row.get("filled")
         if missing is not None and missing < 1.0:
@@ -83,8 +95,15 @@ def what_would_help(row: Mapping[str, Any], judged: Row | None, settings: Loop |
         return ["Wait for a full window; fieldlink status shows how much of it is there."]
     document: Mapping[str, Any] = judged["document"] or {}
     evidence, window = document.get("evidence") or {}, document.get("window") or {}
-    said = [] if judged["verdict"] == "stiction" else what_to_do(judged)
-    if judged["verdict"] != "no_stiction" and evidence.get("reversals") is not None:
+    said = bad + ([] if judged["verdict"] == "stiction" else what_to_do(judged))
+    manual = "not_in_automatic" in document.get("reason_codes", [])
+    if manual and settings is not None and settings.mode is not None:
+        values = ", ".join(f"{value:g}" for value in settings.auto_values)
+        said.append(
+            f"If it is in automatic: other auto_values in the site file ({values} now), such as "
+            f"{settings.mode} shows."
+        )
+    if not manual and judged["verdict"] != "no_stiction" and evidence.get("reversals") is not None:
         turns = evidence["reversals"]
         if turns < FEW_REVERSALS:
             said.append(
