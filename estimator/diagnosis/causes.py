@@ -263,6 +263,13 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
+        may_stick = found.explained is not None and found.explained.sticking > 0.0
+        little = found.removable_where_known(settings) <= settings.judging.lasting
+        if found.headroom >= settings.judging.surely and not (may_stick or little):
+            # the integral time is too long for the error, or the record, to last beyond it; with so
+            # much more integral gain the answer to a load is over as much sooner
+            weight = 1.0 - 1.0 / settings.headroom.slower
+            return Cause(CauseName.SLOW_TUNING, weight, (_headroom_words(found, settings),))
         slow = 0.0 if found.controller is None else found.controller.integral_time_s
         if settings.judging.seen * found.duration_s < slow < math.inf:
             text = (
@@ -272,15 +279,11 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 CauseName.UNDETERMINED, 0.0, (text,),
                 "Give a record of ten integral times and more: it shows whether the loop is slow.",
             )  # fmt: skip
-        if found.explained is not None and found.explained.sticking > 0.0:
+        if may_stick:
             # nothing is wrong that shows, but a valve that sticks is likelier than not
             return _unproven(found, settings)
         if _lingers(found, settings) is None:
             return _slow_or_not(found)
-        if found.headroom >= settings.judging.surely:
-            # the error is over within an integral time that is itself too long
-            weight = 1.0 - 1.0 / settings.headroom.slower
-            return Cause(CauseName.SLOW_TUNING, weight, (_headroom_words(found, settings),))
         evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
         if swing.present:
             evidence = [
