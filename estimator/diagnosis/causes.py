@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.gathered import Gathered, error_lasts
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.swing_causes import find_outside, find_tight, is_aperiodic, sticky_weight
@@ -182,9 +182,8 @@ def _characteristic(found: Gathered, settings: DiagnosisSettings) -> Cause | Non
 def _lingers(found: Gathered, settings: DiagnosisSettings) -> bool | None:
     """Whether the error lasts because the tuning is slow; None where smooth loads may make it."""
     judging = settings.judging
-    # two integral times may be too long for the record
     one, two = np.nan_to_num(found.predictable)
-    if not (two > judging.slow or one + two > judging.lingering):
+    if not error_lasts(found.predictable, settings):
         return False
     if one + two < judging.lasts:
         if found.removable_where_known(settings) < judging.removable:
@@ -192,6 +191,9 @@ def _lingers(found: Gathered, settings: DiagnosisSettings) -> bool | None:
         if found.headroom < judging.likely:
             return None if found.headroom > judging.unlikely else False
         return True
+    if found.headroom <= judging.unlikely:
+        # the error says slow, the processes and loads that fit say it is not
+        return None
     # against an error that lasts so long it takes both, the process and the headroom
     little = found.removable_where_known(settings) < judging.removable
     return not (little and not found.headroom >= judging.likely)
@@ -221,10 +223,7 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
     else:
         return None
     if found.headroom >= judging.likely:
-        evidence.append(
-            f"with a probability of {found.headroom:.0%} robust settings have "
-            f"{settings.headroom.slower:g} times the integral gain and more"
-        )
+        evidence.append(_headroom_words(found, settings))
     if proposal is not None and proposal.integral_ratio > settings.headroom.slower:
         evidence.append(
             f"as robust settings have {proposal.integral_ratio:.2g} times the integral gain"
@@ -233,6 +232,13 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
         evidence.append(f"robust settings would remove {removable:.0%} of the squared error")
     shared = found.limits.cost + (found.swing_share if found.swing.present else 0.0)
     return Cause(CauseName.SLOW_TUNING, weight * max(0.0, 1.0 - shared), tuple(evidence))
+
+
+def _headroom_words(found: Gathered, settings: DiagnosisSettings) -> str:
+    return (
+        f"with a probability of {found.headroom:.0%} robust settings have "
+        f"{settings.headroom.slower:g} times the integral gain and more"
+    )
 
 
 def _slow_or_not(found: Gathered) -> Cause:
@@ -257,6 +263,13 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
+        may_stick = found.explained is not None and found.explained.sticking > 0.0
+        little = found.removable_where_known(settings) <= settings.judging.lasting
+        if found.headroom >= settings.judging.surely and not (may_stick or little):
+            # the integral time is too long for the error, or the record, to last beyond it; with so
+            # much more integral gain the answer to a load is over as much sooner
+            weight = 1.0 - 1.0 / settings.headroom.slower
+            return Cause(CauseName.SLOW_TUNING, weight, (_headroom_words(found, settings),))
         slow = 0.0 if found.controller is None else found.controller.integral_time_s
         if settings.judging.seen * found.duration_s < slow < math.inf:
             text = (
@@ -266,7 +279,7 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 CauseName.UNDETERMINED, 0.0, (text,),
                 "Give a record of ten integral times and more: it shows whether the loop is slow.",
             )  # fmt: skip
-        if found.explained is not None and found.explained.sticking > 0.0:
+        if may_stick:
             # nothing is wrong that shows, but a valve that sticks is likelier than not
             return _unproven(found, settings)
         if _lingers(found, settings) is None:

@@ -109,6 +109,8 @@ def diagnose(
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
     standing = open_loop_swing(record, swing, by_hand | limits.where, settings)
     predictable = predictable_shares(record, swing, controller, limits, settings)
+    calm = without_steady_wave(error, swing, period, settings)
+    removable = removable_share(calm, explained, loop, controller, period, settings)
     gathered = Gathered(
         swing=swing,
         signal=signal,
@@ -131,15 +133,8 @@ def diagnose(
         amplitude=swing_amplitude(record, swing, settings),
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
-        removable=removable_share(
-            without_steady_wave(error, swing, period, settings),
-            explained,
-            loop,
-            controller,
-            period,
-            settings,
-        ),
-        headroom=headroom_of(cut, controller, swing, predictable, limits, settings),
+        removable=removable,
+        headroom=headroom_of(cut, controller, swing, predictable, limits, removable, settings),
     )
     proposal = None
     if advice and explained is not None and controller is not None:

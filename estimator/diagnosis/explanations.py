@@ -22,6 +22,7 @@ from estimator.arrays import Array
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis import rivals
 from estimator.diagnosis.advice_settings import Advising
+from estimator.diagnosis.long_noise import under_long_noise
 from estimator.diagnosis.plausible import FittedWindow
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
@@ -152,7 +153,9 @@ def explain(
         chosen = Rival(case, valve.fit)
         wave = _wave_beside(case, valve.fit, window.period)
     else:
-        chosen, swung, outside, curved, jumps = _without_valve(case, plain, cycles, weighing)
+        chosen, swung, outside, curved, jumps = _without_valve(
+            case, plain, cycles, weighing, advising
+        )
     found = chosen.fit.valve
     return Explained(
         reasons=(),
@@ -196,7 +199,7 @@ def _model(window: Window, of: Rival, late: int) -> ProcessModel:
 
 
 def _without_valve(
-    case: Case, healthy: Hypothesis, cycles: float, weighing: Weighing
+    case: Case, healthy: Hypothesis, cycles: float, weighing: Weighing, advising: Advising
 ) -> tuple[Rival, Rival | None, float, float, int]:
     """The likeliest explanation without a sticky valve.
 
@@ -215,6 +218,9 @@ def _without_valve(
         spread = without_best(masked, plain, bent.fit, judging.parts) - bent.price
         # a characteristic is curved all the time, a load jumps once
         curved = curved if spread >= judging.steady else spread
+    if curved >= least:
+        under_long = under_long_noise(bent.case, bent.fit, masked, plain.fit, advising)
+        curved = min(curved, under_long - bent.price)
     base, wave = plain, _best_wave(plain, cycles, weighing)
     if curved >= least:
         beside = _best_wave(bent, cycles, weighing)
@@ -229,6 +235,10 @@ def _without_valve(
         return base, None, -math.inf, curved, jumps
     outside = wave.likelihood - base.fit.likelihood
     chosen = replace(wave, bend=base.bend) if outside > 0.0 else base
+    if outside > -least:
+        # a few slow waves stand for what a short noise model lacks
+        under_long = under_long_noise(wave.case, wave.fit, base.case, base.fit, advising)
+        outside = min(outside, under_long - wave.price)
     return chosen, wave, outside, curved, jumps
 
 

@@ -15,7 +15,16 @@ from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings
 
-__all__ = ["Gathered"]
+__all__ = ["Gathered", "error_lasts"]
+
+
+def error_lasts(predictable: tuple[float, float], settings: DiagnosisSettings) -> bool:
+    """Whether the shares told one and two integral times ahead are those of a slow tuning.
+
+    Two integral times may be too long for the record: that share is then NaN.
+    """
+    one, two = np.nan_to_num(predictable)
+    return bool(two > settings.judging.slow or one + two > settings.judging.lingering)
 
 
 @dataclass(frozen=True)

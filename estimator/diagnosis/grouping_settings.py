@@ -20,6 +20,9 @@ class Grouping:
             wide for the irregular motion of a sticky valve.
         delays: periods by which loops follow such a motion: a band that wide tells them apart.
         chance: probability that a plant shows one group by chance.
+        made: weight of tight tuning, the share of its loop's motion that it makes, from which the
+            loop may move others: most of it (tuning family: sources have 0.73 and more, loops of
+            plants without an event up to 0.41).
         regular: regularity below which the cycle of a sticky valve is compared in the wide band.
         range: span of the periods that loops of a plant have, in nats: 3 is a factor of 20.
         coherence: least coherence of two loops that both oscillate; half of the amplitude's
@@ -55,6 +58,7 @@ class Grouping:
     wide: float = 0.5
     delays: tuple[float, ...] = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
     chance: float = 0.02
+    made: float = 0.5
     regular: float = 3.0
     range: float = 3.0
     coherence: float = 0.7

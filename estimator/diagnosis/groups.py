@@ -39,7 +39,7 @@ from estimator.diagnosis.coherence import (
 )
 from estimator.diagnosis.leading import chance_of_lead
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillations
-from estimator.diagnosis.result import CauseName, Diagnosis
+from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.sources import Candidate, GroupMembers, rank_candidates
 
@@ -125,7 +125,9 @@ def find_groups(
             continue
         inside = tuple(one for one in cascades if one.master in members and one.slave in members)
         # a slave's own valve or tuning may be the source, what it follows is its master's
-        if not (seed.made or _is_event(members - {one.slave for one in inside}, diagnoses)):
+        if not (
+            seed.made or _is_event(members - {one.slave for one in inside}, diagnoses, settings)
+        ):
             continue
         those = GroupMembers(names, period, signals, spectra, diagnoses, inside)
         candidates = rank_candidates(those, settings)
@@ -148,7 +150,7 @@ def _swings_of(
     causes = {cause.name for cause in diagnoses[name].causes}
     present = [found for found in all_found if found.present]
     if CauseName.STICKY_VALVE not in causes:
-        is_tight = CauseName.TIGHT_TUNING in causes
+        is_tight = any(_is_tight(cause, settings) for cause in diagnoses[name].causes)
         return [_Swing(name, found, made=is_tight) for found in present]
     if not present:
         # the motions of a loop whose valve sticks, regular or not, the main one first
@@ -164,13 +166,26 @@ _NO_PERIOD = (
 """Causes that make no oscillation which other loops could follow."""
 
 
-def _is_event(names: set[str], diagnoses: Mapping[str, Diagnosis]) -> bool:
+def _is_tight(cause: Cause, settings: DiagnosisSettings) -> bool:
+    """Whether it is a tuning that makes most of its loop's motion; less is amplified noise."""
+    return cause.name is CauseName.TIGHT_TUNING and cause.weight >= settings.grouping.made
+
+
+def _is_event(
+    names: set[str], diagnoses: Mapping[str, Diagnosis], settings: DiagnosisSettings
+) -> bool:
     """Whether the diagnosis of one loop at least finds more than noise in its oscillation.
 
     Coupled loops share their noise, and what it makes of similar loops may look like one wave. A
     slave follows its master's and does not count.
     """
-    return any(cause.name not in _NO_PERIOD for name in names for cause in diagnoses[name].causes)
+    return any(
+        _is_tight(cause, settings)
+        if cause.name is CauseName.TIGHT_TUNING
+        else cause.name not in _NO_PERIOD
+        for name in names
+        for cause in diagnoses[name].causes
+    )
 
 
 def _is_near(swing: _Swing, period: float, settings: DiagnosisSettings) -> bool:
@@ -194,7 +209,8 @@ def _members(
     if seed.irregular:
         # motions without a period that look alike may have a cause in common
         return {seed.loop, *follow}
-    near = {one.loop for one in swings if _is_near(one, period, settings)}
+    # a motion that is no oscillation has no period that could agree
+    near = {one.loop for one in swings if one.found.present and _is_near(one, period, settings)}
     clear = {one.loop: one.found.prominence for one in swings}
     visible: dict[str, float] = {}
     hidden: dict[str, float] = {}

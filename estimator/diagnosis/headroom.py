@@ -24,6 +24,7 @@ from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.delay_fits import fit_delays, power_of_load
 from estimator.diagnosis.facts import Limits
+from estimator.diagnosis.gathered import error_lasts
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.loop_record import LoopRecord, without_steady_wave
 from estimator.diagnosis.oscillation import Oscillation
@@ -75,16 +76,18 @@ def headroom_of(
     swing: Oscillation,
     predictable: tuple[float, float],
     limits: Limits,
+    removable: float,
     settings: DiagnosisSettings,
 ) -> float:
-    """The probability where the error lasts, so that slow tuning may be why; else NaN.
+    """The probability where slow tuning may be why the loop suffers; else NaN.
 
-    A steady wave is taken out of OP and PV alike: the fitted load cannot make one.
+    It may where the error lasts, and where no process shows that other settings would remove
+    little: an integral time may be so long that the error is over within it. A steady wave is taken
+    out of OP and PV alike: the fitted load cannot make one.
     """
-    first, second = np.nan_to_num(predictable)
-    lasts = second > settings.judging.slow or first + second > settings.judging.lingering
+    may_be = error_lasts(predictable, settings) or not removable <= settings.judging.lasting
     by_hand = record.auto is not None and not record.auto.all()
-    if controller is None or record.pv is None or not lasts or by_hand:
+    if controller is None or record.pv is None or not may_be or by_hand:
         return math.nan
     if not record.good.all() or limits.share >= settings.facts.least_limit:
         return math.nan

@@ -48,6 +48,13 @@ def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
     return found.swing.cycles >= judging.lasting_periods and found.amplitude > judging.wanders
 
 
+def _is_noise(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether noise makes the oscillation, by its amplitude and by what the likelihood says."""
+    one = found.explained
+    against = one is not None and one.outside < -settings.judging.unsure
+    return against and _wanders(found, settings)
+
+
 def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether the loop's own resonance makes the oscillation."""
     if found.loop is None or found.explained is None or not found.swing.present:
@@ -55,8 +62,11 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
     judging = settings.judging
     here, _ = found.amplification()
     beside = found.amplification_beside_wave()
-    if here <= judging.tight or beside <= judging.well:
+    if here <= judging.tight:
         return False
+    if beside <= judging.well:
+        # beside a wave a noisy resonance is whitened away: that counts where a wave may be there
+        return _is_noise(found, settings)
     # what shows beside the oscillation amplifies it as well: a wave needs positive evidence
     unsure = judging.unsure if beside > judging.tight else -judging.unsure
     if found.explained.outside >= unsure:
@@ -142,7 +152,7 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     beside = found.amplification_beside_wave()
     judging = settings.judging
     # a process that is fitted to a steady wave takes it for its own resonance
-    is_swung = here > judging.tight and beside <= judging.well
+    is_swung = here > judging.tight and beside <= judging.well and not _is_noise(found, settings)
     if not is_swung:
         if one.outside < judging.unsure and (here > judging.tight or found.loop is None):
             return None

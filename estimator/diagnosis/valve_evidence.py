@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from estimator.diagnosis import rivals
 from estimator.diagnosis.advice_settings import Advising
-from estimator.diagnosis.long_noise import valve_under_long_noise, with_long_noise
+from estimator.diagnosis.long_noise import under_long_noise, with_long_noise
 from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import Weighing
 from estimator.evidence.effect import effect_of
@@ -91,9 +91,9 @@ def judge_valve(
     rival = max(others, key=lambda one: one.likelihood)
     evidence = sticky.likelihood - rival.likelihood
     if evidence > 0.0:
-        under_long = valve_under_long_noise(case, sticky, plain, advising)
-        if under_long <= 0.0:
-            return ValveEvidence(sticky, under_long), plain
+        left = under_long_noise(case, sticky, case, plain, advising)
+        if left <= 0.0:
+            return ValveEvidence(sticky, left), plain
     if evidence < judging.threshold:
         return ValveEvidence(sticky, evidence), plain
     strokes, screening = count_strokes(sticky.stem), case.settings.screening
