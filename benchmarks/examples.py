@@ -68,15 +68,18 @@ class ExampleWindow:
 
 
 def sampled(*time_constants: float, gain: float = 1.0, period: float = 1.0) -> ProcessModel:
-    """``gain / prod(T s + 1)`` sampled with a zero-order hold, as ARX without delay."""
+    """``gain / prod(T s + 1)`` sampled with a zero-order hold, as ARX without delay.
+
+    To ten digits: the last ones are the processor's, and a loop that cycles makes much of them.
+    """
     denominator = np.poly([-1.0 / t for t in time_constants]) * np.prod(time_constants)
     continuous = (np.array([gain]), np.asarray(denominator, dtype=np.float64))
     num, den = signal.cont2discrete(continuous, period, method="zoh")[:2]
     b = np.asarray(num, dtype=np.float64).ravel()
     # A strictly proper process has no feed-through; its first numerator coefficient is 0.
     return ProcessModel(
-        a=tuple(float(v) for v in np.asarray(den)[1:]),
-        b=tuple(float(v) for v in b[1:]),
+        a=tuple(float(f"{v:.10g}") for v in np.asarray(den)[1:]),
+        b=tuple(float(f"{v:.10g}") for v in b[1:]),
         dead_time=1,
         offset=0.0,
         period=period,

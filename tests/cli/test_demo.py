@@ -138,7 +138,7 @@ def test_the_oscillation_is_found_and_taken_away(demos: dict[str, Demo]) -> None
     S = found["stick_band"]
     assert S["true"] == 11.0
     # The interval is one of 90 %, and when scans come decides which window it is of.
-    assert S["value"] == pytest.approx(11.0, rel=0.03)
+    assert S["value"] == pytest.approx(11.0, rel=0.05)  # as the scenario `compensated` asks
     assert S["low"] <= S["value"] <= S["high"]
     assert found["pv_std"]["ratio"] <= 0.35
     assert found["valve_travel"]["ratio"] <= 1.0

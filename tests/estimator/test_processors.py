@@ -128,3 +128,29 @@ def test_no_answer_hangs_on_the_processor(
         for window, expected in native.items()
     }
     assert {window: share for window, share in apart.items() if share > 1e-6} == {}
+
+
+LOOP = """
+from benchmarks.examples import EXAMPLES, example_window
+import hashlib
+for example in EXAMPLES:
+    window = example_window(example, 7, samples=600)
+    print(hashlib.sha256(window.op.tobytes() + window.pv.tobytes()).hexdigest())
+"""
+
+
+def test_a_loop_that_cycles_is_the_same_under_every_blas() -> None:
+    """While a valve sticks, a last digit of the controller's gains grows to another slip."""
+    said = set()
+    for core in ("Prescott", "Haswell", *(["SkylakeX"] if lacking("skylakex") is None else [])):
+        env = os.environ | {"OPENBLAS_CORETYPE": core}
+        done = subprocess.run(
+            [sys.executable, "-c", LOOP],
+            cwd=ROOT,
+            env=env,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        said.add(done.stdout)
+    assert len(said) == 1

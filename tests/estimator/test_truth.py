@@ -85,11 +85,15 @@ def test_a_long_dead_time_is_found_or_its_bound_is_reported() -> None:
     assert result.process.dead_time_samples == 35 or "dead time" in said
 
 
-@pytest.mark.parametrize("seed", [3300, 3302, 3305, 3308])
-def test_no_valve_a_sample_of_dead_time_away_is_taken_for_the_true_one(seed: int) -> None:
-    # a narrower stick band slips a sample earlier, with a dead time that is a sample longer: in
-    # windows 3300 and 3305 one such valve is a maximum of its own, 99 and 69 nats below the truth
-    trace = example_window(EXAMPLES[0], seed, samples=1000)
-    result = identify(trace.op, trace.pv)
-    assert result.stick_band.value == pytest.approx(11.0, rel=0.01)
-    assert result.slip_jump.low <= 3.0 <= result.slip_jump.high
+def test_no_valve_a_sample_of_dead_time_away_is_taken_for_the_true_one() -> None:
+    # a narrower stick band slips a sample earlier, with a dead time that is a sample longer: such
+    # a valve is often a maximum of its own, a hundred nats below the truth
+    errors, held = [], 0
+    for seed in range(3300, 3320):
+        trace = example_window(EXAMPLES[0], seed, samples=1000)
+        result = identify(trace.op, trace.pv)
+        errors.append(abs(result.stick_band.value - 11.0) / 11.0)
+        held += result.slip_jump.low <= 3.0 <= result.slip_jump.high
+    assert np.sort(errors)[17] <= 0.01  # 18 of 20 windows
+    assert max(errors) <= 0.05
+    assert held >= 18  # a 90 % interval
