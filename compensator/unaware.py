@@ -113,7 +113,8 @@ class UnawareMpc:
         self.horizon = cost.samples
         self._hessian = cost.hessian + cost.op_weight * np.eye(cost.samples)
         self._linear, self._free, self._forced = cost.linear, cost.free, cost.forced
-        self._regulator = as_designed(-np.linalg.solve(self._hessian, self._linear))
+        regulator = -np.linalg.solve(self._hessian, self._linear)
+        self._regulator = as_designed(np.asarray(regulator, dtype=np.float64))
         self._solver: Any = None
 
     def observe(self, pv: float, op: float) -> None:
