@@ -30,7 +30,7 @@ from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
-__all__ = ["cache_folder", "kernel", "kernel_for", "source_hash"]
+__all__ = ["alone", "cache_folder", "kernel", "kernel_for", "source_hash"]
 
 _PACKAGES = ("estimator", "compensator", "benchmarks/families")
 _HASH_DIGITS = 16
@@ -105,23 +105,23 @@ class _LockedIndex(IndexDataCacheFile):
 
     def save(self, key: object, data: object) -> None:
         """Keep what was compiled."""
-        with _alone():
+        with alone(cache_folder() / "lock"):
             super().save(key, data)  # type: ignore[no-untyped-call]
 
     def load(self, key: object) -> object:
         """Return what was compiled; None when it was not."""
-        with _alone():
+        with alone(cache_folder() / "lock"):
             return cast("object", super().load(key))  # type: ignore[no-untyped-call]
 
 
 @contextmanager
-def _alone() -> Iterator[None]:
-    """Hold the lock of the cache folder; go on without it where there is none to be had."""
+def alone(lock: Path) -> Iterator[None]:
+    """Hold a lock among the processes of a machine; go on where there is none to be had."""
     with ExitStack() as held:
         if sys.platform != "win32":
             import fcntl
 
             with suppress(OSError):  # the folder is gone, or on a file system without locks
-                lock = held.enter_context(open(cache_folder() / "lock", "a"))
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                file = held.enter_context(lock.open("a"))
+                fcntl.flock(file, fcntl.LOCK_EX)
         yield

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from compiled import kernel
+from estimator.algebra import dot
 from estimator.arrays import Array
+from estimator.lanes import respond_one
 
 __all__ = ["fit_delays", "power_of_load"]
 
@@ -54,21 +56,16 @@ def fit_delays(
     """
     n = y.size
     target = _whitened(y - y[0], top, bottom)
-    answer = np.empty(n)
-    last = 0.0
-    for k in range(n):
-        last = process[0] * last + process[1] * (u[k] - u[0])
-        answer[k] = last
-    answer = _whitened(answer, top, bottom)
+    answer = _whitened(respond_one(u, process[0], 0.0, 0.0, process[1]), top, bottom)
     levels = np.zeros((1 + drifts, n))
     levels[0] = _whitened(np.ones(n), top, bottom)
     if drifts:
         levels[1] = _whitened(np.arange(n) / n, top, bottom)
     for j in range(levels.shape[0]):
         for i in range(j):
-            levels[j] -= _along(levels[i], levels[j], first) * levels[i]
-        levels[j] /= np.sqrt(_along(levels[j], levels[j], first) + _TINY)
-        target -= _along(levels[j], target, first) * levels[j]
+            levels[j] -= dot(levels[i, first:], levels[j, first:]) * levels[i]
+        levels[j] /= np.sqrt(dot(levels[j, first:], levels[j, first:]) + _TINY)
+        target -= dot(levels[j, first:], target[first:]) * levels[j]
     along, powers = np.zeros(late), np.zeros(late)
     _add_products(target, answer, first, along)
     _add_powers(answer, first, powers)
@@ -78,7 +75,7 @@ def fit_delays(
         _add_products(levels[j], answer, first, shared)
         powers -= shared**2
     powers = np.maximum(powers, _TINY)
-    whole = _along(target, target, first)
+    whole = dot(target[first:], target[first:])
     return np.maximum(whole - along**2 / powers, _TINY), along / powers, powers
 
 
@@ -96,15 +93,6 @@ def _add_powers(answer: Array, first: int, sums: Array) -> None:
     for k in range(first, answer.size):
         for d in range(sums.size):
             sums[d] += answer[k - 1 - d] ** 2
-
-
-@kernel
-def _along(one: Array, other: Array, first: int) -> float:
-    """Scalar product from a sample on."""
-    total = 0.0
-    for k in range(first, one.size):
-        total += one[k] * other[k]
-    return total
 
 
 @kernel

@@ -170,28 +170,16 @@ def _warm_up() -> str:
 
     Returns the hash of their sources.
     """
-    from compiled import cache_folder, source_hash
+    from compiled import alone, cache_folder, source_hash
 
     folder = cache_folder()
-    with _alone(folder / "assess.lock"):
+    with alone(folder / "assess.lock"):
         import estimator
 
         estimator.warm_up()
     import compiled
 
     return source_hash(Path(compiled.__file__).resolve().parent)
-
-
-@contextmanager
-def _alone(lock: Path) -> Iterator[None]:
-    if sys.platform == "win32":
-        yield
-        return
-    import fcntl
-
-    with lock.open("a") as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        yield
 
 
 if __name__ == "__main__":
