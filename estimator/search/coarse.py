@@ -14,9 +14,8 @@ from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.processes.poles import COARSE
-from estimator.search.descent import LEAST_BAND, WIDEST_BAND, Descent, Found
-from estimator.search.one_step import OneStep
-from estimator.search.processes import spread_points
+from estimator.search.descent import Descent, Found
+from estimator.search.one_step import OneStep, look_around
 from estimator.search.ranking import Ranking
 from estimator.settings import Searching
 
@@ -29,8 +28,8 @@ _TRIAL = 3
 """Rounds that every seed of a look is followed; only the best ones go on."""
 _SHIFTS = 6
 """Dead times of that ranking."""
-_TOPS, _NEAR = 16, 28
-"""Valves of that ranking that are looked around, and valves around each."""
+_TOPS = 16
+"""Valves of that ranking that are looked around."""
 _REACHES = (0.03, 0.012, 0.005)
 """How far around them, as shares of S."""
 
@@ -154,28 +153,14 @@ def one_step_starts(
     columns = case.columns(nuisances, near.stem, COARSE[0], near.dead_time)
     ranking = OneStep(case.rows, columns)
     cost, late = ranking.costs(valves, 1, shifts)
-    points = spread_points(_NEAR + 1, 3)[1:]
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley
         tops = first_apart(valves[:, 0], cost, _TOPS, reach)
         tops = sorted({*tops, *first_apart(valves[:, 0], cost, _TOPS, -1.0)})
         if not tops:
             break
-        more = _around(valves[tops], points, reach)
-        soonest = np.clip(late[tops] - 1, 1, max(1, shifts - 2)).repeat(_NEAR)
-        more_cost, more_late = ranking.costs(more, soonest, min(3, shifts))
-        valves = np.vstack([valves, more])
-        cost, late = np.concatenate([cost, more_cost]), np.concatenate([late, more_late])
+        valves, cost, late = look_around(ranking, (valves, cost, late), tops, reach, shifts)
     return [
         (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i]))
         for i in first_apart(valves[:, 0], cost, searching.basins[0], searching.apart)
     ]
-
-
-def _around(valves: Array, points: Array, reach: float) -> Array:
-    """Valves ``(k m, 3)`` around each of ``(k, 3)``, ``reach`` wide as a share of S."""
-    wide = reach * points
-    band = np.clip(valves[:, :1] * np.exp(2.0 * wide[:, 0]), LEAST_BAND, WIDEST_BAND)
-    jump = np.clip(valves[:, 1:2] + 2.0 * band * wide[:, 1], 0.0, band)
-    start = valves[:, 2:] + band * wide[:, 2]
-    return np.stack([band.ravel(), jump.ravel(), start.ravel()], axis=1)

@@ -15,12 +15,17 @@ from compiled import kernel
 from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array, Index
 from estimator.rows import Rows
+from estimator.search.descent import LEAST_BAND, WIDEST_BAND
+from estimator.search.processes import spread_points
 from estimator.search.slip_sums import BLOCK, add_slips, ahead_judged, slip_moments, walk
 
-__all__ = ["OneStep", "one_step_costs"]
+__all__ = ["OneStep", "look_around", "one_step_costs"]
 
 _PAST = 3
 """PV's own past in the ranking, samples."""
+
+_NEAR = 28
+"""Valves that are looked at around one."""
 
 LATEST = 32
 """Longest dead time and coefficients of the stem, in samples, that the sums leave room for."""
@@ -226,3 +231,37 @@ class OneStep:
             reversals,
         )
         return found
+
+
+def look_around(
+    ranking: OneStep,
+    ranked: tuple[Array, Array, Index],
+    tops: list[int],
+    reach: float,
+    longest: int,
+    reversals: int = 2,
+) -> tuple[Array, Array, Index]:
+    """Ranked valves, and behind them others around some of them, ``reach`` wide as a share of S.
+
+    ``ranked`` are valves ``(m, 3)``, their costs and dead times ``(m,)``; ``tops`` are the numbers
+    of those that are looked around, with dead times up to a sample beside theirs and to
+    ``longest``.
+    """
+    valves, cost, late = ranked
+    more = _around(valves[tops], spread_points(_NEAR + 1, 3)[1:], reach)
+    soonest = np.clip(late[tops] - 1, 1, max(1, longest - 2)).repeat(_NEAR)
+    more_cost, more_late = ranking.costs(more, soonest, min(3, longest), reversals)
+    return (
+        np.vstack([valves, more]),
+        np.concatenate([cost, more_cost]),
+        np.concatenate([late, more_late]),
+    )
+
+
+def _around(valves: Array, points: Array, reach: float) -> Array:
+    """Valves ``(k m, 3)`` around each of ``(k, 3)``, ``reach`` wide as a share of S."""
+    wide = reach * points
+    band = np.clip(valves[:, :1] * np.exp(2.0 * wide[:, 0]), LEAST_BAND, WIDEST_BAND)
+    jump = np.clip(valves[:, 1:2] + 2.0 * band * wide[:, 1], 0.0, band)
+    start = valves[:, 2:] + band * wide[:, 2]
+    return np.stack([band.ravel(), jump.ravel(), start.ravel()], axis=1)

@@ -15,14 +15,15 @@ from estimator.arrays import Array, Mask
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.processes.poles import coefficients
 from estimator.search.descent import moved_valves, refine_valve
-from estimator.search.one_step import OneStep
+from estimator.search.one_step import OneStep, look_around
 from estimator.valves.laws import LAWS
 
 __all__ = ["sweep_valves"]
 
-_LATTICE = np.linspace(-0.1, 0.1, 21), np.linspace(0.0, 1.0, 65)
-"""Steps in log S, and slip jumps over S, that one-step errors rank: about as fine as cells are, and
-S as far as it trades against one sample of dead time."""
+_LATTICE = np.linspace(-0.16, 0.16, 25), np.linspace(0.0, 1.0, 49)
+"""Steps in log S, and slip jumps over S, that one-step errors rank. S reaches as far as it trades
+against two samples of dead time where OP crosses it in 25: a sample later, both slips of a stroke
+move OP's turn by a sample."""
 _LINES = np.linspace(-0.03, 0.03, 5), np.linspace(0.0, 1.0, 17)
 """The same for simulation: where a stroke is one slip, J trades against the gain along a flat
 valley, in which one-step errors tell little."""
@@ -32,6 +33,9 @@ _CHOSEN = 16
 """Valves of that ranking that are simulated."""
 _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 """Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
+_REACHES = (0.005, 0.002)
+"""How far one-step errors look around the best of that ranking, as shares of S: cells are narrower
+than its meshes, and a valve beside the right cell ranks behind many wrong ones."""
 _REACH = 0.01
 """First reach of a refinement from a valve of the lattice, as a share of S: its own cell."""
 _AGAIN = 3.0
@@ -41,7 +45,7 @@ _AGAIN = 3.0
 def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
     """The hypothesis of the likeliest valve nearby, ``start`` where none is likelier.
 
-    All slip jumps are tried, with stick bands to a tenth around. From a clearly better valve the
+    All slip jumps are tried, with stick bands to a sixth around. From a clearly better valve the
     sweep is repeated.
     """
     best = start
@@ -94,15 +98,21 @@ def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothe
 
 
 def _best_by_one_step(case: Case, start: Hypothesis, lattice: Array) -> Array:
-    """The best unlike valves ``(m, 3)`` of the lattice by one-step errors, the best first."""
+    """The best unlike valves ``(m, 3)`` by one-step errors, of the lattice or near it, best first."""
     columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
     shortest = max(1, start.dead_time - 1)
     shifts = min(3, case.max_dead_time + 1 - shortest)
     if shifts < 1:
         return lattice[:0]
     ranking = OneStep(case.rows, columns)
-    costs, _ = ranking.costs(lattice, shortest, shifts, case.settings.searching.reversals)
-    return lattice[_best_apart(lattice, costs, _CHOSEN)]
+    reversals = case.settings.searching.reversals
+    ranked = (lattice, *ranking.costs(lattice, shortest, shifts, reversals))
+    for reach in _REACHES:
+        tops = _best_apart(ranked[0], ranked[1], _CHOSEN)
+        if not tops:
+            break
+        ranked = look_around(ranking, ranked, tops, reach, case.max_dead_time, reversals)
+    return ranked[0][_best_apart(ranked[0], ranked[1], _CHOSEN)]
 
 
 def _around(valve: Array, bands: Array, jumps: Array) -> Array:
