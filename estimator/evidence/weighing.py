@@ -121,7 +121,7 @@ def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
 
 def _with_any_process(case: Case, sticky: Hypothesis) -> Hypothesis:
     """The valve with the likeliest of all starting processes, swept again where one is likelier."""
-    other = polish(case, sticky.valve, sticky, sticky.nuisances, sticky.taps)
+    other = settle(case, polish(case, sticky.valve, sticky, sticky.nuisances, sticky.taps))
     if other.likelihood < sticky.likelihood + _PAYS:
         return sticky
     return sweep_valves(case, refine_valve(case, other))

@@ -16,6 +16,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.processes.poles import coefficients
 from estimator.search.descent import moved_valves, refine_valve
 from estimator.search.one_step import OneStep, look_around
+from estimator.search.processes import settle
 from estimator.valves.laws import LAWS
 
 __all__ = ["sweep_valves"]
@@ -50,7 +51,8 @@ def sweep_valves(case: Case, start: Hypothesis) -> Hypothesis:
     """
     best = start
     for turn in range(case.settings.searching.swept):
-        found = _swept(case, best, anywhere=turn == 0)
+        # another valve's slips are earlier or later: the process, held until now, makes up for it
+        found = settle(case, _swept(case, best, anywhere=turn == 0))
         gained = found.likelihood - best.likelihood
         best = found
         if gained < _AGAIN:
@@ -98,7 +100,7 @@ def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothe
 
 
 def _best_by_one_step(case: Case, start: Hypothesis, lattice: Array) -> Array:
-    """The best unlike valves ``(m, 3)`` by one-step errors, of the lattice or near it, best first."""
+    """The best unlike valves ``(m, 3)`` by one-step errors, near the lattice too, best first."""
     columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
     shortest = max(1, start.dead_time - 1)
     shifts = min(3, case.max_dead_time + 1 - shortest)
