@@ -213,20 +213,22 @@ class StemTracker:
         self._unsettled = max(0, self._unsettled - 1)
         gain = self._covariance.gain(variance, self.innovations.colour, load_only=unsettled)
         innovation = self._covariance.innovation
-        keep = 1.0 - 1.0 / settings.memory
         carried = variance * settings.noise.equation**2 / innovation
-        surprises = {}
-        for h in self.beliefs:
-            surprise = pv - float(h.state[0])
-            surprises[id(h)] = surprise
+        surprises = [pv - float(h.state[0]) for h in self.beliefs]
+        # Heavy tails: one wild sample must not decide between two positions.
+        evidence = [-0.5 * min(surprise**2 / innovation, 9.0) for surprise in surprises]
+        # A PV that all hypotheses expected alike tells nothing, and lets nothing be forgotten:
+        # otherwise all of them are likely again after a long rest.
+        keep = 1.0 - (1.0 - math.exp(min(evidence) - max(evidence))) / settings.memory
+        for h, surprise, worth in zip(self.beliefs, surprises, evidence, strict=True):
             h.state = h.state + gain[:n] * surprise
             h.errors = h.errors + gain[n:] * surprise
             h.noise = carried * surprise
             self._keep_believable(h)
-            # Heavy tails: one wild sample must not decide between two positions.
-            h.see(-0.5 * min(surprise**2 / innovation, 9.0), keep)
+            h.see(worth, keep)
+        surprise_of = {id(h): surprise for h, surprise in zip(self.beliefs, surprises, strict=True)}
         self.beliefs = likely_ones(self.beliefs, settings)
-        self._watch(surprises[id(self.best)])
+        self._watch(surprise_of[id(self.best)])
 
     @property
     def _floor(self) -> float:

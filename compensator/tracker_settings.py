@@ -39,7 +39,8 @@ class TrackerSettings:
         hopeless: log-odds against a hypothesis from which it is dropped: one in three million.
         alike: log-odds up to which the position that OP is held for stays the same: 1 % is
             no evidence, and a change of mind may set off the stem.
-        memory: samples over which evidence counts.
+        memory: samples over which evidence counts, those not counted that all hypotheses expected
+            alike.
         recalled: log-odds against an earlier position that is believed possible again when
             innovations stay biased: 3 %, below what a move is made larger for, because a load
             explains such innovations more often than a slip that was missed.
