@@ -8,10 +8,13 @@ simulation costs a hundred.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from compiled import kernel
 from estimator.algebra import stepped
-from estimator.arrays import Array, Mask
+from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.processes.poles import coefficients
 from estimator.search.descent import moved_valves, refine_valve
@@ -37,6 +40,8 @@ _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 _REACHES = (0.005, 0.002)
 """How far one-step errors look around the best of that ranking, as shares of S: cells are narrower
 than its meshes, and a valve beside the right cell ranks behind many wrong ones."""
+_LOOKED_AROUND = 8
+"""Valves of that ranking that they look around (tuning family: 4 lose valves, 16 find no more)."""
 _REACH = 0.01
 """First reach of a refinement from a valve of the lattice, as a share of S: its own cell."""
 _AGAIN = 3.0
@@ -110,7 +115,7 @@ def _best_by_one_step(case: Case, start: Hypothesis, lattice: Array) -> Array:
     reversals = case.settings.searching.reversals
     ranked = (lattice, *ranking.costs(lattice, shortest, shifts, reversals))
     for reach in _REACHES:
-        tops = _best_apart(ranked[0], ranked[1], _CHOSEN)
+        tops = _best_apart(ranked[0], ranked[1], _LOOKED_AROUND)
         if not tops:
             break
         ranked = look_around(ranking, ranked, tops, reach, case.max_dead_time, reversals)
@@ -161,19 +166,32 @@ def _simulated(case: Case, start: Hypothesis, table: Array) -> Array:
 
 def _best_apart(table: Array, costs: Array, count: int, but: Array | None = None) -> list[int]:
     """Numbers of the cheapest valves that are unlike each other, and unlike one of them."""
-    places = np.stack([table[:, 1] / table[:, 0], np.log(table[:, 0])], axis=1)
+    others = table[:0] if but is None else but[None]
+    return [int(i) for i in _unlike(table, costs, count, others)]
+
+
+@kernel
+def _unlike(table: Array, costs: Array, count: int, but: Array) -> Index:
+    """Numbers of the cheapest valves ``(m, 3)``, unlike each other and unlike those of ``but``."""
+    jumps, bands = table[:, 1] / table[:, 0], np.log(table[:, 0])
     left = np.where(np.isfinite(costs), stepped(costs), np.inf)
-    if but is not None:
-        left[_near(places, np.array([but[1] / but[0], np.log(but[0])]))] = np.inf
-    found: list[int] = []
-    while len(found) < count and np.isfinite(left[top := int(left.argmin())]):
-        found.append(top)
-        left[_near(places, places[top])] = np.inf
-    return found
+    for i in range(but.shape[0]):
+        _leave_out(left, jumps, bands, but[i, 1] / but[i, 0], math.log(but[i, 0]))
+    found = np.empty(count, dtype=np.int64)
+    some = 0
+    while some < count and left.size > 0:
+        top = left.argmin()
+        if not np.isfinite(left[top]):
+            break
+        found[some] = top
+        some += 1
+        _leave_out(left, jumps, bands, jumps[top], bands[top])
+    return found[:some]
 
 
-def _near(places: Array, place: Array) -> Mask:
-    """Which of the places ``(m, 2)``, J over S and log S, end where this one does."""
-    apart = np.abs(places - place)
-    found: Mask = (apart[:, 0] < _OTHER_JUMP) & (apart[:, 1] < _OTHER_BAND)
-    return found
+@kernel
+def _leave_out(left: Array, jumps: Array, bands: Array, jump: float, band: float) -> None:
+    """Take out the valves, by J over S and log S, that end where one does."""
+    for i in range(left.size):
+        if abs(jumps[i] - jump) < _OTHER_JUMP and abs(bands[i] - band) < _OTHER_BAND:
+            left[i] = np.inf
