@@ -31,20 +31,25 @@ def find_valves(
 ) -> tuple[Hypothesis, ...]:
     """The most likely sticky valves, the likeliest first.
 
-    Empty where no valve moves often enough. Valves are looked at by simulation under several noise
-    models, and those of the first law also by one-step errors: which of them shows the valve
-    depends on what else moves PV. Where a valve is clear or hopeless under the first law, or
-    disturbances are known already, those of the other laws are looked for around it only. Without
-    ``by_simulation`` one-step errors alone show them: enough for a better one than a clear valve.
+    Empty where no valve moves often enough. Valves of the first law are looked at by one-step
+    errors and, where those show no clear one, by simulation under several noise
+    models: which of them shows the valve depends on what else moves PV. Where a valve is clear or
+    hopeless under the first law, or disturbances are known already, those of the other laws are
+    looked for around it only. Without ``by_simulation`` one-step errors alone show them: enough
+    for a better one than a clear valve.
     """
     searching = case.settings.searching
     looks = tuple(Look(nuisances, taps) for taps in LOOKS)
     if not nuisances:
         looks += _looks_at_wave(case)
-    ranking = ranking_of(case, near, looks) if by_simulation else None
     first, *others = searching.laws
-    starts = _simulated(case, ranking, looks, first)
-    found = _refined(case, starts + _one_step(case, near, nuisances))
+    starts = _one_step(case, near, nuisances)
+    clear = max((one.likelihood for one in starts), default=-np.inf) - near.likelihood
+    ranking = None
+    if by_simulation and clear < searching.ahead:
+        ranking = ranking_of(case, near, looks)
+        starts = _simulated(case, ranking, looks, first) + starts
+    found = _refined(case, starts)
     ended = list(found)
     lead = found[0].likelihood - near.likelihood if found else 0.0
     for law in others:
