@@ -83,7 +83,9 @@ class Belief:
         )._charge(friction)
 
     def see(self, evidence: float, keep: float) -> None:
-        """Take in the log-likelihood of a PV; ``keep`` is the share of the older evidence."""
+        """Take in the log-likelihood of a PV, over that of the hypothesis which expected it best;
+        ``keep`` is the share of the older evidence.
+        """
         self.score = self.prior + keep * (self.score - self.prior) + evidence
 
     def _charge(self, friction: FrictionPrior) -> Belief:

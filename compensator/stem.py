@@ -219,13 +219,14 @@ class StemTracker:
         evidence = [-0.5 * min(surprise**2 / innovation, 9.0) for surprise in surprises]
         # A PV that all hypotheses expected alike tells nothing, and lets nothing be forgotten:
         # otherwise all of them are likely again after a long rest.
-        keep = 1.0 - (1.0 - math.exp(min(evidence) - max(evidence))) / settings.memory
+        most = max(evidence)
+        keep = 1.0 - (1.0 - math.exp(min(evidence) - most)) / settings.memory
         for h, surprise, worth in zip(self.beliefs, surprises, evidence, strict=True):
             h.state = h.state + gain[:n] * surprise
             h.errors = h.errors + gain[n:] * surprise
             h.noise = carried * surprise
             self._keep_believable(h)
-            h.see(worth, keep)
+            h.see(worth - most, keep)
         surprise_of = {id(h): surprise for h, surprise in zip(self.beliefs, surprises, strict=True)}
         self.beliefs = likely_ones(self.beliefs, settings)
         self._watch(surprise_of[id(self.best)])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from compensator.prediction import Prediction
+from compensator.stem import StemTracker
 from compensator.tracker_settings import TrackerSettings
 from compensator.tracking import NOISE_KINDS, TrackerBank
 from loop_model import ProcessModel, ValveModel
@@ -33,3 +34,26 @@ def test_the_friction_that_a_record_shows_is_believed(factor: float) -> None:
         bank.observe(pv + noise[k], op)
     believed = bank.chosen.valve.static_friction
     assert believed == pytest.approx(valve.static_friction, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_long_rest_makes_nothing_forgotten(seed: int) -> None:
+    """OP reaches the static friction, so that the stem may have slipped or not; PV tells which."""
+    tracker = StemTracker(Prediction.of(PROCESS, "input"), TOLD, TrackerSettings(NOISE_KINDS[0]))
+    noise = np.random.default_rng(seed).normal(0.0, 0.03, 2400)
+    stem, pv = 0.0, 0.0
+    late = [0.0] * (PROCESS.dead_time - 1)
+    for k in range(noise.size):
+        # to and fro first: then it is known where the stem stands
+        op = 8.0 * (-1.0) ** (k // 100) if k < 400 else 0.0
+        if 440 <= k < 442:
+            op = stem + TOLD.static_friction * 1.02
+        stem = TOLD.step(stem, op)
+        late.append(stem)
+        pv = POLE * pv + PROCESS.b[0] * late.pop(0) + noise[k]
+        tracker.observe(pv, op)
+        if k == 560:
+            sure = tracker.chances[0]
+    assert tracker.best.stem == pytest.approx(stem, abs=0.2)
+    assert sure > 0.9
+    assert tracker.chances[0] > 0.9
