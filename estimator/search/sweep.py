@@ -37,7 +37,7 @@ _CHOSEN = 16
 """Valves of that ranking that are simulated."""
 _OTHER_JUMP, _OTHER_BAND = 0.07, 0.012
 """Slip jumps over S, and stick bands in logs, that differ by less end in one place."""
-_REACHES = (0.005, 0.002)
+_REACHES = (0.005, 0.002, 0.0008)
 """How far one-step errors look around the best of that ranking, as shares of S: cells are narrower
 than its meshes, and a valve beside the right cell ranks behind many wrong ones."""
 _LOOKED_AROUND = 8

@@ -69,7 +69,7 @@ class Watching(Quiet):
 def two_loops(folder: Path, sticky: Any, healthy: Any) -> Path:
     lines = ["loop,op,pv"]
     for name, loop in (("A", sticky), ("B", healthy), ("C", healthy)):
-        pairs = zip(loop.op[:200].tolist(), loop.pv[:200].tolist(), strict=True)
+        pairs = zip(loop.op.tolist(), loop.pv.tolist(), strict=True)
         lines += [f"{name},{o!r},{p!r}" for o, p in pairs]
     (folder / "loops.csv").write_text("\n".join(lines))
     return folder / "loops.csv"
