@@ -96,8 +96,9 @@ class Searching:
             which anything explains.
         variance: least variance of the stem over OP's, alpha of (11b) of the paper.
         laws: laws whose valves are looked for, the first one's most thoroughly.
-        ahead: nats over a healthy valve from which a sticky one is clear: those of other laws, or
-            under disturbances found since, are then looked for with less effort.
+        ahead: nats over a healthy valve from which a sticky one is clear: looks by simulation are
+            then spared, and valves of other laws, or under disturbances found since, are looked for
+            with less effort.
         seeds: valves of the first law, and of each other one, that a first look follows.
         wide, generations: first reach (share of S) and rounds of following one.
         basins: of these, valves that each look hands on; apart: how far they differ in S, as a

@@ -32,11 +32,11 @@ def find_valves(
     """The most likely sticky valves, the likeliest first.
 
     Empty where no valve moves often enough. Valves of the first law are looked at by one-step
-    errors and, where those show no clear one, by simulation under several noise
-    models: which of them shows the valve depends on what else moves PV. Where a valve is clear or
-    hopeless under the first law, or disturbances are known already, those of the other laws are
-    looked for around it only. Without ``by_simulation`` one-step errors alone show them: enough
-    for a better one than a clear valve.
+    errors and, where those show no clear one, by simulation under several noise models: which of
+    them shows the valve depends on what else moves PV. Where a valve is clear or hopeless under
+    the first law, or disturbances are known already, those of the other laws are looked for around
+    it only. Without ``by_simulation`` one-step errors alone show them: enough for a better one than
+    a clear valve.
     """
     searching = case.settings.searching
     looks = tuple(Look(nuisances, taps) for taps in LOOKS)
