@@ -45,11 +45,9 @@ class Outcome:
 def _run_here(path: Path, seeds: Sequence[int]) -> list[dict[str, object]]:
     """Run one scenario in this process, one seed after the other."""
     found: list[dict[str, object]] = []
+    file = load_scenario(path)
     for seed in seeds:
-        file = load_scenario(path)
-        summary = file.scenario.scenario.model_copy(update={"seed": seed})
-        scenario = file.scenario.model_copy(update={"scenario": summary})
-        run = rehearse(type(file)(file.name, file.path, scenario))
+        run = rehearse(file.changed(seed=seed))
         missed = [f"{f.expected}: {f.found}" for f in run.findings if not f.passed]
         found.append({"seed": seed, "passed": run.passed, "words": "; ".join(missed)})
     return found

@@ -214,22 +214,22 @@ class StemTracker:
         gain = self._covariance.gain(variance, self.innovations.colour, load_only=unsettled)
         innovation = self._covariance.innovation
         carried = variance * settings.noise.equation**2 / innovation
-        surprises = [pv - float(h.state[0]) for h in self.beliefs]
+        surprises = {id(h): pv - float(h.state[0]) for h in self.beliefs}
         # Heavy tails: one wild sample must not decide between two positions.
-        evidence = [-0.5 * min(surprise**2 / innovation, 9.0) for surprise in surprises]
+        evidence = {h: -0.5 * min(value**2 / innovation, 9.0) for h, value in surprises.items()}
         # A PV that all hypotheses expected alike tells nothing, and lets nothing be forgotten:
         # otherwise all of them are likely again after a long rest.
-        most = max(evidence)
-        keep = 1.0 - (1.0 - math.exp(min(evidence) - most)) / settings.memory
-        for h, surprise, worth in zip(self.beliefs, surprises, evidence, strict=True):
+        most = max(evidence.values())
+        keep = 1.0 - (1.0 - math.exp(min(evidence.values()) - most)) / settings.memory
+        for h in self.beliefs:
+            surprise = surprises[id(h)]
             h.state = h.state + gain[:n] * surprise
             h.errors = h.errors + gain[n:] * surprise
             h.noise = carried * surprise
             self._keep_believable(h)
-            h.see(worth - most, keep)
-        surprise_of = {id(h): surprise for h, surprise in zip(self.beliefs, surprises, strict=True)}
+            h.see(evidence[id(h)] - most, keep)
         self.beliefs = likely_ones(self.beliefs, settings)
-        self._watch(surprise_of[id(self.best)])
+        self._watch(surprises[id(self.best)])
 
     @property
     def _floor(self) -> float:

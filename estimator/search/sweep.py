@@ -73,7 +73,9 @@ def _swept(case: Case, start: Hypothesis, *, anywhere: bool) -> Hypothesis:
     assert start.valve is not None
     valve = np.array(start.valve.numbers)
     lattice = _around(valve, *_LATTICE)
-    ranked = _best_by_one_step(case, start, lattice)
+    columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
+    ranking = OneStep(case.rows, columns)
+    ranked = _best_by_one_step(case, ranking, start.dead_time, lattice)
     table = np.vstack([ranked, _around(valve, *_LINES)])
     costs = _simulated(case, start, table)
     chosen = _best_apart(table, costs, case.settings.searching.swept, valve)
@@ -83,7 +85,8 @@ def _swept(case: Case, start: Hypothesis, *, anywhere: bool) -> Hypothesis:
         chosen.append(0)
     best = _likeliest(case, start, table[chosen], own)
     if anywhere:
-        away = _best_by_one_step(case, start, _from_anywhere(case, lattice))[:1]
+        others = _from_anywhere(case, lattice)
+        away = _best_by_one_step(case, ranking, start.dead_time, others)[:1]
         ranked = np.vstack([ranked[:1], away])
         best = _likeliest(case, best, away, own)
     if own != first and len(ranked) > 0 and best.likelihood < start.likelihood + _AGAIN:
@@ -104,14 +107,12 @@ def _likeliest(case: Case, start: Hypothesis, table: Array, law: str) -> Hypothe
     return best
 
 
-def _best_by_one_step(case: Case, start: Hypothesis, lattice: Array) -> Array:
+def _best_by_one_step(case: Case, ranking: OneStep, dead_time: int, lattice: Array) -> Array:
     """The best unlike valves ``(m, 3)`` by one-step errors, near the lattice too, best first."""
-    columns = case.columns(start.nuisances, start.stem, start.poles, start.dead_time)
-    shortest = max(1, start.dead_time - 1)
+    shortest = max(1, dead_time - 1)
     shifts = min(3, case.max_dead_time + 1 - shortest)
     if shifts < 1:
         return lattice[:0]
-    ranking = OneStep(case.rows, columns)
     reversals = case.settings.searching.reversals
     ranked = (lattice, *ranking.costs(lattice, shortest, shifts, reversals))
     for reach in _REACHES:

@@ -44,9 +44,9 @@ def find_valves(
         looks += _looks_at_wave(case)
     first, *others = searching.laws
     starts = _one_step(case, near, nuisances)
-    clear = max((one.likelihood for one in starts), default=-np.inf) - near.likelihood
+    lead = max((one.likelihood for one in starts), default=-np.inf) - near.likelihood
     ranking = None
-    if by_simulation and clear < searching.ahead:
+    if by_simulation and lead < searching.ahead:
         ranking = ranking_of(case, near, looks)
         starts = _simulated(case, ranking, looks, first) + starts
     found = _refined(case, starts)

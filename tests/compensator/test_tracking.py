@@ -16,6 +16,21 @@ PROCESS = ProcessModel((-POLE,), (1.3 * (1.0 - POLE),), 3, 0.0, 1.0)
 TOLD = ValveModel(6.0, 2.0)
 
 
+class Plant:
+    """The process behind a valve, at rest at zero."""
+
+    def __init__(self, valve: ValveModel) -> None:
+        self.stem = 0.0
+        self._valve, self._pv, self._late = valve, 0.0, [0.0] * (PROCESS.dead_time - 1)
+
+    def step(self, op: float, noise: float = 0.0) -> float:
+        """PV after an OP; the noise passes through the process."""
+        self.stem = self._valve.step(self.stem, op)
+        self._late.append(self.stem)
+        self._pv = POLE * self._pv + PROCESS.b[0] * self._late.pop(0) + noise
+        return self._pv
+
+
 @pytest.mark.parametrize("factor", [1.0, 1.3, 0.75])
 def test_the_friction_that_a_record_shows_is_believed(factor: float) -> None:
     valve = ValveModel(factor * TOLD.stick_band, factor * TOLD.slip_jump)
@@ -23,15 +38,11 @@ def test_the_friction_that_a_record_shows_is_believed(factor: float) -> None:
         Prediction.of(PROCESS, "input"), TOLD, TrackerSettings(NOISE_KINDS[0]), NOISE_KINDS
     )
     noise = np.random.default_rng(3).normal(0.0, 0.1, 600)
-    stem, pv = 0.0, 0.0
-    late = [0.0] * (PROCESS.dead_time - 1)
+    plant = Plant(valve)
     # A controller's integral sends OP to and fro beyond the stick band.
     for k in range(600):
         op = 6.5 * (abs((k % 120) - 60) / 30.0 - 1.0)
-        stem = valve.step(stem, op)
-        late.append(stem)
-        pv = POLE * pv + PROCESS.b[0] * late.pop(0)
-        bank.observe(pv + noise[k], op)
+        bank.observe(plant.step(op) + noise[k], op)
     believed = bank.chosen.valve.static_friction
     assert believed == pytest.approx(valve.static_friction, rel=0.1)
 
@@ -41,19 +52,15 @@ def test_a_long_rest_makes_nothing_forgotten(seed: int) -> None:
     """OP reaches the static friction, so that the stem may have slipped or not; PV tells which."""
     tracker = StemTracker(Prediction.of(PROCESS, "input"), TOLD, TrackerSettings(NOISE_KINDS[0]))
     noise = np.random.default_rng(seed).normal(0.0, 0.03, 2400)
-    stem, pv = 0.0, 0.0
-    late = [0.0] * (PROCESS.dead_time - 1)
+    plant = Plant(TOLD)
     for k in range(noise.size):
         # to and fro first: then it is known where the stem stands
         op = 8.0 * (-1.0) ** (k // 100) if k < 400 else 0.0
         if 440 <= k < 442:
-            op = stem + TOLD.static_friction * 1.02
-        stem = TOLD.step(stem, op)
-        late.append(stem)
-        pv = POLE * pv + PROCESS.b[0] * late.pop(0) + noise[k]
-        tracker.observe(pv, op)
+            op = plant.stem + TOLD.static_friction * 1.02
+        tracker.observe(plant.step(op, noise[k]), op)
         if k == 560:
             sure = tracker.chances[0]
-    assert tracker.best.stem == pytest.approx(stem, abs=0.2)
+    assert tracker.best.stem == pytest.approx(plant.stem, abs=0.2)
     assert sure > 0.9
     assert tracker.chances[0] > 0.9

@@ -67,21 +67,26 @@ PARTS = {
 """Settings taken apart, so that a difference names its library."""
 
 
-def _judged(windows: Path, folder: Path, settings: dict[str, str]) -> dict[str, Any]:
-    """Verdict, score, S, J and their intervals (shares of OP's span) under some settings."""
+def _said(program: str, settings: dict[str, str], *arguments: str) -> str:
+    """What a program prints in a process of its own, under these settings and no others."""
     unset = ("NUMBA_", "OPENBLAS_", "NPY_")
     env = {name: value for name, value in os.environ.items() if not name.startswith(unset)}
-    env |= {"NUMBA_CACHE_DIR": str(folder)} | settings
     done = subprocess.run(
-        [sys.executable, "-c", JUDGE, str(windows)],
+        [sys.executable, "-c", program, *arguments],
         cwd=ROOT,
-        env=env,
+        env=env | settings,
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    return done.stdout
+
+
+def _judged(windows: Path, folder: Path, settings: dict[str, str]) -> dict[str, Any]:
+    """Verdict, score, S, J and their intervals (shares of OP's span) under some settings."""
+    settings = {"NUMBA_CACHE_DIR": str(folder)} | settings
+    found: dict[str, Any] = json.loads(_said(JUDGE, settings, str(windows)))
     return found
 
 
@@ -141,16 +146,5 @@ for example in EXAMPLES:
 
 def test_a_loop_that_cycles_is_the_same_under_every_blas() -> None:
     """While a valve sticks, a last digit of the controller's gains grows to another slip."""
-    said = set()
-    for core in ("Prescott", "Haswell", *(["SkylakeX"] if lacking("skylakex") is None else [])):
-        env = os.environ | {"OPENBLAS_CORETYPE": core}
-        done = subprocess.run(
-            [sys.executable, "-c", LOOP],
-            cwd=ROOT,
-            env=env,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        said.add(done.stdout)
-    assert len(said) == 1
+    cores = ("Prescott", "Haswell", *(["SkylakeX"] if lacking("skylakex") is None else []))
+    assert len({_said(LOOP, {"OPENBLAS_CORETYPE": core}) for core in cores}) == 1

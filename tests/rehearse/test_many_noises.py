@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from fieldlink.lab.rehearse import load_scenario, rehearse, shipped_scenarios
+from fieldlink.lab.rehearse import find_scenario, load_scenario, rehearse
 
-FILE = load_scenario(next(path for path in shipped_scenarios() if path.stem == "compensated"))
+FILE = load_scenario(find_scenario("compensated"))
 VALVE = FILE.scenario.valve
 
 
 def first_window(seed: int) -> tuple[float, float]:
     """S and J that the daemon finds in the first window under another noise."""
-    summary = FILE.scenario.scenario.model_copy(update={"seed": seed, "duration": 620})
-    scenario = FILE.scenario.model_copy(update={"scenario": summary, "expect": []})
-    window = rehearse(replace(FILE, scenario=scenario)).course.windows[0]
+    window = rehearse(FILE.changed(seed=seed, duration=620)).course.windows[0]
     return window.stick_band.value, window.slip_jump.value
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -23,6 +23,11 @@ class ScenarioFile:
     name: str
     path: Path
     scenario: Scenario
+
+    def changed(self, **summary: object) -> ScenarioFile:
+        """The same with other values of keys of its table ``[scenario]``, which are not checked."""
+        table = self.scenario.scenario.model_copy(update=summary)
+        return replace(self, scenario=self.scenario.model_copy(update={"scenario": table}))
 
 
 def shipped_scenarios() -> tuple[Path, ...]:
