@@ -78,6 +78,21 @@ def test_the_set_point_tells_the_action_where_it_moves(loop) -> None:
     assert controller_action(op, pv, setpoint) > 2.0 * abs(controller_action(op, pv, None))
 
 
+def test_a_set_point_with_lost_samples_tells_the_action_as_well(loop) -> None:
+    # a lost poll takes OP, PV and SP alike; a single one made the set-point count as constant
+    op, pv, _ = loop(None, samples=600, noise=0.05, setpoints=(7.0, 11.0, 5.0, 9.0))
+    setpoint = np.array([(5.0, 9.0)[k >= 300] for k in range(600)])
+    constant = controller_action(op, pv, None)
+    for seed in range(20):
+        lost = np.random.default_rng(seed).random(600) < 0.1
+        lost[299:304] = False  # the step itself is seen
+        kept = [np.where(lost, np.nan, signal) for signal in (op, pv, setpoint)]
+        assert controller_action(*kept) > 2.0 * abs(constant)
+    # where most of it is missing it counts as constant
+    hardly = np.where(np.arange(600) % 10, np.nan, setpoint)
+    assert controller_action(op, pv, hardly) == constant
+
+
 def test_op_that_no_controller_moves_tells_no_sign() -> None:
     rng = np.random.default_rng(0)
     actions = [
