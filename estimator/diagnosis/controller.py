@@ -69,6 +69,13 @@ class Controller:
         """``"reverse"`` where OP rises when PV is too low, else ``"direct"``."""
         return "reverse" if (self.gain or self.integral_rate) > 0.0 else "direct"
 
+    def samples_late(self, dead_time: int) -> int:
+        """Samples after which PV shows OP's answer to it, behind a process of that dead time.
+
+        OP of a sample answers PV of the same sample: it reaches PV a sample later at the least.
+        """
+        return max(1, dead_time + self.delay)
+
     def to_dict(self) -> dict[str, float | str | bool | None]:
         """Plain types, null for no number (an infinite integral time)."""
         return {

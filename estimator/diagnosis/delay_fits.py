@@ -9,31 +9,10 @@ from estimator.algebra import dot
 from estimator.arrays import Array
 from estimator.lanes import respond_one
 
-__all__ = ["fit_delays", "power_of_load"]
+__all__ = ["fit_delays"]
 
 _TINY = 1e-300
 """Keeps logarithms and quotients of nothing finite."""
-
-
-@kernel
-def power_of_load(poles: Array) -> float:
-    """Sum of squares of the first 2,000 samples of a load's answer to one pulse.
-
-    Args:
-        poles: the load's denominator, ``(m + 1,)``, 1 first. An integrator's answer does not end.
-    """
-    order = poles.size - 1
-    past = np.zeros(order)
-    total = 0.0
-    for k in range(2000):
-        now = 1.0 if k == 0 else 0.0
-        for i in range(order):
-            now -= poles[1 + i] * past[i]
-        for i in range(order - 1, 0, -1):
-            past[i] = past[i - 1]
-        past[0] = now
-        total += now * now
-    return total
 
 
 @kernel
@@ -55,54 +34,61 @@ def fit_delays(
         Sum of squares that is left, gain, and power of the whitened answer, each ``(late,)``.
     """
     n = y.size
-    target = _whitened(y - y[0], top, bottom)
-    answer = _whitened(respond_one(u, process[0], 0.0, 0.0, process[1]), top, bottom)
-    levels = np.zeros((1 + drifts, n))
-    levels[0] = _whitened(np.ones(n), top, bottom)
+    signals = np.empty((3 + drifts, n))
+    signals[0] = y - y[0]
+    signals[1] = respond_one(u, process[0], 0.0, 0.0, process[1])
+    signals[2] = 1.0
     if drifts:
-        levels[1] = _whitened(np.arange(n) / n, top, bottom)
+        signals[3] = np.arange(n) / n
+    _whiten(signals, top, bottom)
+    target, answer, levels = signals[0], signals[1], signals[2:]
     for j in range(levels.shape[0]):
         for i in range(j):
             levels[j] -= dot(levels[i, first:], levels[j, first:]) * levels[i]
         levels[j] /= np.sqrt(dot(levels[j, first:], levels[j, first:]) + _TINY)
         target -= dot(levels[j, first:], target[first:]) * levels[j]
-    along, powers = np.zeros(late), np.zeros(late)
-    _add_products(target, answer, first, along)
-    _add_powers(answer, first, powers)
-    shared = np.zeros(late)
+    along = _products(target, answer, first, late)
+    powers = _powers(answer, first, late)
     for j in range(levels.shape[0]):
-        shared[:] = 0.0
-        _add_products(levels[j], answer, first, shared)
-        powers -= shared**2
+        powers -= _products(levels[j], answer, first, late) ** 2
     powers = np.maximum(powers, _TINY)
     whole = dot(target[first:], target[first:])
     return np.maximum(whole - along**2 / powers, _TINY), along / powers, powers
 
 
 @kernel
-def _add_products(one: Array, answer: Array, first: int, sums: Array) -> None:
-    """Add the scalar products with the answer 1, 2... samples later; a dead time a lane."""
+def _products(one: Array, answer: Array, first: int, late: int) -> Array:
+    """Scalar products with the answer 1, 2... samples later; a dead time a lane."""
+    sums = np.zeros(late)
     for k in range(first, one.size):
-        for d in range(sums.size):
-            sums[d] += one[k] * answer[k - 1 - d]
+        # the longest dead time first: neighbours in the lanes are neighbours in time
+        value, past = one[k], answer[k - late : k]
+        for i in range(late):
+            sums[i] += value * past[i]
+    return sums[::-1].copy()
 
 
 @kernel
-def _add_powers(answer: Array, first: int, sums: Array) -> None:
-    """Add the power of the answer 1, 2... samples later."""
-    for k in range(first, answer.size):
-        for d in range(sums.size):
-            sums[d] += answer[k - 1 - d] ** 2
+def _powers(answer: Array, first: int, late: int) -> Array:
+    """Power of the answer 1, 2... samples later: each has one sample more, and one less."""
+    n = answer.size
+    powers = np.empty(late)
+    powers[0] = dot(answer[first - 1 : n - 1], answer[first - 1 : n - 1])
+    for d in range(1, late):
+        powers[d] = powers[d - 1] + answer[first - 1 - d] ** 2 - answer[n - 1 - d] ** 2
+    return powers
 
 
 @kernel
-def _whitened(signal: Array, top: Array, bottom: Array) -> Array:
-    """A signal ``(n,)`` through a filter that begins at rest."""
+def _whiten(signals: Array, top: Array, bottom: Array) -> None:
+    """Signals ``(m, n)`` in place through a filter that begins at rest, one beside the other."""
+    count, n = signals.shape
     order = top.size - 1
-    kept = np.zeros(order + 1)
-    out = np.empty(signal.size)
-    for k in range(signal.size):
-        out[k] = signal[k] + kept[0]
-        for i in range(order):
-            kept[i] = kept[i + 1] + top[i + 1] * signal[k] - bottom[i + 1] * out[k]
-    return out
+    kept = np.zeros((order + 1, count))
+    for k in range(n):
+        for j in range(count):
+            now = signals[j, k]
+            out = now + kept[0, j]
+            signals[j, k] = out
+            for i in range(order):
+                kept[i, j] = kept[i + 1, j] + top[i + 1] * now - bottom[i + 1] * out

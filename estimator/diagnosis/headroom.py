@@ -22,14 +22,16 @@ from scipy.optimize import minimize
 
 from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.delay_fits import fit_delays, power_of_load
+from estimator.diagnosis.delay_fits import fit_delays
+from estimator.diagnosis.delay_loops import sensitivities
 from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.gathered import error_lasts
-from estimator.diagnosis.linear_loop import LinearLoop
+from estimator.diagnosis.innovations import poles_product, whitening_numerator
+from estimator.diagnosis.linear_loop import TURNS, LinearLoop
 from estimator.diagnosis.loop_record import LoopRecord, without_steady_wave
 from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings, Headroom
-from estimator.diagnosis.tuning_rules import simc
+from estimator.diagnosis.tuning_rules import HOLD, simc_lag
 from loop_model import ProcessModel
 
 __all__ = ["headroom_of", "probability_of_headroom"]
@@ -38,9 +40,7 @@ _IMPOSSIBLE = 1e12
 """Cost of numbers that fit nothing: beyond what any record has, and finite for the search."""
 _LEAST_POLE = 1e-6
 """A pole below it is that of no lag at all; smaller ones only overflow in the spectral factor."""
-_FAR = 14.0
-"""Nats below the likeliest process at which one in a million counts, and is left out."""
-_GAIN_POINTS = (-1.28, -0.52, 0.0, 0.52, 1.28)
+_GAIN_POINTS = np.array([-1.28, -0.52, 0.0, 0.52, 1.28])
 """Five equally likely points of a normal distribution: the gain is spread by its deviation."""
 
 
@@ -118,7 +118,7 @@ def probability_of_headroom(
     lag = max(2.0, controller.integral_time_s / period)
     start = np.log([lag, settings.corner, settings.noise])
     moves = np.vstack([np.zeros(3), np.diag(settings.reach)])
-    tried: list[tuple[float, ProcessModel]] = []
+    weights, ratios = [], []
     for structure in _STRUCTURES:
         # an integrator has no lag
         free = int(structure.integrating)
@@ -131,46 +131,54 @@ def probability_of_headroom(
         fitted = _fit(found, structure, y, u, settings)
         if fitted is None:
             continue
-        pole, step = _process_poles(found, structure)
-        for dead, (cost, gain, deviation) in enumerate(
-            zip(fitted.costs, fitted.gains, fitted.deviations, strict=True), start=1
-        ):
-            # a scale that is not known: every octave of dead times is as likely before
-            weight = -cost - math.log(dead)
-            for point in _GAIN_POINTS:
-                k = size * (gain + point * deviation)
-                tried.append((weight, ProcessModel((-pole,), (step * k,), dead, 0.0, period)))
-    return _share_of_slow(tried, controller, settings)
+        gains = size * (fitted.gains[:, None] + _GAIN_POINTS * fitted.deviations[:, None])
+        # a scale that is not known: every octave of dead times is as likely before
+        weights.append(-fitted.costs - np.log(1.0 + np.arange(fitted.costs.size)))
+        ratios.append(
+            _headrooms(gains, _process_poles(found, structure), controller, period, settings)
+        )
+    return _share_of_slow(weights, ratios, settings)
 
 
-def _share_of_slow(
-    tried: list[tuple[float, ProcessModel]], controller: Controller, settings: Headroom
-) -> float:
-    """Share of the probability (logarithms beside the processes) that has the headroom, or NaN."""
-    chances: list[float] = []
-    slow: list[bool] = []
-    first = -math.inf
-    for weight, process in sorted(tried, key=lambda one: -one[0]):
-        if weight < first - _FAR:
-            break
-        ratio = _headroom(process, controller, settings)
-        if math.isnan(ratio):
-            continue
-        first = max(first, weight)
-        chances.append(math.exp(weight - first))
-        slow.append(ratio >= settings.slower)
-    return float(np.average(slow, weights=chances)) if chances else math.nan
-
-
-def _headroom(process: ProcessModel, controller: Controller, settings: Headroom) -> float:
-    """SIMC's integral gain over the running one; NaN where the running loop would swing."""
-    if sum(process.b) * controller.gain <= 0.0:
+def _share_of_slow(weights: list[Array], ratios: list[Array], settings: Headroom) -> float:
+    """Share of the probability (logarithms ``(d,)``) whose headroom ``(d, g)`` is large, or NaN."""
+    if not ratios:
         return math.nan
-    margins = LinearLoop.of(process, controller).margins()
-    if not margins.stable or margins.sensitivity > settings.swings:
+    ratio = np.concatenate(ratios)
+    weight = np.concatenate(weights)[:, None] + np.zeros(ratio.shape)
+    counts = np.isfinite(ratio)
+    if not counts.any():
         return math.nan
-    rules = simc(process, controller)
-    return rules[0].integral_rate / controller.integral_rate if rules else math.nan
+    chances = np.exp(weight[counts] - weight[counts].max())
+    return float(np.average(ratio[counts] >= settings.slower, weights=chances))
+
+
+def _headrooms(
+    gains: Array,
+    lag: tuple[float, float],
+    controller: Controller,
+    period: float,
+    settings: Headroom,
+) -> Array:
+    """SIMC's integral gain over the running one; NaN where the running loop would swing.
+
+    Args:
+        gains: of the process in PV per OP, at dead times of 1, 2, ... samples, ``(d, g)``.
+        lag: pole of the process, and its first step's share of the gain.
+        controller, period, settings: as above.
+    """
+    pole, step = lag
+    late = np.array([controller.samples_late(1 + i) for i in range(gains.shape[0])])
+    running = LinearLoop.of(ProcessModel((-pole,), (step,), 1, 0.0, period), controller)
+    amplified = sensitivities(gains, late, lag, running.r, running.t, TURNS)
+    time = math.inf if pole == 1.0 else -period / math.log(pole)
+    settled = [simc_lag(1.0, time, (one - HOLD) * period) for one in late]
+    rates = np.array([gain / integral_time for gain, integral_time in settled])
+    slopes = gains * (step / period if pole == 1.0 else 1.0 / time)
+    runs = (slopes * controller.gain > 0.0) & (amplified <= settings.swings)
+    ratios = np.full(gains.shape, math.nan)
+    ratios[runs] = (rates[:, None] / slopes / controller.integral_rate)[runs]
+    return ratios
 
 
 def _process_poles(numbers: Array, structure: _Structure) -> tuple[float, float]:
@@ -186,21 +194,14 @@ def _pole(time: float) -> float:
     return max(_LEAST_POLE, math.exp(-math.exp(-time)))
 
 
-def _innovations_filter(numbers: Array, structure: _Structure) -> tuple[Array, Array] | None:
-    """Numerator and denominator that whiten load plus noise; None where there is none."""
+def _innovations_filter(numbers: Array, structure: _Structure) -> tuple[Array, Array]:
+    """Numerator and denominator that whiten load plus noise."""
     corner, noise = (float(v) for v in numbers[-2:])
-    load = np.array([1.0, -_pole(corner)])
-    if structure.order == 2:
-        load = np.convolve(load, load)
-    pole, _ = _process_poles(numbers, structure)
-    poles = load if structure.behind else np.convolve(load, [1.0, -pole])
-    both = math.exp(noise) * np.convolve(poles, poles[::-1])
-    both[poles.size - 1] += 1.0 / power_of_load(poles)
-    roots = np.roots(both)
-    inside = roots[np.abs(roots) < 1.0]
-    if inside.size != poles.size - 1:
-        return None
-    return poles, np.real(np.poly(inside))
+    poles = [_pole(corner)] * structure.order
+    if not structure.behind:
+        poles.append(_process_poles(numbers, structure)[0])
+    both = np.array(poles)
+    return poles_product(both), whitening_numerator(both, math.exp(noise))
 
 
 def _cost(numbers: Array, structure: _Structure, y: Array, u: Array, settings: Headroom) -> float:
@@ -214,10 +215,7 @@ def _fit(
     """The gain at every dead time, level and straight line left free."""
     if np.abs(numbers).max() > settings.farthest:
         return None
-    found = _innovations_filter(numbers, structure)
-    if found is None:
-        return None
-    top, bottom = found
+    top, bottom = _innovations_filter(numbers, structure)
     pole, step = _process_poles(numbers, structure)
     squares, gains, powers = fit_delays(
         y, u, (pole, step), top, bottom, settings.dead_times, settings.first,

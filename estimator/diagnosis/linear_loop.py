@@ -20,14 +20,15 @@ from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from loop_model import ProcessModel
 
-__all__ = ["LinearLoop", "Margins"]
+__all__ = ["TURNS", "LinearLoop", "Margins"]
 
 Complex = NDArray[np.complex128]
 
 _GRID = np.geomspace(2e-4, 0.5, 1500)
 """Frequencies at which margins are read, cycles a sample."""
 
-_TURNS = np.exp(-2j * math.pi * _GRID)
+TURNS = np.exp(-2j * math.pi * _GRID)
+"""``q^-1`` at these frequencies, ``(f,)``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +74,7 @@ class LinearLoop:
         kd = controller.gain * controller.derivative_time_s / h
         pole = math.exp(-h / controller.filter_time_s) if controller.filter_time_s > 0.0 else 0.0
         r = np.array([kp + ki + kd, -kp - 2.0 * kd, kd]) * (1.0 - pole)
-        # OP of a sample answers PV of the same sample: it reaches PV a sample later at the least
-        late = process.dead_time + controller.delay
-        late = max(1, late)
-        b = np.concatenate([np.zeros(late), process.b])
+        b = np.concatenate([np.zeros(controller.samples_late(process.dead_time)), process.b])
         t = np.convolve([1.0, -1.0], [1.0, -pole])
         return cls(np.array([1.0, *process.a]), b, r, t, h)
 
@@ -126,7 +124,7 @@ class LinearLoop:
 
     @cached_property
     def _margins(self) -> Margins:
-        found = self._open_loop(_TURNS)
+        found = self._open_loop(TURNS)
         turned = (np.sign(found.imag[1:]) != np.sign(found.imag[:-1])) & (found.real[1:] < 0.0)
         largest = float(np.max(-found.real[1:][turned])) if turned.any() else 0.0
         size = np.abs(found)

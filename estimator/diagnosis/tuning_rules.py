@@ -22,7 +22,7 @@ from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.linear_loop import LinearLoop
 from loop_model import ProcessModel
 
-__all__ = ["largest_integral_gain", "simc"]
+__all__ = ["HOLD", "largest_integral_gain", "simc", "simc_lag"]
 
 Complex = NDArray[np.complex128]
 
@@ -30,6 +30,8 @@ _GRID = np.geomspace(5e-4, 0.5, 400)
 _TIMES = 40
 _GAINS = np.geomspace(1e-4, 1e4, 120)
 _HALVINGS = 28
+HOLD = 0.5
+"""Dead time of sample and hold, samples."""
 _FILTERED = 0.1
 """Time constant of the filter over the derivative time: the usual tenth."""
 
@@ -96,6 +98,17 @@ def _largest_gain(shape: Complex, robustness: float) -> float | None:
     return low
 
 
+def simc_lag(slope: float, lag: float, dead: float) -> tuple[float, float]:
+    """SIMC's gain and integral time for a lag with a dead time.
+
+    Args:
+        slope: first rise after a step of OP, PV per OP and second: gain over lag.
+        lag: its time constant in seconds, infinite for an integrator.
+        dead: dead time in seconds.
+    """
+    return 1.0 / slope / (2.0 * dead), min(lag, 8.0 * dead)
+
+
 def simc(process: ProcessModel, running: Controller) -> tuple[Controller, ...]:
     """SIMC's PI settings, and its PID settings where a second lag exceeds the dead time.
 
@@ -110,9 +123,9 @@ def simc(process: ProcessModel, running: Controller) -> tuple[Controller, ...]:
     lags = [-h / math.log(p) for p in (real[1:] if integrates else real) if 0.0 < p < 1.0]
     if not integrates and len(lags) < real.size:
         return ()
-    # two coefficients are a dead time between two samples; sample and hold adds half a sample
+    # two coefficients are a dead time between two samples
     between = process.b[1] / sum(process.b) if len(process.b) == 2 else 0.0
-    dead = (max(1, process.dead_time + running.delay) - 0.5 + between) * h
+    dead = (running.samples_late(process.dead_time) - HOLD + between) * h
     if integrates:
         rest = float(np.polyval(np.polydiv(np.array([1.0, *process.a]), [1.0, -1.0])[0], 1.0))
         return _simc_integrating(running, sum(process.b) / rest / h, lags, dead)
@@ -122,7 +135,7 @@ def simc(process: ProcessModel, running: Controller) -> tuple[Controller, ...]:
     gain = process.gain
     late = dead + 0.5 * second + third
     lag = first + 0.5 * second
-    found.append(_controller(running, lag / gain / (2.0 * late), min(lag, 8.0 * late), 0.0))
+    found.append(_controller(running, *simc_lag(gain / lag, lag, late), 0.0))
     if second > dead:
         late = dead + 0.5 * third
         found.append(
@@ -139,7 +152,7 @@ def _simc_integrating(
     """For ``slope e^-Ls / s``, slope in PV per OP and second, with lags."""
     first, second = [*lags, 0.0, 0.0][:2]
     late = dead + first + second
-    found = [_controller(running, 1.0 / slope / (2.0 * late), 8.0 * late, 0.0)]
+    found = [_controller(running, *simc_lag(slope, math.inf, late), 0.0)]
     if first > dead:
         late = dead + 0.5 * second
         found.append(

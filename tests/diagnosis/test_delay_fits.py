@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimator.diagnosis.delay_fits import fit_delays, power_of_load
+from estimator.diagnosis.delay_fits import fit_delays
+from estimator.diagnosis.innovations import power_of_load
 
 
 @pytest.mark.parametrize("drifts", [False, True])

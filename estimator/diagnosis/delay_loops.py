@@ -1,0 +1,87 @@
+"""Compiled: how far loops that differ in dead time and gain alone amplify a disturbance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compiled import kernel
+from estimator.arrays import Array, Index
+
+__all__ = ["is_stable", "sensitivities"]
+
+Complex = NDArray[np.complex128]
+
+
+@kernel
+def sensitivities(
+    gains: Array, dead_times: Index, lag: tuple[float, float], r: Array, t: Array, turns: Complex
+) -> Array:
+    """Largest amplification Ms of each loop; infinite where the loop is not stable.
+
+    Args:
+        gains: of the process, ``(d, g)``.
+        dead_times: of each row, samples of at least 1, rising, ``(d,)``.
+        lag: pole of the process, and its first step's share of the gain.
+        r, t: the controller from error to OP as polynomials in ``q^-1``.
+        turns: ``q^-1`` at the frequencies at which Ms is read, ``(f,)``.
+    """
+    pole, step = lag
+    answer = np.empty(turns.size, dtype=np.complex128)
+    for k in range(turns.size):
+        answer[k] = step * _value(r, turns[k]) / (_value(t, turns[k]) * (1.0 - pole * turns[k]))
+    rest = np.convolve(t, np.array([1.0, -pole]))
+    found = np.empty(gains.shape)
+    reached = 0
+    for d in range(dead_times.size):
+        while reached < dead_times[d]:
+            for k in range(turns.size):
+                answer[k] *= turns[k]
+            reached += 1
+        for g in range(gains.shape[1]):
+            found[d, g] = _largest(answer, gains[d, g])
+            closed = np.zeros(max(rest.size, reached + r.size))
+            closed[: rest.size] += rest
+            closed[reached : reached + r.size] += gains[d, g] * step * r
+            if not is_stable(closed):
+                found[d, g] = math.inf
+    return found
+
+
+@kernel
+def _value(polynomial: Array, q: complex) -> complex:
+    value = 0.0 + 0.0j
+    for k in range(polynomial.size - 1, -1, -1):
+        value = value * q + polynomial[k]
+    return value
+
+
+@kernel
+def _largest(answer: Complex, gain: float) -> float:
+    """Largest ``1 / |1 + gain answer|``."""
+    least = math.inf
+    for k in range(answer.size):
+        real, imaginary = 1.0 + gain * answer[k].real, gain * answer[k].imag
+        least = min(least, real * real + imaginary * imaginary)
+    return 1.0 / math.sqrt(least) if least > 0.0 else math.inf
+
+
+@kernel
+def is_stable(polynomial: Array) -> bool:
+    """Whether all roots of a polynomial in ``q^-1``, ``(m + 1,)``, are inside the unit circle.
+
+    By Schur and Cohn: each step takes a degree off and leaves the answer as it is (Jury 1964,
+    "Theory and application of the z-transform method", chapter 3).
+    """
+    left = polynomial.copy()
+    other = np.empty(left.size)
+    for degree in range(left.size - 1, 0, -1):
+        if not abs(left[degree]) < abs(left[0]):
+            return False
+        share = left[degree] / left[0]
+        other[: degree + 1] = left[: degree + 1]
+        for i in range(degree):
+            left[i] = other[i] - share * other[degree - i]
+    return True
