@@ -17,6 +17,7 @@ __all__ = [
     "combine",
     "dot",
     "filter_rows",
+    "is_stable",
     "normal_equations",
     "order_of",
     "orthonormal",
@@ -102,6 +103,25 @@ def filter_rows(rows: Array, taps: Array, weight: Array) -> Array:
         for k in range(n):
             out[r, k] = out[r, k] * weight[k] if weight[k] != 0.0 else 0.0
     return out
+
+
+@kernel
+def is_stable(taps: Array, largest: float) -> bool:
+    """Whether no reflection coefficient of ``1 - taps_1 q^-1 - ...`` is beyond ``largest``.
+
+    With a largest one below 1 all roots are inside the unit circle, by Schur and Cohn (Jury 1964,
+    "Theory and application of the z-transform method", chapter 3).
+    """
+    now = taps.copy()
+    for m in range(taps.size, 0, -1):
+        last = now[m - 1]
+        if not abs(last) <= largest:
+            return False
+        below = np.empty(m - 1)
+        for i in range(m - 1):
+            below[i] = (now[i] + last * now[m - 2 - i]) / (1.0 - last * last)
+        now = below
+    return True
 
 
 @kernel

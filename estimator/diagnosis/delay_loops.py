@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compiled import kernel
+from estimator.algebra import is_stable
 from estimator.arrays import Array, Index
 
-__all__ = ["is_stable", "sensitivities"]
+__all__ = ["INSIDE", "sensitivities"]
 
 Complex = NDArray[np.complex128]
+
+INSIDE = 1.0 - 2.0**-53
+"""Largest double below 1: a reflection coefficient up to it is that of a stable loop."""
 
 
 @kernel
@@ -45,7 +49,7 @@ def sensitivities(
             closed = np.zeros(max(rest.size, reached + r.size))
             closed[: rest.size] += rest
             closed[reached : reached + r.size] += gains[d, g] * step * r
-            if not is_stable(closed):
+            if not is_stable(-closed[1:] / closed[0], INSIDE):
                 found[d, g] = math.inf
     return found
 
@@ -66,22 +70,3 @@ def _largest(answer: Complex, gain: float) -> float:
         real, imaginary = 1.0 + gain * answer[k].real, gain * answer[k].imag
         least = min(least, real * real + imaginary * imaginary)
     return 1.0 / math.sqrt(least) if least > 0.0 else math.inf
-
-
-@kernel
-def is_stable(polynomial: Array) -> bool:
-    """Whether all roots of a polynomial in ``q^-1``, ``(m + 1,)``, are inside the unit circle.
-
-    By Schur and Cohn: each step takes a degree off and leaves the answer as it is (Jury 1964,
-    "Theory and application of the z-transform method", chapter 3).
-    """
-    left = polynomial.copy()
-    other = np.empty(left.size)
-    for degree in range(left.size - 1, 0, -1):
-        if not abs(left[degree]) < abs(left[0]):
-            return False
-        share = left[degree] / left[0]
-        other[: degree + 1] = left[: degree + 1]
-        for i in range(degree):
-            left[i] = other[i] - share * other[degree - i]
-    return True

@@ -139,9 +139,7 @@ def simc(process: ProcessModel, running: Controller) -> tuple[Controller, ...]:
     if second > dead:
         late = dead + 0.5 * third
         found.append(
-            _in_parallel(
-                running, first / gain / (2.0 * late), min(first, 8.0 * late), second + 0.5 * third
-            )
+            _in_parallel(running, *simc_lag(gain / first, first, late), second + 0.5 * third)
         )
     return tuple(found)
 
@@ -155,9 +153,7 @@ def _simc_integrating(
     found = [_controller(running, *simc_lag(slope, math.inf, late), 0.0)]
     if first > dead:
         late = dead + 0.5 * second
-        found.append(
-            _in_parallel(running, 1.0 / slope / (2.0 * late), 8.0 * late, first + 0.5 * second)
-        )
+        found.append(_in_parallel(running, *simc_lag(slope, math.inf, late), first + 0.5 * second))
     return tuple(found)
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import dot, solve_spd
+from estimator.algebra import dot, is_stable, solve_spd
 from estimator.arrays import Array, Index
 from estimator.rows import Rows
 from estimator.settings import Modelling
@@ -67,26 +67,11 @@ def _products(residual: Array, weight: Array, order: int, first: int) -> Array:
 
 
 @kernel
-def _stable(taps: Array, largest: float) -> bool:
-    """Whether no reflection coefficient of the autoregression is beyond ``largest``."""
-    now = taps.copy()
-    for m in range(taps.size, 0, -1):
-        last = now[m - 1]
-        if not abs(last) <= largest:
-            return False
-        below = np.empty(m - 1)
-        for i in range(m - 1):
-            below[i] = (now[i] + last * now[m - 2 - i]) / (1.0 - last * last)
-        now = below
-    return True
-
-
-@kernel
 def _stabilised(taps: Array, largest: float) -> Array:
     """The taps with their poles drawn towards zero until the noise model is stable."""
     shrunk = taps.copy()
     factor = 1.0
-    while shrunk.size > 0 and not _stable(shrunk, largest):
+    while shrunk.size > 0 and not is_stable(shrunk, largest):
         factor *= 0.99
         power = 1.0
         for i in range(taps.size):
