@@ -57,8 +57,9 @@ class FrictionPrior:
         nearest: deviations from fS (negative: below it) up to which a command never moves the stem.
         farthest: deviations above fS from which a command always does; the bound of every claim.
         kept: share of a claim that is left after each slip, because friction varies.
-        jump_spread_most: largest relative deviation of J, and with it of the gain, that is counted
-            with: what is believed of the gain stays within half of it.
+        jump_spread_most: largest relative deviation of J, and with it of the gain, that one tracker
+            counts with; what is stated beyond it is for trackers of other slip jumps
+            (`TrackerSettings.jumps`).
         uncertainty: deviations that the identification states; the larger ones count.
     """
 
@@ -69,7 +70,7 @@ class FrictionPrior:
     nearest: float = -4.0
     farthest: float = 6.0
     kept: float = 0.95
-    jump_spread_most: float = 0.5
+    jump_spread_most: float = 0.3
     uncertainty: Uncertainty = Uncertainty()
 
     def __post_init__(self) -> None:
@@ -102,10 +103,19 @@ class FrictionPrior:
 
         The stick band is known well, so that it is twice that of fD.
         """
+        return min(self._stated_jump_deviation(valve), self.jump_spread_most)
+
+    def price_of_jump(self, valve: ValveModel, factor: float) -> float:
+        """Return the log-odds of the stated J over ``factor`` times it; infinite where nothing
+        uncertain is stated.
+        """
+        deviation = self._stated_jump_deviation(valve)
+        return 0.5 * ((factor - 1.0) / deviation) ** 2 if deviation > 0.0 else math.inf
+
+    def _stated_jump_deviation(self, valve: ValveModel) -> float:
         if valve.slip_jump <= 0.0:
             return 0.0
-        stated = 2.0 * self.uncertainty.dynamic_friction / valve.slip_jump
-        return min(stated, self.jump_spread_most)
+        return 2.0 * self.uncertainty.dynamic_friction / valve.slip_jump
 
     def error_covariance(self, valve: ValveModel, gain_spread: float) -> NDArray[np.float64]:
         """Return the covariance of the error of fD (OP) and of the relative error of the gain.

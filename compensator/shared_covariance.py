@@ -131,10 +131,15 @@ class SharedCovariance:
         self._values += spread
 
     def doubt_response(self, way: float) -> None:
-        """Widen the state for an answer to a slip by ``way`` that comes a little early or late."""
+        """Widen the state for an answer to a slip by ``way`` that comes a little early or late.
+
+        An answer that is late lacks the pulse which the slip's first scan makes of the state, an
+        early one has that of the next scan already.
+        """
         n = self._prediction.order
-        pulse = self._settings.delay_spread * way * self._prediction.B
-        self._values[:n, :n] += np.outer(pulse, pulse)
+        late = self._settings.delay_spread * way * self._prediction.B
+        early = multiplied(self._prediction.A, late)
+        self._values[:n, :n] += np.outer(late, late) + np.outer(early, early)
 
     def expect_load(self, scans: int, size: float) -> None:
         """Widen for a load step of about ``size`` (OP) that came ``scans`` ago."""
@@ -158,7 +163,7 @@ class SharedCovariance:
         """Return the covariance that the settings give the errors ``(m, w, g)``."""
         prior = np.zeros((ERRORS, ERRORS))
         prior[LOAD, LOAD] = (0.5 * valve.static_friction + 1e-3) ** 2
-        prior[FRICTION:, FRICTION:] = self._settings.friction.error_covariance(
-            valve, self._settings.gain_spread
-        )
+        relative = self._settings.friction.error_covariance(valve, self._settings.gain_spread)
+        # What drives the process is counted in the model's gain.
+        prior[FRICTION:, FRICTION:] = self._settings.gain**2 * relative
         return prior

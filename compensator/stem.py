@@ -243,7 +243,7 @@ class StemTracker:
         if seen.is_learning:  # what was learnt before the noise was known is not worth much
             self._covariance.forget_errors(self.valve)
             for h in self.beliefs:
-                h.errors[FRICTION] = h.errors[GAIN] = 0.0
+                h.errors[FRICTION], h.errors[GAIN] = 0.0, self.settings.gain - 1.0
             seen.restart_trend()
         normal = surprise / math.sqrt(max(innovation, 1e-300))
         since = self._load_steps.push(normal, is_biased=seen.is_biased)
@@ -258,7 +258,9 @@ class StemTracker:
             self._covariance.doubt_load(4.0 * self.held_variance / self.prediction.scale**2)
 
     def _keep_believable(self, h: Belief) -> None:
-        """Limit the errors of fD and of the gain to plausible values."""
-        fd = 0.5 * self.valve.dynamic_friction
+        """Limit the errors of fD and of the gain to plausible values: half of what is expected."""
+        gain = self.settings.gain
+        fd = 0.5 * gain * self.valve.dynamic_friction
+        low, high = 0.5 * gain - 1.0, 1.5 * gain - 1.0
         h.errors[FRICTION] = min(max(float(h.errors[FRICTION]), -fd), fd)
-        h.errors[GAIN] = min(max(float(h.errors[GAIN]), -0.5), 0.5)
+        h.errors[GAIN] = min(max(float(h.errors[GAIN]), low), high)

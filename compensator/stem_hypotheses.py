@@ -26,7 +26,7 @@ def first_beliefs(
             op + offset * fs,
             0.0,
             state.copy(),
-            np.array([drive - op - offset * fs, 0.0, 0.0]),
+            np.array([drive - op - offset * fs, 0.0, settings.gain - 1.0]),
             score=-0.5 * abs(offset),
         )
         for offset in (settings.first if fs > 0.0 else (0.0,))

@@ -24,13 +24,15 @@ class TrackerSettings:
     Attributes:
         noise: ratios of the filter; ``offset_memory`` takes the place of its ``disturbance``.
         friction: prior of the static and of the dynamic friction.
+        gain: process gain to expect, over the model's.
         gain_spread: relative deviation of the process gain.
         offset_memory: settling times over which the load is averaged in quiet times.
         level_memory: samples that take the place of a settling time in what a level remembers. A
             level has none, and its balance shows in PV's slope alone: with measurement noise of a
             twentieth of what a slip makes, a hundred samples tell the balance to a thirtieth of J.
         delay_spread: samples that the answer to a slip may be early or late; it covers what a
-            model of too low an order leaves of the response, which would else pass for load.
+            model of too low an order or another dead time leaves of the response, which would else
+            pass for load or for a wrong gain.
         first: positions assumed at first, from OP, as shares of the static friction: the stem is
             anywhere in OP's band, and steps of 0.4 leave none of them farther than a fifth away.
         negligible: chance of an outcome of a command below which it is not followed by a hypothesis
@@ -52,16 +54,22 @@ class TrackerSettings:
             (`FrictionPrior.spread`), and what is beyond 1.7 the record before tells
             (`RecordCheckSettings.larger`).
         claim: log-odds against another friction than the model's: one in four hundred.
+        jumps: factors of the model's slip jump of which each has a tracker too, with the gain that
+            keeps their product, unless the block's interval of J makes it less likely than
+            ``claim``. A limit cycle at one set-point shows the product alone, and a tracker covers
+            some 30 % to either side of its own (`FrictionPrior.jump_spread_most`).
         bank_memory: samples over which the densities that decide between trackers count: two
             stretches of ``memory``, because noise and friction vary less than positions.
-        lead: log-odds by which another tracker must be ahead to take over: one in fifty, so that
-            two that are alike do not take turns.
+        lead: log-odds by which another tracker must be ahead to take over: one in seven. With one
+            in fifty a wrong slip jump was kept for hundreds of scans (`benchmarks.demo_course`);
+            with one in three two that are alike take turns.
         bank_learning: samples in which a tracker still learns how much noise there is: what it
             expects counts nothing.
     """
 
     noise: NoiseModel
     friction: FrictionPrior = field(default_factory=FrictionPrior)
+    gain: float = 1.0
     gain_spread: float = 0.1
     offset_memory: float = 2.0
     level_memory: int = 100
@@ -77,8 +85,9 @@ class TrackerSettings:
     innovations: InnovationSettings = field(default_factory=InnovationSettings)
     frictions: tuple[float, ...] = (1.0, 1.3, 0.75)
     claim: float = 6.0
+    jumps: tuple[float, ...] = (0.4, 0.65, 1.6)
     bank_memory: float = 120.0
-    lead: float = 4.0
+    lead: float = 2.0
     bank_learning: int = 60
 
     def __post_init__(self) -> None:
@@ -92,6 +101,7 @@ class TrackerSettings:
         )
         require_positive(
             "TrackerSettings",
+            gain=self.gain,
             offset_memory=self.offset_memory,
             memory=self.memory,
             fluctuation_margin=self.fluctuation_margin,
@@ -111,6 +121,10 @@ class TrackerSettings:
             raise CompensatorError(
                 "TrackerSettings: frictions are factors above 0, the first of them 1; got "
                 f"{self.frictions!r}"
+            )
+        if not all(0.0 < factor != 1.0 for factor in self.jumps):
+            raise CompensatorError(
+                f"TrackerSettings: jumps are factors above 0 other than 1; got {self.jumps!r}"
             )
         require_whole(
             "TrackerSettings",

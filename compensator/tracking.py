@@ -1,4 +1,4 @@
-"""Which noise and which friction the loop has: a tracker for each, of which the likeliest counts.
+"""Which noise and which valve the loop has: a tracker for each, of which the likeliest counts.
 
 Noise that passes through the process (equation noise, as in (7)) is carried on in the prediction;
 white noise of the measurement is not. A filter made for the one chases the other or lags behind
@@ -8,11 +8,16 @@ scales its noise itself, and the densities they gave to the PV that came decide 
 The same is asked of the friction. A valve that sticks a quarter more than its block says misses
 moves that are sure to slip, and one tracker explains each miss by load, by gain, by fD: it never
 learns from all of them together. A tracker that has had the larger friction from the start does.
+
+And of the slip jump. A limit cycle at one set-point shows the product of J and the process gain, so
+that a block may state a J of 6 between 1 and 12 where it is 3, with half the gain. What one tracker
+can learn ends at some 30 %; beyond it trackers of other slip jumps, with the gain that keeps the
+product, stand ready as far as the block's interval reaches.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from compensator.prediction import NoiseModel, Prediction
 from compensator.stem import StemTracker
@@ -35,14 +40,37 @@ def noise_kinds(prediction: Prediction) -> tuple[NoiseModel, ...]:
     return NOISE_KINDS[1:] if prediction.process.is_integrating else NOISE_KINDS
 
 
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """A valve that the loop may have, by its difference from the model's.
+
+    Attributes:
+        friction: factor of S and J.
+        jump: factor of J alone; the gain is the larger by it.
+        claim: log-odds against it.
+    """
+
+    friction: float
+    jump: float
+    claim: float
+
+    def of(self, valve: ValveModel) -> ValveModel:
+        """Return the valve, given the model's."""
+        band = self.friction * valve.stick_band
+        return ValveModel(band, min(self.friction * self.jump * valve.slip_jump, band))
+
+
 class TrackerBank:
-    """One tracker a noise model and friction; `chosen` is the one to believe.
+    """One tracker a noise model and valve; `chosen` is the one to believe.
 
     Args:
         prediction: the process with its disturbance at the input.
         valve: the valve model.
         settings: of the trackers; its ``noise`` is replaced.
         noises: the candidates, at least one. Until the data speak the first one counts.
+
+    Attributes:
+        trackers: of the model's own valve and every noise first.
     """
 
     def __init__(
@@ -53,21 +81,25 @@ class TrackerBank:
         noises: tuple[NoiseModel, ...],
     ) -> None:
         self._settings = settings
-        self._frictions = [factor for factor in settings.frictions for _ in noises]
-        self._trackers = [
-            StemTracker(prediction, _scaled(valve, factor), replace(settings, noise=noise))
-            for factor in settings.frictions
+        kinds = _possible_kinds(valve, settings)
+        self._kinds = [kind for kind in kinds for _ in noises]
+        self.trackers = [
+            StemTracker(
+                prediction,
+                kind.of(valve),
+                replace(settings, noise=noise, gain=settings.gain / kind.jump),
+            )
+            for kind in kinds
             for noise in noises
         ]
-        self._scores = [0.0] * len(self._trackers)
-        self._claims = [0.0 if factor == 1.0 else settings.claim for factor in self._frictions]
+        self._scores = [0.0] * len(self.trackers)
         self._chosen = 0
         self._count = 0
 
     @property
     def chosen(self) -> StemTracker:
-        """The tracker whose noise model fits the data best."""
-        return self._trackers[self._chosen]
+        """The tracker that fits the data best."""
+        return self.trackers[self._chosen]
 
     @property
     def noise(self) -> NoiseModel:
@@ -76,29 +108,38 @@ class TrackerBank:
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters."""
-        for tracker, factor in zip(self._trackers, self._frictions, strict=True):
-            tracker.valve = _scaled(valve, factor)
+        for tracker, kind in zip(self.trackers, self._kinds, strict=True):
+            tracker.valve = kind.of(valve)
 
     def observe(self, pv: float, op: float) -> None:
         """Take in one scan; see `StemTracker.observe`."""
         keep = 1.0 - 1.0 / self._settings.bank_memory
-        for i, tracker in enumerate(self._trackers):
+        for i, tracker in enumerate(self.trackers):
             tracker.observe(pv, op)
             self._scores[i] = keep * self._scores[i] + tracker.innovations.evidence
         self._count += 1
         if self._count <= self._settings.bank_learning:
-            self._scores = [0.0] * len(self._trackers)
+            self._scores = [0.0] * len(self.trackers)
         # Where a model of too low an order leaves innovations correlated, each tells less.
         colour = self.chosen.innovations.colour
         worth = (1.0 - colour) / (1.0 + colour)
         scores = [
-            worth * score - claim for score, claim in zip(self._scores, self._claims, strict=True)
+            worth * score - kind.claim
+            for score, kind in zip(self._scores, self._kinds, strict=True)
         ]
         best = max(range(len(scores)), key=scores.__getitem__)
         if scores[best] > scores[self._chosen] + self._settings.lead:
             self._chosen = best
 
 
-def _scaled(valve: ValveModel, factor: float) -> ValveModel:
-    """Return a valve with ``factor`` times the friction."""
-    return ValveModel(factor * valve.stick_band, factor * valve.slip_jump)
+def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]:
+    """Return the valves that have trackers, the model's own first."""
+    kinds = [
+        _Kind(factor, 1.0, 0.0 if factor == 1.0 else settings.claim)
+        for factor in settings.frictions
+    ]
+    for factor in settings.jumps:
+        price = settings.friction.price_of_jump(valve, factor)
+        if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
+            kinds.append(_Kind(1.0, factor, price))
+    return kinds

@@ -1,0 +1,84 @@
+"""Blocks whose window left J open: it trades against the gain, and the block's interval says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compensator import Uncertainty
+from compensator.friction import FrictionPrior
+from compensator.prediction import Prediction
+from compensator.tracker_settings import TrackerSettings
+from compensator.tracking import NOISE_KINDS, TrackerBank
+from fieldlink.lab.study.closed_loop import EXAMPLE_1
+from loop_model import LoopModel, ProcessModel, ValveModel
+from tests.compensator.supervised_loop import Loop
+
+VAGUE = Uncertainty(1.5, 1.5)
+"""Of a block that states J within five of itself, at 90 %."""
+
+
+def with_another_jump(factor: float) -> LoopModel:
+    """Example 1 as a limit cycle at one set-point leaves it: J times the gain is right."""
+    p, valve = EXAMPLE_1.process, EXAMPLE_1.valve
+    b = tuple(value / factor for value in p.b)
+    # the offset is PV's at OP 0, where the stem of a limit cycle is not
+    offset = p.offset + (1.0 + sum(p.a)) * p.gain * 50.0 * (1.0 - 1.0 / factor)
+    return LoopModel(
+        ValveModel(valve.stick_band, factor * valve.slip_jump),
+        ProcessModel(p.a, b, p.dead_time, offset, p.period),
+    )
+
+
+def compensate(seed: int, model: LoopModel) -> Loop:
+    """Run Example 1 under its own controller, then with a block; require what it promises."""
+    loop = Loop(seed)
+    loop.run(400)
+    loop.supervisor.offer(model, VAGUE)
+    loop.run(500)
+    stem = np.abs(np.diff(loop.stem))
+    assert loop.supervisor.compensating
+    assert stem[500:].sum() / 400 <= stem[:400].sum() / 400
+    assert loop.std(500) <= 0.5 * loop.std(100, 400)
+    return loop
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("factor", [0.6, 1.6, 2.2])
+def test_a_wrong_slip_jump_within_its_interval_moves_the_valve_no_more(
+    factor: float, seed: int
+) -> None:
+    compensate(seed, with_another_jump(factor))
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_a_dead_time_a_sample_too_long_is_not_taken_for_a_wrong_gain(seed: int) -> None:
+    """S trades against the dead time: both slips of a stroke come later."""
+    process = replace(EXAMPLE_1.process, dead_time=2)
+    compensate(seed, LoopModel(ValveModel(10.2, 3.4), process))
+
+
+def bank_of(valve: ValveModel, uncertainty: Uncertainty) -> list[tuple[float, float]]:
+    settings = TrackerSettings(NOISE_KINDS[0], friction=FrictionPrior(uncertainty=uncertainty))
+    bank = TrackerBank(Prediction.of(EXAMPLE_1.process, "input"), valve, settings, NOISE_KINDS[:1])
+    return [(t.valve.slip_jump / valve.slip_jump, t.settings.gain) for t in bank.trackers]
+
+
+def test_other_slip_jumps_are_followed_as_far_as_the_interval_reaches() -> None:
+    valve = ValveModel(11.0, 3.0)
+    frictions = len(TrackerSettings(NOISE_KINDS[0]).frictions)
+    assert len(bank_of(valve, Uncertainty())) == frictions
+    assert len(bank_of(valve, Uncertainty(0.1, 0.1))) == frictions
+    # a deviation of 20 % in J: 0.4 is three of them away, and the likelihood of that is e^-4.5
+    wide = bank_of(valve, Uncertainty(0.3, 0.3))[frictions:]
+    assert [factor for factor, _ in wide] == pytest.approx([0.4, 0.65, 1.6])
+    # of 12 %: 0.4 is five away
+    narrow = bank_of(valve, Uncertainty(0.18, 0.18))[frictions:]
+    assert [factor for factor, _ in narrow] == pytest.approx([0.65])
+    # J never exceeds S
+    assert max(f for f, _ in bank_of(ValveModel(4.0, 3.0), Uncertainty(1.0, 1.0))) <= 4.0 / 3.0
+
+
+def test_the_product_of_jump_and_gain_is_that_of_the_model() -> None:
+    for jump, gain in bank_of(ValveModel(11.0, 3.0), VAGUE)[3:]:
+        assert jump * gain == pytest.approx(1.0)
