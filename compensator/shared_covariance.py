@@ -134,12 +134,15 @@ class SharedCovariance:
         """Widen the state for an answer to a slip by ``way`` that comes a little early or late.
 
         An answer that is late lacks the pulse which the slip's first scan makes of the state, an
-        early one has that of the next scan already.
+        early one has that of the next scan already. In a level both leave the same offset for ever,
+        which counts once.
         """
         n = self._prediction.order
         late = self._settings.delay_spread * way * self._prediction.B
-        early = multiplied(self._prediction.A, late)
-        self._values[:n, :n] += np.outer(late, late) + np.outer(early, early)
+        self._values[:n, :n] += np.outer(late, late)
+        if not self._prediction.process.is_integrating:
+            early = multiplied(self._prediction.A, late)
+            self._values[:n, :n] += np.outer(early, early)
 
     def expect_load(self, scans: int, size: float) -> None:
         """Widen for a load step of about ``size`` (OP) that came ``scans`` ago."""
