@@ -12,7 +12,7 @@ from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.settings import Screening
 
-__all__ = ["Window", "harmonise", "screen"]
+__all__ = ["Window", "carry_on", "harmonise", "screen"]
 
 _TINY = 1e-9
 """Span or deviation, as a share of the value, that is rounding."""
@@ -109,6 +109,21 @@ def harmonise(
         period=float(period),
         automatic=float(in_auto.mean()),
     )
+
+
+def carry_on(sp: ArrayLike) -> Array | None:
+    """The set-point ``(n,)`` with its last known value where it is NaN; None where none is known.
+
+    A set-point stands until it is set anew: historians store it where it changes, and polls get
+    lost. Before the first known value that one counts.
+    """
+    values = np.asarray(sp, dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(values))
+    if known.size == 0:
+        return None
+    last = np.searchsorted(known, np.arange(values.size), side="right") - 1
+    carried: Array = values[known[np.maximum(last, 0)]]
+    return carried
 
 
 def screen(window: Window, informed: float, screening: Screening) -> tuple[Reason, ...]:

@@ -11,6 +11,7 @@ from estimator.arrays import Array
 from estimator.diagnosis.coherence import LoopSignals
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
+from estimator.window import carry_on
 
 __all__ = ["Cascade", "find_cascades"]
 
@@ -37,9 +38,9 @@ def find_cascades(
     names = list(signals)
     grid, outputs = _outputs(signals)
     for slave, one in signals.items():
-        if one.sp is None or not np.isfinite(one.sp).any():
+        sp = None if one.sp is None else carry_on(one.sp)
+        if sp is None:
             continue
-        sp = bridge(one.sp)
         # a cascade's set-point moves all the time
         if float(np.mean(np.diff(sp) != 0.0)) < grouping.moving:
             continue

@@ -18,6 +18,7 @@ from scipy import fft
 from estimator.arrays import Array, Mask
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import Grouping
+from estimator.window import carry_on
 
 __all__ = [
     "Agreement",
@@ -127,9 +128,10 @@ def compared_signal(one: LoopSignals) -> Array:
     """What the members of a group are compared by: the control error, PV, or OP."""
     if one.pv is None:
         return np.asarray(one.op, dtype=np.float64)
-    if one.sp is None or not np.isfinite(one.sp).any():
+    target = None if one.sp is None else carry_on(one.sp)
+    if target is None:
         return np.asarray(one.pv, dtype=np.float64)
-    return np.asarray(one.sp - one.pv, dtype=np.float64)
+    return np.asarray(target - one.pv, dtype=np.float64)
 
 
 def spectrum_of(one: LoopSignals) -> LoopSpectrum:

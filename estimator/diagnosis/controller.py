@@ -31,6 +31,7 @@ from estimator.diagnosis.controller_fits import (
 )
 from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import DIAGNOSIS, Reading
+from estimator.window import carry_on
 
 __all__ = ["Controller", "read_controller"]
 
@@ -112,7 +113,8 @@ def read_controller(
     """Read structure and settings of the controller.
 
     Args:
-        op, pv, sp: samples, shape ``(n,)``, NaN where bad; without ``sp`` it is taken as constant.
+        op, pv, sp: samples, shape ``(n,)``, NaN where bad; ``sp`` stands until its next value,
+            and is taken as constant where there is none.
         auto: non-zero where the controller is in automatic, shape ``(n,)``; other rows do not
             count, nor do those in which OP is at its highest or lowest value for a while.
         period: seconds between samples.
@@ -126,12 +128,12 @@ def read_controller(
     2006, section 3.4); instruments against noise: Soderstrom and Stoica (1983).
     """
     u, y = bridge(op), bridge(pv)
-    target = np.zeros(u.size) if sp is None else bridge(sp)
-    e = target - y
+    target = None if sp is None else carry_on(sp)
+    e = -y if target is None else target - y
     span = float(np.ptp(u))
     if u.size < settings.least_rows or span <= 1e-9 * max(1.0, float(np.abs(u).max())):
         return None
-    rows = _usable(op, pv, sp, auto, u)
+    rows = _usable(op, pv, auto, u)
     if int(rows.sum()) < settings.least_rows:
         return None
     best = _best(u, y, e, rows, settings)
@@ -144,14 +146,10 @@ def read_controller(
     return _read_noisy(u, e, rows, period, settings)
 
 
-def _usable(
-    op: ArrayLike, pv: ArrayLike, sp: ArrayLike | None, auto: ArrayLike | None, u: Array
-) -> Mask:
+def _usable(op: ArrayLike, pv: ArrayLike, auto: ArrayLike | None, u: Array) -> Mask:
     """Samples with a good present and past, in automatic, OP not at a limit."""
     good: Mask = np.isfinite(np.asarray(op, dtype=float))
     good &= np.isfinite(np.asarray(pv, dtype=float))
-    if sp is not None:
-        good &= np.isfinite(np.asarray(sp, dtype=float))
     if auto is not None:
         good &= np.asarray(auto, dtype=float) > 0.0
     good &= ~at_limit(u)

@@ -20,6 +20,7 @@ from estimator.diagnosis.oscillation import (
 )
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.outcomes import EstimatorError
+from estimator.window import carry_on
 
 __all__ = [
     "LoopRecord",
@@ -77,7 +78,7 @@ def loop_record(
         return LoopRecord(u, None, None, None, None, good, period)
     y = bridge(pv)
     good &= np.isfinite(np.asarray(pv, dtype=float))
-    target = None if sp is None or not np.isfinite(np.asarray(sp, float)).any() else bridge(sp)
+    target = None if sp is None else carry_on(sp)
     mode = None if auto is None else np.asarray(auto, dtype=float) > 0.0
     error = (target if target is not None else float(np.mean(y))) - y
     return LoopRecord(u, y, target, mode, np.asarray(error), good, period)

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.algebra import dot, solve_spd
 from estimator.arrays import Array, Mask
+from estimator.window import carry_on
 
 __all__ = ["controller_action"]
 
@@ -15,8 +16,6 @@ _LAGS = 4
 """Errors that a move is explained by: three make a PID controller, one more a slow scan."""
 _OWN = 2
 """OP's own last moves: the filter of a derivative."""
-_KNOWN = 0.5
-"""Share of PV's samples from which on the set-point's are enough; below it is taken as constant."""
 _LEAST = 50
 """Moves below which the sign is unknown."""
 
@@ -29,9 +28,8 @@ def controller_action(op: Array, pv: Array, sp: Array | None) -> float:
     it must be with a process of positive gain. 0 where it is unknown. Scans at one of OP's
     limits tell nothing and are left out.
     """
-    error = -pv if sp is None else sp - pv
-    if np.isfinite(error).sum() < _KNOWN * np.isfinite(pv).sum():
-        error = -pv
+    target = None if sp is None else carry_on(sp)
+    error = -pv if target is None else target - pv
     moves = np.diff(op, prepend=np.nan)
     first = max(_LAGS - 1, _OWN + 1)
     columns = [error[first - i : op.size - i] for i in range(_LAGS)]

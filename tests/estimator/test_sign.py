@@ -12,6 +12,7 @@ from estimator import Verdict, identify
 from estimator.evidence.sign import controller_action
 from estimator.evidence.weighing import weigh
 from estimator.hypotheses.hypothesis import Case
+from estimator.window import carry_on
 from loop_model import ValveModel
 
 CaseOf = Callable[..., Case]
@@ -88,9 +89,21 @@ def test_a_set_point_with_lost_samples_tells_the_action_as_well(loop) -> None:
         lost[299:304] = False  # the step itself is seen
         kept = [np.where(lost, np.nan, signal) for signal in (op, pv, setpoint)]
         assert controller_action(*kept) > 2.0 * abs(constant)
-    # where most of it is missing it counts as constant
-    hardly = np.where(np.arange(600) % 10, np.nan, setpoint)
-    assert controller_action(op, pv, hardly) == constant
+    nowhere = np.full(600, np.nan)
+    assert controller_action(op, pv, nowhere) == constant
+
+
+def test_a_set_point_stored_where_it_changes_is_the_set_point(loop) -> None:
+    op, pv, _ = loop(None, samples=600, noise=0.05, setpoints=(7.0, 11.0, 5.0, 9.0))
+    setpoint = np.array([(5.0, 9.0)[k >= 300] for k in range(600)])
+    changes = np.full(600, np.nan)
+    changes[[0, 300]] = 5.0, 9.0
+    assert controller_action(op, pv, changes) == controller_action(op, pv, setpoint)
+    assert np.array_equal(carry_on(changes), setpoint)
+    # the first value that is known also counts before it
+    changes[0], changes[120] = np.nan, 5.0
+    assert np.array_equal(carry_on(changes), setpoint)
+    assert carry_on(np.full(600, np.nan)) is None
 
 
 def test_op_that_no_controller_moves_tells_no_sign() -> None:
