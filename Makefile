@@ -59,6 +59,7 @@ bench: dev
 	$(BIN)/python -m benchmarks.diagnosis --out docs/benchmarks
 	$(BIN)/python -m benchmarks.compensation --out docs/benchmarks --images docs/images
 	$(BIN)/python -m benchmarks.compensation_apart --out docs/benchmarks
+	$(BIN)/python -m benchmarks.demo_course --first 1001 --out docs/benchmarks
 	$(BIN)/python -m benchmarks.fmu --out docs/benchmarks
 	$(BIN)/python -m benchmarks.fmu_zoo --out docs/benchmarks
 	$(BIN)/python -m benchmarks.link --out docs/benchmarks

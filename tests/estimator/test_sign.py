@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
 from estimator import Verdict, identify
+from estimator.arrays import Array
 from estimator.evidence.sign import controller_action
 from estimator.evidence.weighing import weigh
 from estimator.hypotheses.hypothesis import Case
@@ -114,3 +115,37 @@ def test_op_that_no_controller_moves_tells_no_sign() -> None:
     ]
     assert np.abs(actions).max() < 4.0
     assert np.std(actions) == pytest.approx(1.0, abs=0.3)
+
+
+def _smith_loop(
+    valve: ValveModel | None, seed: int, dead_time: int = 10
+) -> tuple[Array, Array, Array]:
+    """OP, PV and SP, ``(700,)``, of a lag behind a dead time under Smith's predictor (a PI on the
+    error that its model says will be left when all of OP's moves have arrived).
+    """
+    rng = np.random.default_rng(seed)
+    pole, settling, n = 0.93, 300, 1_000
+    op, pv, sp = np.zeros(n), np.zeros(n), np.full(n, 7.0)
+    stem = y = soon = before = 0.0
+    ahead = np.zeros(n)
+    moved = [0.0] * dead_time
+    for k in range(1, n):
+        moved.append(stem)
+        y = pole * y + (1.0 - pole) * moved[-dead_time - 1]
+        pv[k] = y + 0.05 * rng.normal()
+        # the model's PV without dead time, and with it
+        ahead[k] = pole * ahead[k - 1] + (1.0 - pole) * op[k - 1]
+        soon = ahead[k] - ahead[max(0, k - dead_time)]
+        error = sp[k] - pv[k] - soon
+        op[k] = op[k - 1] + 1.5 * (error - before + (1.0 - pole) * error)
+        before = error
+        stem = op[k] if valve is None else valve.step(stem, op[k])
+    return op[settling:], pv[settling:], sp[settling:]
+
+
+@pytest.mark.parametrize("valve", [None, ValveModel(5.0, 2.0)], ids=["healthy", "sticky"])
+def test_a_predictive_controller_behind_a_long_dead_time_tells_the_sign(valve) -> None:
+    for seed in range(20):
+        op, pv, sp = _smith_loop(valve, seed)
+        assert controller_action(op, pv, sp) > 20.0
+        assert controller_action(op, -pv, -sp) < -20.0
