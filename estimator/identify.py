@@ -21,6 +21,7 @@ from estimator.evidence.sign import controller_action
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
 from estimator.evidence.weighing import Weighing, weigh
+from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.published.as_answer import METHODS, published_estimate
@@ -156,6 +157,7 @@ def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidenc
         steady=steady_evidence(case, healthy, sticky),
         effect=effect_of(case, best),
         process=max(case.evidence_of_process(one) for one in (healthy, sticky)),
+        gain_deviations=gain_deviations(case, healthy),
         disturbances=healthy.disturbances,
         moves=moves,
         reversals=reversals,

@@ -101,7 +101,7 @@ def unassessed(
         process=Process("none", MappingProxyType({}), 0, unknown),
         fit=Fit(nan, nan),
         criterion="oe" if criterion == "auto" else criterion,
-        evidence=Evidence(nan, nan, nan, nan, 0, 0, 0, 0, nan, nan, 0, "none"),
+        evidence=Evidence(nan, nan, nan, nan, nan, 0, 0, 0, 0, nan, nan, 0, "none"),
         samples=window.size,
         period_s=window.period,
         seconds=0.0,

@@ -112,6 +112,7 @@ class Evidence:
             of the load makes the evidence.
         effect: share of PV's variance that the difference between stem and OP makes.
         process: log-likelihood ratio of the better hypothesis over a PV that does not follow OP.
+        gain_deviations: the healthy valve's process gain over its standard deviation.
         disturbances: oscillations from outside that the healthy valve needs.
         moves: samples in which the identified stem moves; reversals: changes of direction;
             strokes: runs of moves in one direction.
@@ -125,6 +126,7 @@ class Evidence:
     steady: float
     effect: float
     process: float
+    gain_deviations: float
     disturbances: int
     moves: int
     reversals: int
@@ -141,6 +143,7 @@ class Evidence:
             "steady": _number(self.steady),
             "effect": _number(self.effect),
             "process": _number(self.process),
+            "gain_deviations": _number(self.gain_deviations),
             "disturbances": self.disturbances,
             "moves": self.moves,
             "reversals": self.reversals,

@@ -156,7 +156,8 @@ class Judging:
             family: false alarms rest on one part).
         uncertain: half-width of the zone around the threshold in which the answer is uncertain.
         process: log-likelihood ratio of a process over none, below which PV does not follow OP:
-            4.5 is a gain three deviations from zero.
+            4.5 is a gain three deviations from zero. The likeliest of many processes gains more by
+            luck: below ``threshold``, the healthy valve's gain must be as far from zero itself.
     """
 
     price: float = 2.0

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.algebra import dot
 from estimator.arrays import Array
 from estimator.criteria.conversion import describe_process, process_model
 from estimator.estimate import Estimate
+from estimator.hypotheses.gain import gain_variance, straightened
 from estimator.hypotheses.hypothesis import Case, Hypothesis
-from estimator.hypotheses.linear_fit import LinearFit, delay, fit_linear
+from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.hypotheses.noise import WHITE
-from estimator.hypotheses.nuisances import Characteristic
-from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
+from estimator.intervals.posterior import Posterior, sample_posterior
 from estimator.processes.poles import INTEGRATOR
 from estimator.result import Interval
 from estimator.window import Window
@@ -62,7 +62,7 @@ def likelihood_estimate(
         value = of_band * valve.band + of_jump * valve.jump
         return posterior.interval(of_band, of_jump, confidence).within(0.0).around(value)
 
-    straight = _straightened(case, best)
+    straight = straightened(case, best)
     columns = case.columns(straight.nuisances, best.stem, best.poles, best.dead_time)
     fit = fit_linear(case.rows, best.poles.response(best.stem), best.dead_time, columns, best.taps)
     steep = window.pv_scale / window.op_span
@@ -84,32 +84,10 @@ def likelihood_estimate(
     )
 
 
-def _straightened(case: Case, best: Hypothesis) -> Hypothesis:
-    """The hypothesis with the straight characteristic that comes nearest to its curved one.
-
-    A controller's model has one gain; the columns of the curve hold part of it, and of the offset.
-    """
-    straight = tuple(one for one in best.nuisances if not isinstance(one, Characteristic))
-    if straight == best.nuisances:
-        return best
-    return case.fit(
-        best.valve,
-        best.poles,
-        best.dead_time,
-        straight,
-        best.taps,
-        refit_noise=False,
-        stem=best.stem,
-    )
-
-
 def _gain_interval(
     case: Case, best: Hypothesis, posterior: Posterior, confidence: float
 ) -> Interval:
-    """The scaled gain: its spread over likely valves, and the noise's for each valve.
-
-    The variance for one valve is that of least squares with the poles free to first order.
-    """
+    """The scaled gain: its spread over likely valves, and the noise's for each valve."""
     assert best.valve is not None
     # samples drawn evenly from the posterior: each stands for as much probability as the others
     count = case.settings.spreading.gains
@@ -124,18 +102,8 @@ def _gain_interval(
         )
         gains.append(found.gain)
     between = float(np.square(np.array(gains) - best.gain).mean())
-    response = delay(best.poles.response(best.stem), best.dead_time)
-    others = np.vstack(
-        [
-            case.columns(best.nuisances, best.stem, best.poles, best.dead_time),
-            pole_derivatives(best),
-        ]
-    )
-    basis = orthonormal(filter_rows(others, best.taps, case.rows.weight))
-    left = project_out(filter_rows(response[None], best.taps, case.rows.weight)[0], basis)
-    energy = float(dot(left, left))
-    if not energy > 0.0:
+    noise = gain_variance(case, best)
+    if not math.isfinite(noise):
         return Interval(best.gain, -math.inf, math.inf)
-    noise = best.squares / case.rows.count / energy
     reach = float(ndtri(0.5 + 0.5 * confidence)) * math.sqrt(between + noise)
     return Interval(best.gain, best.gain - reach, best.gain + reach)

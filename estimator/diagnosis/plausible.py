@@ -22,9 +22,9 @@ from estimator.arrays import Array
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.long_noise import with_long_noise
+from estimator.hypotheses.gain import NUDGE, pole_derivatives
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import LinearFit, delay, fit_linear
-from estimator.intervals.posterior import NUDGE, pole_derivatives
 from estimator.processes.poles import STARTS, Poles, Shape, coefficients
 from estimator.search.processes import (
     POLE_LANES,

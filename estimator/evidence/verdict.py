@@ -69,6 +69,15 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             f"PV does not follow OP in this window (log-likelihood ratio of any process "
             f"{evidence.process:.1f}, {judging.process:g} is three deviations)",
         )
+    gain = 0.5 * evidence.gain_deviations**2
+    if evidence.process < judging.threshold and gain < judging.process and not sticks:
+        return answer(
+            Verdict.NOT_ASSESSABLE,
+            ReasonCode.NO_MODEL_EXPLAINS_PV,
+            f"PV hardly follows OP in this window: its gain is "
+            f"{evidence.gain_deviations:.1f} deviations from zero, three are needed, and no "
+            f"process is likelier than none by {judging.threshold:g}",
+        )
     if sticks and evidence.strokes < screening.min_strokes:
         return answer(
             Verdict.NOT_ASSESSABLE,

@@ -9,7 +9,7 @@ columns are solved for every sample, dead time is at its best, and poles may mov
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,17 +17,15 @@ from scipy.special import ndtri
 from compiled import kernel
 from estimator.algebra import cholesky
 from estimator.arrays import Array
+from estimator.hypotheses.gain import pole_derivatives
 from estimator.hypotheses.hypothesis import Case, Hypothesis
-from estimator.hypotheses.linear_fit import delay
-from estimator.processes.poles import Poles, Shape, coefficients
+from estimator.processes.poles import coefficients
 from estimator.result import Interval
 from estimator.search.descent import moved_valves, turned_points
 from estimator.valves.laws import LAWS
 
-__all__ = ["NUDGE", "Peak", "Posterior", "pole_derivatives", "sample_posterior"]
+__all__ = ["Peak", "Posterior", "sample_posterior"]
 
-NUDGE = 0.02
-"""Step of log time constants for the derivative of a response."""
 _IMPOSSIBLE = 1e6
 """Nats by which a stem that does not work like a valve is behind."""
 _ALIKE = 0.05
@@ -139,21 +137,6 @@ def _usual_step(op: Array) -> float:
     steps = np.abs(np.diff(op))
     moving = steps[steps > 0.0]
     return float(np.median(moving)) if moving.size else 0.0
-
-
-def pole_derivatives(of: Hypothesis) -> Array:
-    """Change of the response with each time constant, ``(k, n)``."""
-    own = of.poles.response(of.stem)
-    found = []
-    for name in ("slow", "fast", "third"):
-        value = getattr(of.poles, name)
-        if value <= 0.0 or (of.poles.integrating and name == "slow"):
-            continue
-        if of.poles.shape is Shape.SWINGING and name == "fast":
-            value = min(value, 0.95)
-        nudged: Poles = replace(of.poles, **{name: value * (1.0 + NUDGE)})
-        found.append(delay(nudged.response(of.stem) - own, of.dead_time))
-    return np.stack(found) if found else np.empty((0, own.size))
 
 
 def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:

@@ -7,8 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from estimator import identify
+from estimator import Verdict, identify
 from estimator.estimate import Estimate
 from estimator.identifiability import identifiability
 from estimator.intervals.posterior import Peak
@@ -75,3 +76,15 @@ def test_runners_up_are_in_order_and_behind(sticky_window) -> None:
     assert behind == sorted(behind)
     assert behind[0] > 0.0
     assert "healthy valve" in {one.explanation for one in found}
+
+
+def test_pv_that_has_nothing_to_do_with_op_is_seldom_followed() -> None:
+    # the likeliest of a thousand processes fits a little of any PV that wanders
+    verdicts = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        op = lfilter([1.0], [1.0, -0.97], rng.normal(size=600))
+        pv = lfilter([1.0], [1.0, -0.8], rng.normal(size=600))
+        verdicts.append(identify(op, pv).verdict)
+    assert verdicts.count(Verdict.NOT_ASSESSABLE) >= 15
+    assert Verdict.STICTION not in verdicts

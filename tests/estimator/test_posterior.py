@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from estimator import identify
+from estimator.hypotheses.gain import pole_derivatives
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import fit_linear
-from estimator.intervals.posterior import Posterior, pole_derivatives, sample_posterior
+from estimator.intervals.posterior import Posterior, sample_posterior
 from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import spread_points
 from loop_model import ValveModel
