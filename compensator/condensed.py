@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 
 from compensator.prediction import Prediction
+from compensator.riccati import solve_riccati
 
 __all__ = ["CondensedCost"]
 
@@ -60,10 +60,7 @@ class CondensedCost:
         stage = np.zeros((n, n))
         stage[0, 0] = pv_weight
         scaled = op_weight * p.scale**2
-        # The floor keeps the delayed states of the pencil well posed; no digit that counts moves.
-        terminal = solve_discrete_are(
-            p.A, p.B[:, None], stage + 1e-12 * np.eye(n), np.array([[scaled]])
-        )
+        terminal = solve_riccati(p.A, p.B, stage, scaled)
         free = np.empty((samples, n))
         forced = np.zeros((samples, samples))
         state_map = np.eye(n)

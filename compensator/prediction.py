@@ -20,10 +20,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 
 from compensator.action import CompensatorError, RefusalKind, require_not_negative
 from compensator.kernels import multiplied
+from compensator.riccati import solve_riccati
 from loop_model import ProcessModel
 
 __all__ = [
@@ -195,31 +195,29 @@ class Prediction:
         A = np.zeros((n + 1, n + 1))
         A[:n, :n] = self.A
         A[n, n] = 1.0
-        C = np.zeros((1, n + 1))
-        C[0, 0] = 1.0
+        c = np.zeros(n + 1)
+        c[0] = 1.0
         scale = 1.0
         if self.input_disturbance:
             A[:n, n] = self.B
             scale = 1.0 / abs(float(self.B.sum()))
         else:
-            C[0, n] = 1.0
-        enters = np.concatenate([self.equation_gain, [0.0]])[:, None]
-        q = noise.equation**2 * enters @ enters.T
-        # A floor far below every noise keeps the delayed states of the pencil well posed.
-        q += 1e-12 * np.eye(n + 1)
+            c[n] = 1.0
+        enters = np.concatenate([self.equation_gain, [0.0]])
+        q = noise.equation**2 * np.outer(enters, enters)
         q[n, n] += (noise.disturbance * scale) ** 2
-        r = np.array([[noise.equation**2 + noise.measurement**2 + 1e-9]])
+        r = noise.equation**2 + noise.measurement**2 + 1e-9
         cross = noise.equation**2 * enters
         try:
-            covariance = solve_discrete_are(A.T, C.T, q, r, s=cross)
-        except (np.linalg.LinAlgError, ValueError) as error:
+            covariance = solve_riccati(A.T, c, q, r, cross)
+        except CompensatorError as error:
             raise CompensatorError(
                 f"no Kalman filter exists for this process and noise model ({error}); the "
                 f"disturbance cannot be observed in PV; identify the process again"
             ) from error
-        innovation = float((C @ covariance @ C.T + r).item())
-        gain = as_designed((A @ covariance @ C.T + cross) @ np.array([[1.0 / innovation]]))
-        return gain[:n, 0], np.array([gain[n, 0]]), innovation
+        innovation = float(c @ covariance @ c) + r
+        gain = as_designed((A @ covariance @ c + cross) / innovation)
+        return gain[:n], gain[n:], innovation
 
 
 def as_designed(gains: Array) -> Array:
