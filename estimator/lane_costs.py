@@ -12,9 +12,17 @@ import numpy as np
 
 from compiled import kernel
 from estimator.arrays import Array, Index
-from estimator.lanes import respond, whiten_lanes
+from estimator.lanes import respond, respond_through, whiten_lanes
 
-__all__ = ["NOTHING", "Judged", "costs_of_stems", "energies_of_stems"]
+__all__ = [
+    "NOTHING",
+    "Judged",
+    "JudgedRows",
+    "costs_of_processes",
+    "costs_of_stems",
+    "energies_of_stems",
+    "judged_rows",
+]
 
 _AT_ONCE = 8
 """Rows that one pass adds to a sum, one after the other: the same bits as one a pass, and an eighth
@@ -28,13 +36,19 @@ _TILE = 64
 _ALIKE = 1e-9
 """Share of its own size below which a determinant is zero: two responses that are one."""
 
-Judged = tuple[Array, Array, Array, float, int, float]
-"""What candidates are judged by: taps ``(p,)`` of the noise model, weight ``(n,)``, signals
-``(n, m)``, the sum of squares of the first of them, first judged row, sign of the gain."""
+_SIDE_BY_SIDE = 32
+"""Candidates that go through all rows together. The signals of more would be asked of the operating
+system anew at every call, page by page, which costs more than the sums."""
+
+JudgedRows = tuple[Index, Index, Index]
+"""Judged rows, and the first and last of each run; see `judged_rows`."""
+Judged = tuple[Array, JudgedRows, int, Array, float, float]
+"""What candidates are judged by: taps ``(p,)`` of the noise model, judged rows, the stride between
+them, signals ``(n, m)``, the sum of squares of the first of them, sign of the gain."""
 
 
 @kernel
-def _judged(weight: Array, first: int, stride: int) -> tuple[Index, Index, Index]:
+def judged_rows(weight: Array, first: int, stride: int) -> JudgedRows:
     """Every ``stride``-th row from ``first`` on, those that are judged; first and last of each run.
 
     A run is rows of which each is ``stride`` after the one before.
@@ -124,7 +138,7 @@ def _shift_earlier(
     run: Array,
     late: int,
     earlier: int,
-    judged: tuple[Index, Index, Index],
+    judged: JudgedRows,
     stride: int,
     out: Array,
 ) -> None:
@@ -153,7 +167,7 @@ def _with_earlier(
     lanes: int,
     late: int,
     earlier: int,
-    judged: tuple[Index, Index, Index],
+    judged: JudgedRows,
     stride: int,
     out: Array,
 ) -> None:
@@ -180,7 +194,7 @@ def energies_of_stems(
     """
     n, lanes = stems.shape
     taps, orders = noises
-    judged = _judged(weight, first, 1)
+    judged = judged_rows(weight, first, 1)
     rows, few = judged[0], judged[1].size <= _FEW_RUNS
     longest = delays[-1]
     # behind two rows of rest
@@ -273,39 +287,28 @@ def _whiten_rows(signals: Array, taps: Array, begin: int, end: int, out: Array) 
 
 
 @kernel
-def _paired_costs(
-    responses: Array,
-    weight: Array,
-    signals: Array,
-    rest: float,
-    first: int,
-    shortest: int,
-    count: int,
-    stride: int,
-    sign: float,
-) -> Array:
+def _paired_costs(responses: Array, judged: Judged, shortest: int, count: int) -> Array:
     """Least sum of squares ``(count, L)`` on the responses of two dead times in a row.
 
     Args:
-        responses: whitened, ``(n, L)``, at no dead time.
-        weight: 1 for a judged row, ``(n,)``.
-        signals: PV as the columns leave it, then an orthonormal basis of them, ``(n, m)``.
-        rest: sum of squares of the first signal.
-        first: first judged row; the longest dead time reaches no further back.
+        responses: at no dead time, ``(n, L)``.
+        judged: what they are judged by. The signals are PV as the columns leave it, then an
+            orthonormal basis of the columns. The longest dead time reaches no further back than
+            the first judged row. With a stride every so many rows count, and the sums are scaled
+            up: a ranking, not a cost. The two gains have the one sign, 0 where it is not known:
+            together they are a dead time between two samples.
         shortest, count: dead times, in samples.
-        stride: every so many rows count, and the sums are scaled up: a ranking, not a cost.
-        sign: of the gain, 0 where it is not known. The two gains have one sign: together they are
-            a dead time between two samples.
     """
+    taps, rows, stride, signals, rest, sign = judged
+    white = whiten_lanes(responses, taps) if taps.size > 0 else responses
     lanes, columns = responses.shape[1], signals.shape[1]
-    run = responses.reshape(responses.size)
-    judged = _judged(weight, first, stride)
+    run = white.reshape(white.size)
     late = shortest + count
     own, cross = np.empty((count + 1, lanes)), np.empty((count, lanes))
-    _with_earlier(run, lanes, late, 0, judged, stride, own)
-    _with_earlier(run, lanes, late - 1, 1, judged, stride, cross)
+    _with_earlier(run, lanes, late, 0, rows, stride, own)
+    _with_earlier(run, lanes, late - 1, 1, rows, stride, cross)
     share = np.empty((columns, (count + 1) * lanes))
-    _with_signals(run, lanes, late, judged[0], signals, share)
+    _with_signals(run, lanes, late, rows[0], signals, share)
     out = np.empty((count, lanes))
     left = np.empty((count + 1, lanes))
     for d in range(count + 1):
@@ -340,10 +343,25 @@ def _paired_costs(
 
 @kernel
 def costs_of_stems(
-    stems: Array, processes: Array, judged: Judged, shortest: int, count: int, stride: int
+    stems: Array, processes: Array, judged: Judged, shortest: int, count: int
 ) -> Array:
     """Costs ``(count, L)`` of stems ``(n, L)``, each through a process of its own, ``(4, L)``."""
-    taps, weight, signals, rest, first, sign = judged
-    responses = respond(stems, processes[0], processes[1], processes[2], processes[3])
-    white = whiten_lanes(responses, taps) if taps.size > 0 else responses
-    return _paired_costs(white, weight, signals, rest, first, shortest, count, stride, sign)
+    lanes = stems.shape[1]
+    if lanes <= _SIDE_BY_SIDE:
+        responses = respond(stems, processes[0], processes[1], processes[2], processes[3])
+        return _paired_costs(responses, judged, shortest, count)
+    out = np.empty((count, lanes))
+    for begin in range(0, lanes, _SIDE_BY_SIDE):
+        end = min(begin + _SIDE_BY_SIDE, lanes)
+        some = processes[:, begin:end].copy()
+        responses = respond(stems[:, begin:end].copy(), some[0], some[1], some[2], some[3])
+        out[:, begin:end] = _paired_costs(responses, judged, shortest, count)
+    return out
+
+
+@kernel
+def costs_of_processes(
+    stem: Array, processes: Array, judged: Judged, shortest: int, count: int
+) -> Array:
+    """Costs ``(count, L)`` of one stem ``(n,)`` through each of the processes ``(4, L)``."""
+    return _paired_costs(respond_through(stem, processes), judged, shortest, count)

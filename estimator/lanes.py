@@ -15,6 +15,7 @@ from estimator.arrays import Array, Mask
 __all__ = [
     "respond",
     "respond_one",
+    "respond_through",
     "tells",
     "whiten_lanes",
 ]
@@ -33,26 +34,60 @@ def respond(stems: Array, c1: Array, c2: Array, third: Array, gain: Array) -> Ar
     ``v_k = c1 v_(k-1) + c2 v_(k-2) + gain (x_k - x_0)``, then the lag; at rest before the window.
     """
     n, lanes = stems.shape
-    out = np.empty((n, lanes))
+    # behind two rows of rest; two rows a pass, each read from where it was written
+    rows = np.empty((n + 2, lanes))
+    rows[:2] = 0.0
     rest = stems[0]
-    v1, v2, w = np.zeros(lanes), np.zeros(lanes), np.zeros(lanes)
-    if not third.any():
-        # the same numbers with less to read and to write
-        for k in range(n):
-            for j in range(lanes):
-                v = c1[j] * v1[j] + c2[j] * v2[j] + gain[j] * (stems[k, j] - rest[j])
-                v2[j] = v1[j]
-                v1[j] = v
-                out[k, j] = v
-        return out
-    for k in range(n):
+    for k in range(0, n - 1, 2):
+        earlier, before, now, after = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+        x, y = stems[k], stems[k + 1]
         for j in range(lanes):
-            v = c1[j] * v1[j] + c2[j] * v2[j] + gain[j] * (stems[k, j] - rest[j])
-            v2[j] = v1[j]
-            v1[j] = v
-            w[j] = third[j] * w[j] + (1.0 - third[j]) * v
-            out[k, j] = w[j]
-    return out
+            v = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * (x[j] - rest[j])
+            now[j] = v
+            after[j] = c1[j] * v + c2[j] * before[j] + gain[j] * (y[j] - rest[j])
+    if n % 2 == 1:
+        earlier, before, now, x = rows[n - 1], rows[n], rows[n + 1], stems[n - 1]
+        for j in range(lanes):
+            now[j] = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * (x[j] - rest[j])
+    if third.any():
+        _lag(rows, third)
+    return rows[2:]
+
+
+@kernel
+def _lag(rows: Array, third: Array) -> None:
+    """Put rows ``(2 + n, L)``, two of rest before them, through one lag more a lane, in place."""
+    for k in range(2, rows.shape[0]):
+        now, before = rows[k], rows[k - 1]
+        for j in range(third.size):
+            now[j] = third[j] * before[j] + (1.0 - third[j]) * now[j]
+
+
+@kernel
+def respond_through(stem: Array, processes: Array) -> Array:
+    """Responses ``(n, L)`` of one stem ``(n,)`` through each of the processes ``(4, L)``.
+
+    The numbers are those of `respond`.
+    """
+    n, lanes = stem.size, processes.shape[1]
+    c1, c2, third, gain = processes[0], processes[1], processes[2], processes[3]
+    rows = np.empty((n + 2, lanes))
+    rows[:2] = 0.0
+    for k in range(0, n - 1, 2):
+        earlier, before, now, after = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
+        x, y = stem[k] - stem[0], stem[k + 1] - stem[0]
+        for j in range(lanes):
+            v = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * x
+            now[j] = v
+            after[j] = c1[j] * v + c2[j] * before[j] + gain[j] * y
+    if n % 2 == 1:
+        earlier, before, now = rows[n - 1], rows[n], rows[n + 1]
+        x = stem[n - 1] - stem[0]
+        for j in range(lanes):
+            now[j] = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * x
+    if third.any():
+        _lag(rows, third)
+    return rows[2:]
 
 
 @kernel
@@ -79,10 +114,13 @@ def whiten_lanes(signals: Array, taps: Array) -> Array:
     before = signals.reshape(n * lanes)
     now = out.reshape(n * lanes)[count * lanes :]
     i = 0
-    while i + _AT_ONCE <= count:
-        t0, t1, t2, t3 = taps[i], taps[i + 1], taps[i + 2], taps[i + 3]
+    while i + 1 < count:
+        # a tap of zero where there are less than four: it takes nothing away
+        i2, i3 = min(i + 2, count - 1), min(i + 3, count - 1)
+        t0, t1 = taps[i], taps[i + 1]
+        t2, t3 = taps[i2] if i + 2 < count else 0.0, taps[i3] if i + 3 < count else 0.0
         s0, s1 = before[(count - 1 - i) * lanes :], before[(count - 2 - i) * lanes :]
-        s2, s3 = before[(count - 3 - i) * lanes :], before[(count - 4 - i) * lanes :]
+        s2, s3 = before[(count - 1 - i2) * lanes :], before[(count - 1 - i3) * lanes :]
         for j in range(now.size):
             now[j] = now[j] - t0 * s0[j] - t1 * s1[j] - t2 * s2[j] - t3 * s3[j]
         i += _AT_ONCE

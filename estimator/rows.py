@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.lane_costs import JudgedRows, judged_rows
 from estimator.settings import Modelling
 from estimator.window import Window
 
 __all__ = ["Rows", "rows_of"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Rows:
     """A scaled window and its one row mask.
 
@@ -49,6 +51,12 @@ class Rows:
     def size(self) -> int:
         """Samples of the window."""
         return int(self.u.size)
+
+    @cached_property
+    def judged(self) -> JudgedRows:
+        """The judged rows, and the first and last of each run."""
+        found: JudgedRows = judged_rows(self.weight, self.first, 1)
+        return found
 
     def columns(self, *, integrating: bool) -> Array:
         """Columns of unknown size beside the response, ``(m, n)``."""

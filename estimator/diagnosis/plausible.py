@@ -157,8 +157,7 @@ def _screen(case: Case, fit: Hypothesis) -> list[tuple[float, Poles, int]]:
         table = np.array([[one.slow, one.fast, one.third] for one in group])
         like = replace(fit.poles, shape=shape)
         design = case.design(fit.nuisances, fit.taps, fit.stem, like, fit.dead_time)
-        stems = np.repeat(fit.stem[:, None], len(group), axis=1)
-        costs = design.paired(stems, coefficients(shape, table), 0, case.max_dead_time + 1)
+        costs = design.through(fit.stem, coefficients(shape, table), 0, case.max_dead_time + 1)
         worth = case.worth(costs) + case.pole_prices(shape, table)
         for late in range(worth.shape[0]):
             lane = int(worth[late].argmin())
@@ -169,7 +168,6 @@ def _screen(case: Case, fit: Hypothesis) -> list[tuple[float, Poles, int]]:
 def _refine(case: Case, fit: Hypothesis, poles: Poles, dead_time: int, taps: Array) -> Poles:
     """Poles of the least cost at one dead time, the noise model held."""
     design = case.design(fit.nuisances, taps, fit.stem, poles, dead_time)
-    stems = np.repeat(fit.stem[:, None], POLE_LANES, axis=1)
     points = spread_points(POLE_LANES, 3)
     reach, best = POLE_REACH, math.inf
     for _ in range(POLE_ROUNDS):
@@ -179,7 +177,7 @@ def _refine(case: Case, fit: Hypothesis, poles: Poles, dead_time: int, taps: Arr
             table[-8:, 1] = np.maximum(0.15, np.linspace(0.05, 1.0, 8) * poles.slow)
         elif poles.integrating and poles.fast == 0.0:
             table[-4:, 1] = 0.3, 1.0, 3.0, 8.0
-        costs = design.paired(stems, coefficients(poles.shape, table), dead_time, 1)
+        costs = design.through(fit.stem, coefficients(poles.shape, table), dead_time, 1)
         worth = (case.worth(costs) + case.pole_prices(poles.shape, table))[0]
         lane = int(worth.argmin())
         if worth[lane] < best - 1e-6:

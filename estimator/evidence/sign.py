@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from estimator.algebra import dot, solve_spd
+from estimator.algebra import dot, normal_equations, solve_spd
 from estimator.arrays import Array, Mask
 from estimator.window import carry_on
 
@@ -60,10 +60,9 @@ def _regress(op: Array, error: Array, own: int) -> tuple[float, float]:
     past = past - np.array([dot(column, ones) for column in past.T.copy()]) / now.size
     now = now - dot(now, ones) / now.size
     rows = np.ascontiguousarray(past.T)
-    gram = np.array([[dot(a, b) for b in rows] for a in rows])
+    gram, right = normal_equations(rows, now)
     size = rows.shape[0]
     gram.flat[:: size + 1] *= 1.0 + 1e-9
-    right = np.array([dot(a, now) for a in rows])
     of_errors = np.zeros(size)
     of_errors[:_LAGS] = 1.0
     found = solve_spd(gram, right)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
-from estimator.arrays import Array, Mask
+from estimator.arrays import Array, Index, Mask
 from estimator.hypotheses.linear_fit import Design, LinearFit, fit_linear
-from estimator.hypotheses.noise import fit_noise
+from estimator.hypotheses.noise import fit_noise, orders_of
 from estimator.hypotheses.nuisances import (
     FEWEST_CYCLES,
     Characteristic,
@@ -19,6 +22,7 @@ from estimator.hypotheses.nuisances import (
     price_of,
     spectral_peaks,
 )
+from estimator.hypotheses.turns import fit_in_turn
 from estimator.lanes import tells
 from estimator.processes.poles import SHAPE_NUMBERS, Poles, Shape, pole_prices
 from estimator.rows import Rows
@@ -26,6 +30,12 @@ from estimator.settings import Settings
 from estimator.valves.laws import stem_of
 
 __all__ = ["Case", "Hypothesis", "Valve"]
+
+_KEPT = 8
+"""Columns and designs of a window that are kept: those of the hypotheses that are refined now."""
+_NO_ORDERS: Index = np.zeros(0, dtype=np.int64)
+
+_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +95,14 @@ class Hypothesis:
         return sum(isinstance(one, Sinusoid) for one in self.nuisances)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Case:
     """The rows of a window with the settings: what every hypothesis is judged by."""
 
     rows: Rows
     settings: Settings
 
-    @property
+    @cached_property
     def max_dead_time(self) -> int:
         """Longest dead time that the rows leave past for."""
         longest_noise = max(self.settings.modelling.noise_orders)
@@ -100,7 +110,7 @@ class Case:
             0, min(self.settings.modelling.max_dead_time, self.rows.first - longest_noise - 2)
         )
 
-    @property
+    @cached_property
     def own_cycles(self) -> float | None:
         """Cycles of PV's own oscillation in the window; None where PV does not oscillate."""
         cycles = spectral_peaks(self.rows.y * self.rows.weight, 1)[0]
@@ -110,11 +120,26 @@ class Case:
         """The stem of a valve; a healthy one's is OP."""
         return self.rows.u if valve is None else valve.stem(self.rows.u)
 
-    @property
+    @cached_property
     def works(self) -> tuple[int, float]:
         """Least reversals and least spread of a stem that works like a valve; see `lanes.tells`."""
         searching = self.settings.searching
         return searching.reversals, searching.variance * self.rows.spread
+
+    @cached_property
+    def _orders(self) -> Index:
+        """Orders of the noise model that may be chosen."""
+        return orders_of(self.rows, self.settings.modelling)
+
+    @cached_property
+    def _columns(self) -> dict[Hashable, Array]:
+        """Columns that were asked for last."""
+        return {}
+
+    @cached_property
+    def _designs(self) -> dict[Hashable, Design]:
+        """Designs that were asked for last."""
+        return {}
 
     def tells(self, stems: Array) -> Mask:
         """Which of the stems ``(n, L)`` work like a valve."""
@@ -128,7 +153,13 @@ class Case:
         shared = self.rows.columns(integrating=poles.integrating)
         if not nuisances:
             return shared
-        return np.vstack([shared, *columns_of(nuisances, stem, poles, dead_time)])
+
+        def made() -> Array:
+            return np.vstack([shared, *columns_of(nuisances, stem, poles, dead_time)])
+
+        if _of_stem(nuisances):
+            return made()
+        return _kept(self._columns, (nuisances, poles.integrating), made)
 
     def design(
         self,
@@ -139,7 +170,13 @@ class Case:
         dead_time: int,
     ) -> Design:
         """PV and the columns, whitened; for processes that integrate as ``poles`` do."""
-        return self.design_of(self.columns(nuisances, stem, poles, dead_time), taps)
+
+        def made() -> Design:
+            return self.design_of(self.columns(nuisances, stem, poles, dead_time), taps)
+
+        if _of_stem(nuisances):
+            return made()
+        return _kept(self._designs, (nuisances, poles.integrating, taps.tobytes()), made)
 
     def design_of(self, columns: Array, taps: Array) -> Design:
         """PV and any columns ``(m, n)``, whitened."""
@@ -189,11 +226,9 @@ class Case:
         """Fit the linear part, and the noise model to what it leaves, twice in turn."""
         stem = self.stem(valve) if stem is None else stem
         columns = self.columns(nuisances, stem, poles, dead_time)
-        response = poles.response(stem)
-        fit = fit_linear(self.rows, response, dead_time, columns, taps)
-        if refit_noise:
-            taps = fit_noise(self.rows, fit.residual, self.settings.modelling)
-            fit = fit_linear(self.rows, response, dead_time, columns, taps)
+        orders = self._orders if refit_noise else _NO_ORDERS
+        largest = self.settings.modelling.max_reflection
+        fit, taps = fit_in_turn(self.rows, stem, poles, dead_time, columns, taps, orders, largest)
         if not self._is_possible(nuisances, stem, poles, fit):
             rest = tuple(one for one in nuisances if not isinstance(one, Characteristic))
             return self.fit(valve, poles, dead_time, rest, taps, refit_noise=refit_noise, stem=stem)
@@ -242,3 +277,18 @@ class Case:
         orders = 0.5 * math.log(self.rows.count) * (taps.size - hypothesis.taps.size)
         gained = self.log_likelihood(hypothesis.squares) - self.log_likelihood(fit.squares)
         return float(gained + orders)
+
+
+def _of_stem(nuisances: tuple[Nuisance, ...]) -> bool:
+    """Whether a nuisance's columns hang on stem and process."""
+    return any(not isinstance(one, Sinusoid) for one in nuisances)
+
+
+def _kept(kept: dict[Hashable, _Made], key: Hashable, made: Callable[[], _Made]) -> _Made:
+    """What is kept under a key, made where it is not; the oldest makes room."""
+    found = kept.get(key)
+    if found is None:
+        if len(kept) >= _KEPT:
+            del kept[next(iter(kept))]
+        found = kept[key] = made()
+    return found

@@ -17,10 +17,10 @@ from estimator.algebra import (
     solve_spd,
 )
 from estimator.arrays import Array
-from estimator.lane_costs import Judged, costs_of_stems
+from estimator.lane_costs import Judged, costs_of_processes, costs_of_stems, judged_rows
 from estimator.rows import Rows
 
-__all__ = ["Design", "LinearFit", "delay", "fit_linear"]
+__all__ = ["Design", "LinearFit", "delay", "fit_linear", "fit_rows"]
 
 
 def delay(signal: Array, samples: int) -> Array:
@@ -63,14 +63,13 @@ class Design:
         self.taps = np.ascontiguousarray(taps)
         found: tuple[Array, float] = _whitened(columns, rows.y, self.taps, rows.weight)
         self.signals, self.rest = found
-        self.judged: Judged = (
-            self.taps,
-            rows.weight,
-            self.signals,
-            self.rest,
-            rows.first,
-            rows.sign,
-        )
+        self.judged = self.judged_every(1)
+
+    def judged_every(self, stride: int) -> Judged:
+        """What candidates are judged by where every so many rows count."""
+        rows = self.rows
+        judged = rows.judged if stride == 1 else judged_rows(rows.weight, rows.first, stride)
+        return self.taps, judged, stride, self.signals, self.rest, rows.sign
 
     def paired(
         self, stems: Array, processes: Array, shortest: int, count: int, stride: int = 1
@@ -79,8 +78,15 @@ class Design:
 
         Of stems ``(n, L)``, each through a process of its own, ``(4, L)``.
         """
+        judged = self.judged if stride == 1 else self.judged_every(stride)
         processes = np.ascontiguousarray(processes)
-        found: Array = costs_of_stems(stems, processes, self.judged, shortest, count, stride)
+        found: Array = costs_of_stems(stems, processes, judged, shortest, count)
+        return found
+
+    def through(self, stem: Array, processes: Array, shortest: int, count: int) -> Array:
+        """The same for one stem ``(n,)`` through all of the processes ``(4, L)``."""
+        processes = np.ascontiguousarray(processes)
+        found: Array = costs_of_processes(stem, processes, self.judged, shortest, count)
         return found
 
 
@@ -110,14 +116,14 @@ def fit_linear(
     Gains of unlike sign, or of a sign that the loop cannot have, are not allowed: the better one of
     the two stays, or none.
     """
-    solution, squares, residual = _fit_rows(
+    solution, squares, residual = fit_rows(
         rows.y, response, dead_time, columns, taps, rows.weight, rows.sign
     )
     return LinearFit(solution[:2], solution[2:], squares, residual)
 
 
 @kernel
-def _fit_rows(
+def fit_rows(
     y: Array,
     response: Array,
     dead_time: int,

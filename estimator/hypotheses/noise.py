@@ -12,7 +12,7 @@ from estimator.arrays import Array, Index
 from estimator.rows import Rows
 from estimator.settings import Modelling
 
-__all__ = ["DRIFT", "DRIFT_AND_NOISE", "LOOKS", "WHITE", "fit_noise"]
+__all__ = ["DRIFT", "DRIFT_AND_NOISE", "LOOKS", "WHITE", "best_order", "fit_noise", "orders_of"]
 
 WHITE: Array = np.zeros(0)
 """The noise model of white noise: no taps."""
@@ -80,26 +80,30 @@ def _stabilised(taps: Array, largest: float) -> Array:
     return shrunk
 
 
+def orders_of(rows: Rows, settings: Modelling) -> Index:
+    """The orders that the rows leave past for."""
+    return np.array([p for p in settings.noise_orders if p < rows.first], dtype=np.int64)
+
+
 def fit_noise(rows: Rows, residual: Array, settings: Modelling) -> Array:
     """Taps ``(p,)`` of ``v_k = taps_1 v_(k-1) + ... + e_k`` for a residual ``(n,)``.
 
     Least squares over the judged rows; the order minimises BIC.
     """
-    orders = np.array([p for p in settings.noise_orders if p < rows.first])
-    found: Array = _best_order(
+    found: Array = best_order(
         residual,
         rows.weight,
         rows.count,
         rows.floor,
         rows.first,
-        orders,
+        orders_of(rows, settings),
         settings.max_reflection,
     )
     return found
 
 
 @kernel
-def _best_order(
+def best_order(
     residual: Array,
     weight: Array,
     count: float,

@@ -26,6 +26,7 @@ __all__ = [
     "Shape",
     "coefficients",
     "coefficients_of",
+    "coefficients_of_one",
     "moved_poles",
     "pole_prices",
 ]
@@ -85,7 +86,7 @@ class Poles:
     @property
     def coefficients(self) -> tuple[float, float, float, float]:
         """``c1, c2`` of the two main poles, the third pole, and the gain that makes B(1)/A(1) 1."""
-        found: tuple[float, float, float, float] = _coefficients_of_one(
+        found: tuple[float, float, float, float] = coefficients_of_one(
             SHAPE_NUMBERS[self.shape], self.slow, self.fast, self.third
         )
         return found
@@ -147,7 +148,7 @@ def moved_poles(shape: int, start: Array, steps: Array) -> Array:
 
 
 @kernel
-def _coefficients_of_one(
+def coefficients_of_one(
     shape: int, slow: float, fast: float, third: float
 ) -> tuple[float, float, float, float]:
     """Coefficients of one process; see `Poles.coefficients`."""
@@ -170,7 +171,7 @@ def coefficients_of(shape: int, table: Array) -> Array:
     """``c1``, ``c2``, third pole and gain as rows ``(4, m)``; see `Poles.coefficients`."""
     found = np.empty((4, table.shape[0]))
     for j in range(table.shape[0]):
-        found[0, j], found[1, j], found[2, j], found[3, j] = _coefficients_of_one(
+        found[0, j], found[1, j], found[2, j], found[3, j] = coefficients_of_one(
             shape, table[j, 0], table[j, 1], table[j, 2]
         )
     return found

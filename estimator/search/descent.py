@@ -110,7 +110,6 @@ def _learn(
     processes: Array,
     judged: Judged,
     dead_times: tuple[int, int],
-    stride: int,
     works: tuple[int, float],
     table: Array,
     middle: Array,
@@ -121,7 +120,7 @@ def _learn(
     ``dead_times`` are the shortest one and how many; lanes whose stem does not work like a valve
     (least reversals and least spread, ``works``) come last.
     """
-    costs = costs_of_stems(stems, processes, judged, dead_times[0], dead_times[1], stride)
+    costs = costs_of_stems(stems, processes, judged, dead_times[0], dead_times[1])
     told = tells(stems, works[0], works[1])
     lanes, wide = table.shape
     of_lane = np.full(lanes, np.inf)
@@ -184,7 +183,8 @@ class Descent:
             origin = replace(origin, slow=slow, fast=origin.fast or max(0.15, 0.3 * slow))
         elif origin.shape is Shape.INTEGRATING:
             origin = replace(origin, fast=origin.fast or 0.5)
-        self.case, self.design, self.stride = case, design, stride
+        self.case = case
+        self.judged = design.judged if stride == 1 else design.judged_every(stride)
         self.origin, self.law = origin, start.valve.law
         self.valve = np.array(start.valve.numbers)
         self.lanes = lanes
@@ -197,21 +197,21 @@ class Descent:
         case = self.case
         shape = SHAPE_NUMBERS[self.origin.shape]
         start = np.array([self.origin.slow, self.origin.fast, self.origin.third])
+        law, longest, works = LAWS[self.law], case.max_dead_time, case.works
         for _ in range(rounds):
             points = turned_points(self.lanes, 5, self.turn)
             table, valves, processes = _candidates(
                 points, self.middle, self.root, self.best, self.valve, shape, start
             )
-            stems = LAWS[self.law](case.rows.u, valves)
+            stems = law(case.rows.u, valves)
             shortest = max(0, self.late - 1)
-            count = min(3, case.max_dead_time + 1 - shortest)
+            count = min(3, longest + 1 - shortest)
             least, top, late, middle, root = _learn(
                 stems,
                 processes,
-                self.design.judged,
+                self.judged,
                 (shortest, count),
-                self.stride,
-                case.works,
+                works,
                 table,
                 self.middle,
                 self.root,

@@ -110,9 +110,12 @@ def one_step_costs(
     known_at, known_level, known_turns = at.copy(), level.copy(), turns.copy()
     known_moments, known_shared, known_products = moments.copy(), shared.copy(), products.copy()
     known = 0
+    # whether that valve slips too often, and is known no further
+    busy = False
+    most = n // 3
     for v in range(m):
         if v == 0 or not _share_sums(valves, shortest, v):
-            known = 0
+            known, busy = 0, False
             late = shortest[v]
             tables = (flat[late * columns :], counts[late:], judged[late:], plain[late:])
         slips, same = walk(
@@ -120,15 +123,27 @@ def one_step_costs(
             blocks,
             valves[v],
             (known_at[:known], known_level, known_turns),
+            most + BLOCK,
             at,
             level,
             turns,
         )
         behind = known - same - 1 if same >= 0 else 0
+        if busy and same >= 0 and slips + behind <= most:
+            nothing = known_at[:0], known_level, known_turns
+            slips, same = walk(op, blocks, valves[v], nothing, most + BLOCK, at, level, turns)
+            behind = 0
+        if slips + behind > most:
+            if known == 0:
+                known, busy = slips, True
+                known_at, at = at, known_at
+                known_level, level = level, known_level
+                known_turns, turns = turns, known_turns
+            continue
         turned = turns[slips - 1] if slips > 0 else 0
         if behind > 0:
             turned += known_turns[known - 1] - known_turns[same]
-        if turned < reversals or slips + behind > n // 3:
+        if turned < reversals:
             continue
         if same < 0:
             slip_moments(at, level, slips, moments)
@@ -137,7 +152,7 @@ def one_step_costs(
                     shared[w * columns + c] = level[0] * sums[0, c]
             products[0], products[1:] = level[0] * level[0] * counts[0], 0.0
             add_slips(at, moments, slips, 1.0, tables, columns, shared, products)
-            known = slips
+            known, busy = slips, False
             known_at, at = at, known_at
             known_level, level = level, known_level
             known_turns, turns = turns, known_turns

@@ -13,7 +13,7 @@ from compiled import kernel
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.nuisances import Nuisance
-from estimator.lane_costs import Judged, costs_of_stems
+from estimator.lane_costs import Judged, costs_of_processes
 from estimator.processes.poles import (
     SHAPE_NUMBERS,
     STARTS,
@@ -128,8 +128,7 @@ def _best_start(
     best = (np.inf, poles, dead_time)
     for shape, (group, table, processes) in _starts().items():
         design = case.design(nuisances, taps, stem, replace(poles, shape=shape), dead_time)
-        stems = np.repeat(stem[:, None], len(group), axis=1)
-        costs = design.paired(stems, processes, 0, case.max_dead_time + 1)
+        costs = design.through(stem, processes, 0, case.max_dead_time + 1)
         rows = case.rows.count, case.rows.floor
         worth, lane, late = _least_worth(costs, SHAPE_NUMBERS[shape], table, rows)
         if worth < best[0] - _BETTER:
@@ -165,7 +164,7 @@ def refine_poles(
     """Poles and dead time of the least cost near the given ones, the noise model held."""
     design = case.design(nuisances, taps, stem, poles, dead_time)
     row, late = _refined(
-        np.repeat(stem[:, None], POLE_LANES, axis=1),
+        stem,
         design.judged,
         SHAPE_NUMBERS[poles.shape],
         np.array([poles.slow, poles.fast, poles.third]),
@@ -178,7 +177,7 @@ def refine_poles(
 
 @kernel
 def _refined(
-    stems: Array,
+    stem: Array,
     judged: Judged,
     shape: int,
     start: Array,
@@ -205,7 +204,8 @@ def _refined(
             table[-4:, 1] = np.array([0.3, 1.0, 3.0, 8.0])
         shortest = max(0, late - 1)
         count = min(3, longest + 1 - shortest)
-        costs = costs_of_stems(stems, coefficients_of(shape, table), judged, shortest, count, 1)
+        processes = coefficients_of(shape, table)
+        costs = costs_of_processes(stem, processes, judged, shortest, count)
         least, lane, at = _least_worth(costs, shape, table, rows)
         if least < best - _BETTER:
             best, row, late = least, table[lane].copy(), shortest + at

@@ -21,11 +21,14 @@ def walk(
     blocks: tuple[Array, Array],
     valve: Array,
     known: tuple[Index, Array, Index],
+    most: int,
     at: Index,
     level: Array,
     turns: Index,
 ) -> tuple[int, int]:
     """Slips of a valve of He's law until it slips as a ``known`` one does; how many, and where.
+
+    It ends after more than ``most`` slips.
 
     ``at`` receives the sample of each slip, ``level`` the stem's position before the first and
     after each, ``turns`` how often the stem had turned by then. A slip ends where OP and the
@@ -61,6 +64,8 @@ def walk(
                     and known_level[beside + 1] == now
                 ):
                     return slips, beside
+                if slips > most:
+                    return slips, -1
     return slips, -1
 
 
