@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compiled import kernel
-from estimator.arrays import Array, Index
+from estimator.arrays import Array, Index, Mask
 from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import Design
 from estimator.lane_costs import NOTHING, energies_of_stems
@@ -24,6 +24,8 @@ __all__ = ["Rank", "Ranking"]
 
 _BLOCK = 32
 """Valves whose responses are computed side by side: their signals stay in the cache."""
+_TOGETHER = 8
+"""Columns of a table come in groups of so many, the last filled up with zeros: whole lanes."""
 _ALONG = 1e-9
 """Difference between a step of the stem and one of OP (span 1) below which the stem follows OP."""
 
@@ -50,32 +52,52 @@ class Ranking:
         self._case, self._delays = case, delays
         self.looks = looks
         self._noises, self._noise_of = _different([design.taps for design, _ in looks])
-        self._tables = [self._tables_of(pair) for pair in looks]
+        self._tables = self._tables_of_looks()
         self._sliding = False
         """Whether the tables hold slides: laws without any need none."""
 
     def _design(self, pair: tuple[Design, Design], process: int) -> Design:
         return pair[int(COARSE[process].integrating)]
 
-    def _tables_of(self, pair: tuple[Design, Design]) -> list[Array]:
-        """Tables of `_tails` for each process of one look."""
-        white = [_whiten_backwards(design.signals, design.taps) for design in pair]
-        return [
-            _tails(white[int(poles.integrating)], np.array(poles.coefficients), self._delays)
-            for poles in COARSE
+    def _tables_of_looks(self) -> list[list[Array]]:
+        """Tables of `_tails` for each process of each look.
+
+        They stand in one array: many smaller ones would be asked of the operating system anew for
+        every window, page by page.
+        """
+        rows, late = 2 * self._case.rows.size, self._delays.size
+        wide = [
+            [_TOGETHER * -(-late * design.signals.shape[1] // _TOGETHER) for design in pair]
+            for pair in self.looks
         ]
+        store = np.empty(
+            rows * sum(of_look[int(one.integrating)] for of_look in wide for one in COARSE)
+        )
+        tables: list[list[Array]] = []
+        at = 0
+        for pair, of_look in zip(self.looks, wide, strict=True):
+            white = [_whiten_backwards(design.signals, design.taps) for design in pair]
+            tables.append([])
+            for poles in COARSE:
+                kind = int(poles.integrating)
+                size = rows * of_look[kind]
+                table = store[at : at + size].reshape(rows, of_look[kind])
+                _tails(white[kind], np.array(poles.coefficients), self._delays, table)
+                tables[-1].append(table)
+                at += size
+        return tables
 
     def of(self, law: str, valves: Array) -> list[Rank]:
         """Rank valves ``(m, 3)`` of a law under each look."""
         rows = self._case.rows
+        working = np.flatnonzero(self._work(law, valves))
+        every, valves = len(valves), np.ascontiguousarray(valves[working])
         count, late = len(valves), self._delays.size
         energies = np.empty((self._noises[1].size, len(COARSE), late, count))
-        useless = np.zeros(count, dtype=np.bool_)
-        moves = []
+        moves = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
         for begin in range(0, count, _BLOCK):
             block = slice(begin, min(begin + _BLOCK, count))
-            stems = LAWS[law](rows.u, np.ascontiguousarray(valves[block]))
-            useless[block] = ~self._case.tells(stems)
+            stems = LAWS[law](rows.u, valves[block])
             moves.append(_moves(stems, rows.u))
             for number, poles in enumerate(COARSE):
                 energies[:, number, :, block] = energies_of_stems(
@@ -100,25 +122,38 @@ class Ranking:
         for pair, tables, noise in zip(self.looks, self._tables, self._noise_of, strict=True):
             own = energies[noise]
             cost, process = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
+            all_cost, all_process = np.full(every, np.inf), np.zeros(every, dtype=np.int64)
+            all_late = np.full(every, self._delays[0])
             delay = np.zeros(count, dtype=np.int64)
             for number, table in enumerate(tables):
+                design = self._design(pair, number)
                 _rank(
                     begins,
                     places,
                     sizes,
                     alike,
                     table,
+                    design.signals.shape[1],
                     own[number],
-                    self._design(pair, number).rest,
+                    design.rest,
                     rows.sign,
                     number,
                     cost,
                     process,
                     delay,
                 )
-            cost[useless] = np.inf
-            ranks.append(Rank(cost, process, self._delays[delay]))
+            all_cost[working], all_process[working] = cost, process
+            all_late[working] = self._delays[delay]
+            ranks.append(Rank(all_cost, all_process, all_late))
         return ranks
+
+    def _work(self, law: str, valves: Array) -> Mask:
+        """Which stems of valves ``(m, 3)`` work like a valve, ``(m,)``: the others cost nothing."""
+        found = np.zeros(len(valves), dtype=np.bool_)
+        for begin in range(0, len(valves), _BLOCK):
+            some = np.ascontiguousarray(valves[begin : begin + _BLOCK])
+            found[begin : begin + _BLOCK] = self._case.tells(LAWS[law](self._case.rows.u, some))
+        return found
 
 
 def _different(taps: list[Array]) -> tuple[tuple[Array, Index], list[int]]:
@@ -151,8 +186,8 @@ def _whiten_backwards(signals: Array, taps: Array) -> Array:
 
 
 @kernel
-def _tails(white: Array, process: Array, delays: Index) -> Array:
-    """Sums of filtered signals from every row to the end, ``(2 n, D m)``.
+def _tails(white: Array, process: Array, delays: Index, out: Array) -> None:
+    """Sums of filtered signals from every row to the end, into ``out`` ``(2 n, D m)`` or wider.
 
     Signals ``(n, m)``, whitened backwards, go backwards through the process, which has no third
     lag. Row ``k`` holds, for each of the ``delays``, what a stem that steps by one at row ``k`` has
@@ -169,12 +204,11 @@ def _tails(white: Array, process: Array, delays: Index) -> Array:
             v2[c] = v1[c]
             v1[c] = v
             tails[k, c] = tails[k + 1, c] + gain * v
-    out = np.empty((2 * n, late * m))
     for k in range(n):
+        out[k, late * m :] = 0.0
         for d in range(late):
             for c in range(m):
                 out[k, d * m + c] = tails[k + delays[d], c]
-    return out
 
 
 @kernel
@@ -184,8 +218,9 @@ def _add_slides(table: Array, op: Array) -> None:
     table[n] = 0.0
     for k in range(1, n):
         step = op[k] - op[k - 1]
-        for i in range(table.shape[1]):
-            table[n + k, i] = table[n + k - 1, i] + step * table[k, i]
+        now, before, row = table[n + k], table[n + k - 1], table[k]
+        for i in range(now.size):
+            now[i] = before[i] + step * row[i]
 
 
 @kernel
@@ -282,6 +317,7 @@ def _rank(
     sizes: Array,
     alike: Index,
     table: Array,
+    columns: int,
     energies: Array,
     rest: float,
     sign: float,
@@ -292,12 +328,11 @@ def _rank(
 ) -> None:
     """Costs of all valves with one process under one look; what is less is kept in place.
 
-    ``table`` is that of `_tails`, ``alike`` that of `_alike`, ``energies`` ``(D, m)``. A gain of
-    the wrong ``sign`` counts as none.
+    ``table`` is that of `_tails` with so many ``columns`` a dead time, ``alike`` that of `_alike`,
+    ``energies`` ``(D, m)``. A gain of the wrong ``sign`` counts as none.
     """
     late, count = energies.shape
     wide = table.shape[1]
-    columns = wide // late
     sums, known = np.empty(wide), np.zeros(wide)
     first = 0
     for v in range(count):
