@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiled import kernel
+from compiled import innermost, kernel
 from estimator.arrays import Array, Index
 from estimator.lanes import respond, respond_through, whiten_lanes
 
@@ -67,6 +67,59 @@ def judged_rows(weight: Array, first: int, stride: int) -> JudgedRows:
     return rows[:count], begins[:runs], ends[:runs]
 
 
+@innermost
+def _add_rows(
+    now: Array,
+    q: tuple[float, float, float, float],
+    p: tuple[float, float, float, float],
+    r0: Array,
+    r1: Array,
+    r2: Array,
+    r3: Array,
+    r4: Array,
+    r5: Array,
+    r6: Array,
+    r7: Array,
+) -> None:
+    """Add eight rows, each times a factor: four of ``q`` and four of ``p``."""
+    for i in range(now.size):
+        total = now[i] + q[0] * r0[i] + q[1] * r1[i] + q[2] * r2[i] + q[3] * r3[i]
+        now[i] = total + p[0] * r4[i] + p[1] * r5[i] + p[2] * r6[i] + p[3] * r7[i]
+
+
+@innermost
+def _add_products(
+    now: Array,
+    r0: Array,
+    r1: Array,
+    r2: Array,
+    r3: Array,
+    p0: Array,
+    p1: Array,
+    p2: Array,
+    p3: Array,
+) -> None:
+    """Add the products of four rows with four others."""
+    for i in range(now.size):
+        now[i] = now[i] + r0[i] * p0[i] + r1[i] * p1[i] + r2[i] * p2[i] + r3[i] * p3[i]
+
+
+@innermost
+def _respond(
+    now: Array,
+    before: Array,
+    earlier: Array,
+    x: Array,
+    rest: Array,
+    c1: float,
+    c2: float,
+    gain: float,
+) -> None:
+    """One row of responses of all lanes through one process."""
+    for j in range(now.size):
+        now[j] = c1 * before[j] + c2 * earlier[j] + gain * (x[j] - rest[j])
+
+
 @kernel
 def _with_signals(
     run: Array, lanes: int, late: int, rows: Index, signals: Array, out: Array
@@ -89,10 +142,8 @@ def _with_signals(
         for c in range(signals.shape[1]):
             q0, q1, q2, q3 = signals[k0, c], signals[k1, c], signals[k2, c], signals[k3, c]
             q4, q5, q6, q7 = signals[k4, c], signals[k5, c], signals[k6, c], signals[k7, c]
-            now = out[c]
-            for i in range(wide):
-                total = now[i] + q0 * r0[i] + q1 * r1[i] + q2 * r2[i] + q3 * r3[i]
-                now[i] = total + q4 * r4[i] + q5 * r5[i] + q6 * r6[i] + q7 * r7[i]
+            q, p = (q0, q1, q2, q3), (q4, q5, q6, q7)
+            _add_rows(out[c], q, p, r0, r1, r2, r3, r4, r5, r6, r7)
         b += _AT_ONCE
     while b < rows.size:
         k = rows[b]
@@ -121,9 +172,8 @@ def _add_earlier(run: Array, lanes: int, late: int, earlier: int, rows: Index, f
         r4, r5, r6, r7 = run[k4:], run[k5:], run[k6:], run[k7:]
         p0, p1, p2, p3 = run[k0 - back :], run[k1 - back :], run[k2 - back :], run[k3 - back :]
         p4, p5, p6, p7 = run[k4 - back :], run[k5 - back :], run[k6 - back :], run[k7 - back :]
-        for i in range(flat.size):
-            total = flat[i] + r0[i] * p0[i] + r1[i] * p1[i] + r2[i] * p2[i] + r3[i] * p3[i]
-            flat[i] = total + r4[i] * p4[i] + r5[i] * p5[i] + r6[i] * p6[i] + r7[i] * p7[i]
+        _add_products(flat, r0, r1, r2, r3, p0, p1, p2, p3)
+        _add_products(flat, r4, r5, r6, r7, p4, p5, p6, p7)
         b += _AT_ONCE
     while b < rows.size:
         at = (rows[b] - late) * lanes
@@ -234,9 +284,7 @@ def _respond_rows(stems: Array, process: Array, begin: int, end: int, out: Array
     c1, c2, gain = process[0], process[1], process[3]
     rest = stems[0]
     for k in range(begin, end):
-        now, before, earlier, x = out[k + 2], out[k + 1], out[k], stems[k]
-        for j in range(stems.shape[1]):
-            now[j] = c1 * before[j] + c2 * earlier[j] + gain * (x[j] - rest[j])
+        _respond(out[k + 2], out[k + 1], out[k], stems[k], rest, c1, c2, gain)
 
 
 @kernel

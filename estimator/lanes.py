@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiled import kernel
+from compiled import innermost, kernel
 from estimator.arrays import Array, Mask
 
 __all__ = [
@@ -34,33 +34,88 @@ def respond(stems: Array, c1: Array, c2: Array, third: Array, gain: Array) -> Ar
     ``v_k = c1 v_(k-1) + c2 v_(k-2) + gain (x_k - x_0)``, then the lag; at rest before the window.
     """
     n, lanes = stems.shape
-    # behind two rows of rest; two rows a pass, each read from where it was written
+    # behind two rows of rest
     rows = np.empty((n + 2, lanes))
     rows[:2] = 0.0
     rest = stems[0]
     for k in range(0, n - 1, 2):
-        earlier, before, now, after = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
-        x, y = stems[k], stems[k + 1]
-        for j in range(lanes):
-            v = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * (x[j] - rest[j])
-            now[j] = v
-            after[j] = c1[j] * v + c2[j] * before[j] + gain[j] * (y[j] - rest[j])
+        at, early, late = rows[k : k + 4], stems[k], stems[k + 1]
+        _respond_two(at[2], at[3], at[1], at[0], early, late, rest, c1, c2, gain)
     if n % 2 == 1:
-        earlier, before, now, x = rows[n - 1], rows[n], rows[n + 1], stems[n - 1]
-        for j in range(lanes):
-            now[j] = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * (x[j] - rest[j])
+        k = n - 1
+        _respond_row(rows[k + 2], rows[k + 1], rows[k], stems[k], rest, c1, c2, gain)
     if third.any():
         _lag(rows, third)
     return rows[2:]
+
+
+@innermost
+def _respond_row(
+    now: Array,
+    before: Array,
+    earlier: Array,
+    x: Array,
+    rest: Array,
+    c1: Array,
+    c2: Array,
+    gain: Array,
+) -> None:
+    """One row of responses to a row of stems."""
+    for j in range(now.size):
+        now[j] = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * (x[j] - rest[j])
+
+
+@innermost
+def _respond_two(
+    now: Array,
+    after: Array,
+    before: Array,
+    earlier: Array,
+    x: Array,
+    y: Array,
+    rest: Array,
+    c1: Array,
+    c2: Array,
+    gain: Array,
+) -> None:
+    """Two rows of responses: the second needs not wait until the first was written."""
+    for j in range(now.size):
+        v = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * (x[j] - rest[j])
+        now[j] = v
+        after[j] = c1[j] * v + c2[j] * before[j] + gain[j] * (y[j] - rest[j])
+
+
+@innermost
+def _respond_two_to_one(
+    now: Array,
+    after: Array,
+    before: Array,
+    earlier: Array,
+    x: float,
+    y: float,
+    c1: Array,
+    c2: Array,
+    gain: Array,
+) -> None:
+    """The same where all lanes have one stem, ``x`` and ``y`` away from its rest."""
+    for j in range(now.size):
+        v = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * x
+        now[j] = v
+        after[j] = c1[j] * v + c2[j] * before[j] + gain[j] * y
+
+
+@innermost
+def _lag_row(now: Array, before: Array, third: Array) -> None:
+    """One row through one lag more a lane."""
+    for j in range(now.size):
+        now[j] = third[j] * before[j] + (1.0 - third[j]) * now[j]
 
 
 @kernel
 def _lag(rows: Array, third: Array) -> None:
     """Put rows ``(2 + n, L)``, two of rest before them, through one lag more a lane, in place."""
     for k in range(2, rows.shape[0]):
-        now, before = rows[k], rows[k - 1]
-        for j in range(third.size):
-            now[j] = third[j] * before[j] + (1.0 - third[j]) * now[j]
+        _lag_row(rows[k], rows[k - 1], third)
 
 
 @kernel
@@ -74,12 +129,8 @@ def respond_through(stem: Array, processes: Array) -> Array:
     rows = np.empty((n + 2, lanes))
     rows[:2] = 0.0
     for k in range(0, n - 1, 2):
-        earlier, before, now, after = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
-        x, y = stem[k] - stem[0], stem[k + 1] - stem[0]
-        for j in range(lanes):
-            v = c1[j] * before[j] + c2[j] * earlier[j] + gain[j] * x
-            now[j] = v
-            after[j] = c1[j] * v + c2[j] * before[j] + gain[j] * y
+        at, x, y = rows[k : k + 4], stem[k] - stem[0], stem[k + 1] - stem[0]
+        _respond_two_to_one(at[2], at[3], at[1], at[0], x, y, c1, c2, gain)
     if n % 2 == 1:
         earlier, before, now = rows[n - 1], rows[n], rows[n + 1]
         x = stem[n - 1] - stem[0]
@@ -148,18 +199,31 @@ def tells(stems: Array, least_reversals: int, least_spread: float) -> Mask:
     while begin < n and not out.all():
         end = min(n, begin + _LOOKED_AT)
         for k in range(begin, end):
-            now, before = stems[k], stems[k - 1]
-            for j in range(lanes):
-                # around the first value: a sum around the mean is this less what the mean is off
-                x = now[j] - stems[0, j]
-                step = now[j] - before[j]
-                total[j] += x
-                squares[j] += x * x
-                way = 1.0 if step > 0.0 else (-1.0 if step < 0.0 else direction[j])
-                turns[j] += 1.0 if way * direction[j] < 0.0 else 0.0
-                direction[j] = way
+            _tell(stems[k], stems[k - 1], stems[0], total, squares, direction, turns)
         for j in range(lanes):
             spread = squares[j] - total[j] * total[j] / end
             out[j] = out[j] or (turns[j] >= least_reversals and spread >= least_spread)
         begin = end
     return out
+
+
+@innermost
+def _tell(
+    now: Array,
+    before: Array,
+    first: Array,
+    total: Array,
+    squares: Array,
+    direction: Array,
+    turns: Array,
+) -> None:
+    """Add a row of stems to what `tells` counts."""
+    for j in range(now.size):
+        # around the first value: a sum around the mean is this less what the mean is off
+        x = now[j] - first[j]
+        step = now[j] - before[j]
+        total[j] += x
+        squares[j] += x * x
+        way = 1.0 if step > 0.0 else (-1.0 if step < 0.0 else direction[j])
+        turns[j] += 1.0 if way * direction[j] < 0.0 else 0.0
+        direction[j] = way

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compiled import kernel
+from compiled import innermost, kernel
 from estimator.arrays import Array, Index, Mask
 from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import Design
@@ -211,6 +211,27 @@ def _tails(white: Array, process: Array, delays: Index, out: Array) -> None:
                 out[k, d * m + c] = tails[k + delays[d], c]
 
 
+@innermost
+def _add_row(now: Array, before: Array, factor: float, row: Array) -> None:
+    """The row before and a factor times another."""
+    for i in range(now.size):
+        now[i] = before[i] + factor * row[i]
+
+
+@innermost
+def _add_four(
+    sums: Array,
+    s: tuple[float, float, float, float],
+    r0: Array,
+    r1: Array,
+    r2: Array,
+    r3: Array,
+) -> None:
+    """Add four rows, each times a factor."""
+    for c in range(sums.size):
+        sums[c] = sums[c] + s[0] * r0[c] + s[1] * r1[c] + s[2] * r2[c] + s[3] * r3[c]
+
+
 @kernel
 def _add_slides(table: Array, op: Array) -> None:
     """Row ``n + k``: what a stem that follows OP from the first row to row ``k`` has in common."""
@@ -218,9 +239,7 @@ def _add_slides(table: Array, op: Array) -> None:
     table[n] = 0.0
     for k in range(1, n):
         step = op[k] - op[k - 1]
-        now, before, row = table[n + k], table[n + k - 1], table[k]
-        for i in range(now.size):
-            now[i] = before[i] + step * row[i]
+        _add_row(table[n + k], table[n + k - 1], step, table[k])
 
 
 @kernel
@@ -300,8 +319,7 @@ def _add_moves(
         s2, s3 = factor * sizes[i + 2], factor * sizes[i + 3]
         r0, r1 = table[places[i]], table[places[i + 1]]
         r2, r3 = table[places[i + 2]], table[places[i + 3]]
-        for c in range(sums.size):
-            sums[c] = sums[c] + s0 * r0[c] + s1 * r1[c] + s2 * r2[c] + s3 * r3[c]
+        _add_four(sums, (s0, s1, s2, s3), r0, r1, r2, r3)
         i += 4
     while i < end:
         size, row = factor * sizes[i], table[places[i]]

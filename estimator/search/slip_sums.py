@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compiled import kernel
+from compiled import innermost, kernel
 from estimator.arrays import Array, Index
 
 __all__ = ["BLOCK", "add_slips", "ahead_judged", "slip_moments", "walk"]
@@ -99,6 +99,20 @@ def ahead_judged(judged: Array, wide: int) -> Array:
     return found
 
 
+@innermost
+def _add_four(
+    sums: Array,
+    s: tuple[float, float, float, float],
+    r0: Array,
+    r1: Array,
+    r2: Array,
+    r3: Array,
+) -> None:
+    """Add four rows, each times a factor."""
+    for i in range(sums.size):
+        sums[i] = sums[i] + s[0] * r0[i] + s[1] * r1[i] + s[2] * r2[i] + s[3] * r3[i]
+
+
 @kernel
 def add_slips(
     at: Index,
@@ -147,8 +161,7 @@ def add_slips(
         # the rows of all dead times stand one after the other
         p0, p1 = flat[k0 * columns :], flat[k1 * columns :]
         p2, p3 = flat[k2 * columns :], flat[k3 * columns :]
-        for i in range(shared.size):
-            shared[i] = shared[i] + s0 * p0[i] + s1 * p1[i] + s2 * p2[i] + s3 * p3[i]
+        _add_four(shared, (s0, s1, s2, s3), p0, p1, p2, p3)
         j += _AT_ONCE
     while j < slips:
         now, part = factor * step[j], flat[at[j] * columns :]
