@@ -81,7 +81,7 @@ def kernel(function: _Function) -> _Function:
 
 
 def innermost(function: _Function) -> _Function:
-    """Compile a loop over lanes into the kernels that call it, without asking whether arrays overlap.
+    """Compile a loop over lanes into the kernels that call it: arrays are taken to be apart.
 
     What it writes to may not overlap with anything else that it is given, and it may not slice:
     a kernel hands it the rows.

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from compiled import kernel
+from compiled import innermost, kernel
 from estimator.arrays import Array, Index
 
 __all__ = [
@@ -27,7 +27,9 @@ __all__ = [
 ]
 
 _AT_ONCE = 4
-"""Rows or taps that one pass adds to a sum, one after the other: the same bits as one a pass."""
+"""Taps that one pass adds to a sum, one after the other: the same bits as one a pass."""
+_SIDE_BY_SIDE = 32
+"""Sums of one product that are kept side by side: enough that none waits for the one before."""
 _SPANNED = 1e-9
 """A column of which less than this share (squared) is left is spanned by the others."""
 
@@ -56,24 +58,48 @@ def stepped(costs: Array) -> Array:
 
 @kernel
 def dot(a: Array, b: Array) -> float:
-    """Sum of products, every eighth one in a sum of its own: the same bits on every processor."""
-    n = a.size
-    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
+    """Sum of products, in many sums side by side: the same bits on every processor."""
+    n, side = a.size, _SIDE_BY_SIDE
+    sums = np.zeros(side)
     k = 0
-    while k + 8 <= n:
+    while k + 4 * side <= n:
+        a0, a1, a2, a3 = a[k : k + side], a[k + side :], a[k + 2 * side :], a[k + 3 * side :]
+        b0, b1, b2, b3 = b[k : k + side], b[k + side :], b[k + 2 * side :], b[k + 3 * side :]
+        _add_products(sums, a0, a1, a2, a3, b0, b1, b2, b3)
+        k += 4 * side
+    t0 = t1 = t2 = t3 = 0.0
+    while k + 4 <= n:
         t0 += a[k] * b[k]
         t1 += a[k + 1] * b[k + 1]
         t2 += a[k + 2] * b[k + 2]
         t3 += a[k + 3] * b[k + 3]
-        t4 += a[k + 4] * b[k + 4]
-        t5 += a[k + 5] * b[k + 5]
-        t6 += a[k + 6] * b[k + 6]
-        t7 += a[k + 7] * b[k + 7]
-        k += 8
+        k += 4
     while k < n:
         t0 += a[k] * b[k]
         k += 1
-    return ((t0 + t1) + (t2 + t3)) + ((t4 + t5) + (t6 + t7))
+    for i in range(0, side, 4):
+        t0 += sums[i]
+        t1 += sums[i + 1]
+        t2 += sums[i + 2]
+        t3 += sums[i + 3]
+    return (t0 + t1) + (t2 + t3)
+
+
+@innermost
+def _add_products(
+    sums: Array,
+    a0: Array,
+    a1: Array,
+    a2: Array,
+    a3: Array,
+    b0: Array,
+    b1: Array,
+    b2: Array,
+    b3: Array,
+) -> None:
+    """Add the products of four runs of numbers to sums side by side."""
+    for i in range(sums.size):
+        sums[i] = sums[i] + a0[i] * b0[i] + a1[i] * b1[i] + a2[i] * b2[i] + a3[i] * b3[i]
 
 
 @kernel
@@ -215,29 +241,12 @@ def solve_spd(matrix: Array, right: Array) -> Array:
 @kernel
 def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
     """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
-    m, n = design.shape
-    gram, right = np.zeros((m, m)), np.zeros(m)
-    rows = design.T.copy()
-    k = 0
-    while k + _AT_ONCE <= n:
-        r0, r1, r2, r3 = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
-        y0, y1, y2, y3 = target[k], target[k + 1], target[k + 2], target[k + 3]
-        for i in range(m):
-            x0, x1, x2, x3 = r0[i], r1[i], r2[i], r3[i]
-            right[i] = right[i] + x0 * y0 + x1 * y1 + x2 * y2 + x3 * y3
-            own = gram[i]
-            for j in range(i + 1):
-                own[j] = own[j] + x0 * r0[j] + x1 * r1[j] + x2 * r2[j] + x3 * r3[j]
-        k += _AT_ONCE
-    while k < n:
-        row = rows[k]
-        for i in range(m):
-            right[i] += row[i] * target[k]
-            for j in range(i + 1):
-                gram[i, j] += row[i] * row[j]
-        k += 1
+    m = design.shape[0]
+    gram, right = np.empty((m, m)), np.empty(m)
     for i in range(m):
-        for j in range(i):
+        right[i] = dot(design[i], target)
+        for j in range(i + 1):
+            gram[i, j] = dot(design[i], design[j])
             gram[j, i] = gram[i, j]
     return gram, right
 

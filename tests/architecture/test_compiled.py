@@ -119,16 +119,22 @@ def test_nothing_but_the_strict_compiler_compiles(path: Path) -> None:
 
 
 def test_a_kernel_s_sum_has_the_bits_of_a_plain_loop() -> None:
-    # every eighth product in a sum of its own, the rest in the first; otherwise neither reordered
-    # nor fused: Python's own floats give the same bits
+    # every 32nd product in a sum of its own, then the rest in four and these sums in the four;
+    # otherwise neither reordered nor fused: Python's own floats give the same bits
     rng = np.random.default_rng(0)
     for n in (1, 7, 64, 1001):
         a, b = rng.normal(size=n), rng.normal(size=n) * 10.0 ** rng.integers(-8, 8, n)
-        parts = [0.0] * 8
-        for i, (x, y) in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
-            parts[i % 8 if i < n - n % 8 else 0] += x * y
-        t0, t1, t2, t3, t4, t5, t6, t7 = parts
-        assert dot(a, b) == ((t0 + t1) + (t2 + t3)) + ((t4 + t5) + (t6 + t7))
+        products = [x * y for x, y in zip(a.tolist(), b.tolist(), strict=True)]
+        sums, t = [0.0] * 32, [0.0] * 4
+        whole = n - n % 128
+        for i, product in enumerate(products[:whole]):
+            sums[i % 32] += product
+        rest = products[whole:]
+        for i, product in enumerate(rest):
+            t[i % 4 if i < len(rest) - len(rest) % 4 else 0] += product
+        for i, part in enumerate(sums):
+            t[i % 4] += part
+        assert dot(a, b) == (t[0] + t[1]) + (t[2] + t[3])
 
 
 def test_a_division_by_zero_in_a_kernel_is_numpy_s() -> None:
