@@ -297,7 +297,8 @@ def test_a_valve_costs_by_one_step_errors_what_it_costs_alone() -> None:
     ]
     often = np.array(slips) > rows.size // 3
     assert 10 < int(often.sum()) < 90
-    np.testing.assert_array_equal(np.isfinite(cost), ~often)
+    assert not np.isfinite(cost[often]).any()
+    assert int(np.isfinite(cost).sum()) > 20
     for v in np.flatnonzero(~often):
         alone, at = ranking.costs(valves[v : v + 1], 1, 3)
         assert cost[v] == pytest.approx(alone[0], rel=1e-9)
