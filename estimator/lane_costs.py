@@ -13,26 +13,23 @@ import numpy as np
 from compiled import innermost, kernel
 from estimator.arrays import Array, Index
 from estimator.lanes import respond, respond_through, whiten_lanes
+from estimator.rows import JudgedRows
 
 __all__ = [
+    "AT_ONCE",
     "NOTHING",
     "Judged",
-    "JudgedRows",
+    "add_earlier",
     "costs_of_processes",
     "costs_of_stems",
-    "energies_of_stems",
-    "judged_rows",
+    "shift_earlier",
 ]
 
-_AT_ONCE = 8
+AT_ONCE = 8
 """Rows that one pass adds to a sum, one after the other: the same bits as one a pass, and an eighth
 of the reading and writing."""
 NOTHING = 1e-7
 """Share of a response's energy below which nothing is left of it beside the other columns."""
-_FEW_RUNS = 8
-"""Runs of judged rows up to which a shifted sum is cheaper than a sum of its own."""
-_TILE = 64
-"""Rows that go through process, noise models and sums at a time: they stay in the fastest cache."""
 _ALIKE = 1e-9
 """Share of its own size below which a determinant is zero: two responses that are one."""
 
@@ -40,31 +37,9 @@ _SIDE_BY_SIDE = 32
 """Candidates that go through all rows together. The signals of more would be asked of the operating
 system anew at every call, page by page, which costs more than the sums."""
 
-JudgedRows = tuple[Index, Index, Index]
-"""Judged rows, and the first and last of each run; see `judged_rows`."""
 Judged = tuple[Array, JudgedRows, int, Array, float, float]
 """What candidates are judged by: taps ``(p,)`` of the noise model, judged rows, the stride between
 them, signals ``(n, m)``, the sum of squares of the first of them, sign of the gain."""
-
-
-@kernel
-def judged_rows(weight: Array, first: int, stride: int) -> JudgedRows:
-    """Every ``stride``-th row from ``first`` on, those that are judged; first and last of each run.
-
-    A run is rows of which each is ``stride`` after the one before.
-    """
-    rows, begins = np.empty(weight.size, dtype=np.int64), np.empty(weight.size, dtype=np.int64)
-    ends = np.empty(weight.size, dtype=np.int64)
-    count = runs = 0
-    for k in range(first, weight.size, stride):
-        if weight[k] != 0.0:
-            if count == 0 or rows[count - 1] != k - stride:
-                begins[runs] = k
-                runs += 1
-            ends[runs - 1] = k
-            rows[count] = k
-            count += 1
-    return rows[:count], begins[:runs], ends[:runs]
 
 
 @innermost
@@ -104,22 +79,6 @@ def _add_products(
         now[i] = now[i] + r0[i] * p0[i] + r1[i] * p1[i] + r2[i] * p2[i] + r3[i] * p3[i]
 
 
-@innermost
-def _respond(
-    now: Array,
-    before: Array,
-    earlier: Array,
-    x: Array,
-    rest: Array,
-    c1: float,
-    c2: float,
-    gain: float,
-) -> None:
-    """One row of responses of all lanes through one process."""
-    for j in range(now.size):
-        now[j] = c1 * before[j] + c2 * earlier[j] + gain * (x[j] - rest[j])
-
-
 @kernel
 def _with_signals(
     run: Array, lanes: int, late: int, rows: Index, signals: Array, out: Array
@@ -132,7 +91,7 @@ def _with_signals(
     wide = out.shape[1]
     out[:] = 0.0
     b = 0
-    while b + _AT_ONCE <= rows.size:
+    while b + AT_ONCE <= rows.size:
         k0, k1, k2, k3 = rows[b], rows[b + 1], rows[b + 2], rows[b + 3]
         k4, k5, k6, k7 = rows[b + 4], rows[b + 5], rows[b + 6], rows[b + 7]
         r0, r1 = run[(k0 - late) * lanes :], run[(k1 - late) * lanes :]
@@ -144,7 +103,7 @@ def _with_signals(
             q4, q5, q6, q7 = signals[k4, c], signals[k5, c], signals[k6, c], signals[k7, c]
             q, p = (q0, q1, q2, q3), (q4, q5, q6, q7)
             _add_rows(out[c], q, p, r0, r1, r2, r3, r4, r5, r6, r7)
-        b += _AT_ONCE
+        b += AT_ONCE
     while b < rows.size:
         k = rows[b]
         row = run[(k - late) * lanes :]
@@ -156,14 +115,14 @@ def _with_signals(
 
 
 @kernel
-def _add_earlier(run: Array, lanes: int, late: int, earlier: int, rows: Index, flat: Array) -> None:
+def add_earlier(run: Array, lanes: int, late: int, earlier: int, rows: Index, flat: Array) -> None:
     """Add a response times itself ``earlier`` rows before; the places are those of `_with_signals`.
 
     For the dead times ``late``, ``late - 1``, ..., as many as ``flat`` holds lanes.
     """
     back = earlier * lanes
     b = 0
-    while b + _AT_ONCE <= rows.size:
+    while b + AT_ONCE <= rows.size:
         k0, k1 = (rows[b] - late) * lanes, (rows[b + 1] - late) * lanes
         k2, k3 = (rows[b + 2] - late) * lanes, (rows[b + 3] - late) * lanes
         k4, k5 = (rows[b + 4] - late) * lanes, (rows[b + 5] - late) * lanes
@@ -174,7 +133,7 @@ def _add_earlier(run: Array, lanes: int, late: int, earlier: int, rows: Index, f
         p4, p5, p6, p7 = run[k4 - back :], run[k5 - back :], run[k6 - back :], run[k7 - back :]
         _add_products(flat, r0, r1, r2, r3, p0, p1, p2, p3)
         _add_products(flat, r4, r5, r6, r7, p4, p5, p6, p7)
-        b += _AT_ONCE
+        b += AT_ONCE
     while b < rows.size:
         at = (rows[b] - late) * lanes
         now, then = run[at:], run[at - back :]
@@ -184,7 +143,7 @@ def _add_earlier(run: Array, lanes: int, late: int, earlier: int, rows: Index, f
 
 
 @kernel
-def _shift_earlier(
+def shift_earlier(
     run: Array,
     late: int,
     earlier: int,
@@ -192,7 +151,7 @@ def _shift_earlier(
     stride: int,
     out: Array,
 ) -> None:
-    """Complete the sums ``(D, L)`` of `_add_earlier`, of which the first ``stride`` are known.
+    """Complete the sums ``(D, L)`` of `add_earlier`, of which the first ``stride`` are known.
 
     At a shorter dead time each run of judged rows loses its first row and gains one behind.
     """
@@ -224,114 +183,8 @@ def _with_earlier(
     """Sums ``out`` ``(D, L)`` of a response times itself ``earlier`` rows before."""
     added = min(stride, out.shape[0])
     out[:] = 0.0
-    _add_earlier(run, lanes, late, earlier, judged[0], out.reshape(out.size)[: added * lanes])
-    _shift_earlier(run, late, earlier, judged, stride, out)
-
-
-@kernel
-def energies_of_stems(
-    stems: Array,
-    process: Array,
-    noises: tuple[Array, Index],
-    weight: Array,
-    first: int,
-    delays: Index,
-) -> Array:
-    """Sums of squares of whitened responses at each of the rising ``delays``, ``(N, D, L)``.
-
-    Of stems ``(n, L)`` through one process of two poles, ``(4,)`` without a lag, and then through
-    each of the noise models: taps ``(N, p)``, of which so many count as the orders ``(N,)`` say.
-    """
-    n, lanes = stems.shape
-    taps, orders = noises
-    judged = judged_rows(weight, first, 1)
-    rows, few = judged[0], judged[1].size <= _FEW_RUNS
-    longest = delays[-1]
-    # behind two rows of rest
-    responses = np.zeros((n + 2, lanes))
-    white = np.empty((orders.size, n, lanes))
-    out = np.zeros((orders.size, delays.size, lanes))
-    every = np.zeros((orders.size, longest - delays[0] + 1, lanes))
-    done = 0
-    for begin in range(0, n, _TILE):
-        end = min(n, begin + _TILE)
-        _respond_rows(stems, process, begin, end, responses)
-        more = done
-        while more < rows.size and rows[more] < end:
-            more += 1
-        if end < n:
-            more -= (more - done) % _AT_ONCE
-        for i in range(orders.size):
-            _whiten_rows(responses[2:], taps[i, : orders[i]], begin, end, white[i])
-            run = white[i].reshape(n * lanes)
-            if few:
-                _add_earlier(run, lanes, longest, 0, rows[done:more], every[i, 0])
-            else:
-                for d in range(delays.size):
-                    _add_earlier(run, lanes, delays[d], 0, rows[done:more], out[i, d])
-        done = more
-    if few:
-        for i in range(orders.size):
-            _shift_earlier(white[i].reshape(n * lanes), longest, 0, judged, 1, every[i])
-            for d in range(delays.size):
-                out[i, d] = every[i, longest - delays[d]]
-    return out
-
-
-@kernel
-def _respond_rows(stems: Array, process: Array, begin: int, end: int, out: Array) -> None:
-    """Rows of what `lanes.respond` gives for one process without a lag; ``out`` ``(n + 2, L)``."""
-    c1, c2, gain = process[0], process[1], process[3]
-    rest = stems[0]
-    for k in range(begin, end):
-        _respond(out[k + 2], out[k + 1], out[k], stems[k], rest, c1, c2, gain)
-
-
-@kernel
-def _whiten_rows(signals: Array, taps: Array, begin: int, end: int, out: Array) -> None:
-    """Rows of what `lanes.whiten_lanes` gives for signals ``(n, L)``.
-
-    Twice on purpose: one kernel for a tile and for whole signals slows the local search.
-    """
-    n, lanes = signals.shape
-    for k in range(begin, min(end, taps.size)):
-        out[k] = signals[k]
-    begin = max(begin, taps.size)
-    if begin >= end:
-        return
-    before = signals.reshape(n * lanes)
-    now = out.reshape(n * lanes)[begin * lanes : end * lanes]
-    source = before[begin * lanes : end * lanes]
-    if taps.size == 0:
-        now[:] = source
-    i = 0
-    while i + _AT_ONCE <= taps.size:
-        t0, t1, t2, t3 = taps[i], taps[i + 1], taps[i + 2], taps[i + 3]
-        t4, t5, t6, t7 = taps[i + 4], taps[i + 5], taps[i + 6], taps[i + 7]
-        at = (begin - 1 - i) * lanes
-        s0, s1, s2, s3 = (
-            before[at:],
-            before[at - lanes :],
-            before[at - 2 * lanes :],
-            before[at - 3 * lanes :],
-        )
-        s4, s5, s6, s7 = (
-            before[at - 4 * lanes :],
-            before[at - 5 * lanes :],
-            before[at - 6 * lanes :],
-            before[at - 7 * lanes :],
-        )
-        for j in range(now.size):
-            left = source[j] - t0 * s0[j] - t1 * s1[j] - t2 * s2[j] - t3 * s3[j]
-            now[j] = left - t4 * s4[j] - t5 * s5[j] - t6 * s6[j] - t7 * s7[j]
-        source = now
-        i += _AT_ONCE
-    while i < taps.size:
-        tap, one = taps[i], before[(begin - 1 - i) * lanes :]
-        for j in range(now.size):
-            now[j] = source[j] - tap * one[j]
-        source = now
-        i += 1
+    add_earlier(run, lanes, late, earlier, judged[0], out.reshape(out.size)[: added * lanes])
+    shift_earlier(run, late, earlier, judged, stride, out)
 
 
 @kernel

@@ -8,12 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.arrays import Array
-from estimator.lane_costs import JudgedRows, judged_rows
+from compiled import kernel
+from estimator.arrays import Array, Index
 from estimator.settings import Modelling
 from estimator.window import Window
 
-__all__ = ["Rows", "rows_of"]
+__all__ = ["JudgedRows", "Rows", "judged_rows", "rows_of"]
+
+JudgedRows = tuple[Index, Index, Index]
+"""Judged rows, and the first and last of each run; see `judged_rows`."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,26 @@ class Rows:
     def columns(self, *, integrating: bool) -> Array:
         """Columns of unknown size beside the response, ``(m, n)``."""
         return self.sloping if integrating else self.shared
+
+
+@kernel
+def judged_rows(weight: Array, first: int, stride: int) -> JudgedRows:
+    """Every ``stride``-th row from ``first`` on, those that are judged; first and last of each run.
+
+    A run is rows of which each is ``stride`` after the one before.
+    """
+    rows, begins = np.empty(weight.size, dtype=np.int64), np.empty(weight.size, dtype=np.int64)
+    ends = np.empty(weight.size, dtype=np.int64)
+    count = runs = 0
+    for k in range(first, weight.size, stride):
+        if weight[k] != 0.0:
+            if count == 0 or rows[count - 1] != k - stride:
+                begins[runs] = k
+                runs += 1
+            ends[runs - 1] = k
+            rows[count] = k
+            count += 1
+    return rows[:count], begins[:runs], ends[:runs]
 
 
 def rows_of(window: Window, sign: float, settings: Modelling, informed: float = 1.0) -> Rows:

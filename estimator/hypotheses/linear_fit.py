@@ -17,8 +17,8 @@ from estimator.algebra import (
     solve_spd,
 )
 from estimator.arrays import Array
-from estimator.lane_costs import Judged, costs_of_processes, costs_of_stems, judged_rows
-from estimator.rows import Rows
+from estimator.lane_costs import Judged, costs_of_processes, costs_of_stems
+from estimator.rows import Rows, judged_rows
 
 __all__ = ["Design", "LinearFit", "delay", "fit_linear", "fit_rows"]
 

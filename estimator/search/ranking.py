@@ -16,7 +16,8 @@ from compiled import innermost, kernel
 from estimator.arrays import Array, Index, Mask
 from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.linear_fit import Design
-from estimator.lane_costs import NOTHING, energies_of_stems
+from estimator.lane_costs import NOTHING
+from estimator.lane_energies import energies_of_stems
 from estimator.processes.poles import COARSE
 from estimator.valves.laws import LAWS
 
