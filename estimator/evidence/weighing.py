@@ -6,7 +6,7 @@ until neither becomes likelier: otherwise the one that was searched last would w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.noise import DRIFT, WHITE
 from estimator.processes.poles import COARSE
 from estimator.search.descent import refine_valve
+from estimator.search.effort import wider
 from estimator.search.processes import polish, settle
 from estimator.search.sweep import sweep_valves
 from estimator.search.valves import find_valves
@@ -53,14 +54,26 @@ class Weighing:
 
 def weigh(case: Case) -> Weighing:
     """Fit both hypotheses of a window, each as likely as it can be."""
-    healthy = fit_healthy(case)
-    valves = find_valves(case, healthy)
+    plain = fit_healthy(case)
+    valves = find_valves(case, plain)
     if not valves:
-        return Weighing(healthy, None)
+        return Weighing(plain, None)
     sticky = valves[0]
-    hopeless = sticky.likelihood - healthy.likelihood < _CLEAR
-    if hopeless and _grown(case, healthy, sticky, most=1) is healthy:
-        return Weighing(healthy, sticky, (sticky,))
+    hopeless = sticky.likelihood - plain.likelihood < _CLEAR
+    if hopeless and _grown(case, plain, sticky, most=1) is plain:
+        return Weighing(plain, sticky, (sticky,))
+    healthy, sticky = _weighed(case, plain, sticky)
+    if _is_doubtful(case, healthy, sticky):
+        healthy, sticky = _looked_again(case, plain, healthy, sticky)
+    judging = case.settings.judging
+    laws: tuple[Hypothesis, ...] = (sticky,)
+    if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
+        laws = (*_all_laws(case, sticky), *_others(sticky, valves))
+    return Weighing(healthy, sticky, laws)
+
+
+def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypothesis, Hypothesis]:
+    """Both hypotheses with what pays of disturbances, exchanged until neither becomes likelier."""
     healthy, sticky = _settled(case, healthy, sticky)
     grown_healthy = _grown(case, healthy, sticky)
     if sticky.likelihood - grown_healthy.likelihood > _CLEAR:
@@ -91,11 +104,33 @@ def weigh(case: Case) -> Weighing:
         healthy, sticky = _settled(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLEAR:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
+    return healthy, sticky
+
+
+def _is_doubtful(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> bool:
+    """Whether a valve that the search may have missed would change the answer.
+
+    Where none is as likely as a healthy one there is hardly ever one (tuning family).
+    """
     judging = case.settings.judging
-    laws: tuple[Hypothesis, ...] = (sticky,)
-    if sticky.likelihood - healthy.likelihood > judging.threshold - judging.uncertain:
-        laws = (*_all_laws(case, sticky), *_others(sticky, valves))
-    return Weighing(healthy, sticky, laws)
+    evidence = sticky.likelihood - healthy.likelihood
+    return 0.0 < evidence < judging.threshold + judging.uncertain
+
+
+def _looked_again(
+    case: Case, plain: Hypothesis, healthy: Hypothesis, sticky: Hypothesis
+) -> tuple[Hypothesis, Hypothesis]:
+    """Both hypotheses after a second search for valves with more effort.
+
+    Most windows are clear without it: it is spent where the answer hangs on it.
+    """
+    settings = replace(case.settings, searching=wider(case.settings.searching))
+    again = replace(case, settings=settings)
+    valves = find_valves(again, plain)
+    if not valves:
+        return healthy, sticky
+    other, better = _weighed(again, plain, valves[0])
+    return _likelier(healthy, other), _likelier(sticky, better)
 
 
 def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
