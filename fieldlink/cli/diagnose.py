@@ -34,7 +34,9 @@ def diagnose(
         str | None, typer.Option(help="Column that is 1 (or true) while in automatic.")
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
-    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
     hours: Annotated[
         float, typer.Option(min=0.1, help="For a site: hours of its record, up to now.")
     ] = 24.0,

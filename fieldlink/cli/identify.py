@@ -42,7 +42,8 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name."
+            metavar="FILE",
+            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name.",
         ),
     ],
     op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
@@ -52,7 +53,9 @@ def identify(
         str | None, typer.Option(help="Column that is 1 (or true) while in automatic.")
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
-    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
     criterion: Annotated[
         str,
         typer.Option(
@@ -60,7 +63,7 @@ def identify(
         ),
     ] = "auto",
     confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
-    window: Annotated[str | None, typer.Option(help="START:STOP in rows.")] = None,
+    window: Annotated[str | None, typer.Option(help="Judge these rows only: START:STOP.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:

@@ -47,27 +47,36 @@ def _parameters(texts: list[str]) -> dict[str, float]:
 
 
 def simulate(
-    plant: Annotated[str, typer.Argument(help="A plant of the catalogue, such as example1.")],
+    plant: Annotated[
+        str, typer.Argument(metavar="PLANT", help="A plant of the catalogue, such as example1.")
+    ],
     controller: Annotated[
         list[str] | None,
         typer.Option(
             "--controller",
             "-c",
-            help="pi, unaware, hybrid, embedding, knocker or two-move; may be repeated.",
+            help="pi, unaware, hybrid, embedding, knocker or two-move.",
         ),
     ] = None,
     take_over: Annotated[
         int, typer.Option(help="Sample at which the controllers under study take over.")
     ] = 600,
     samples: Annotated[int, typer.Option(help="Length of a run.")] = 1200,
-    setpoint: Annotated[str | None, typer.Option(help="Set-point: SAMPLE:VALUE,...")] = None,
-    load: Annotated[str | None, typer.Option(help="Load: SAMPLE:VALUE,...")] = None,
+    setpoint: Annotated[
+        str | None, typer.Option(help="Set-point from a sample on: SAMPLE:VALUE,...")
+    ] = None,
+    load: Annotated[str | None, typer.Option(help="Load from a sample on: SAMPLE:VALUE,...")] = None,
     parameter: Annotated[
         list[str] | None,
         typer.Option("--parameter", "-p", help="NAME=VALUE of a parameter of the plant."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the plant's noise.")] = 1,
-    rate: Annotated[float, typer.Option(min=0.0, help="Most that OP changes per scan.")] = 1e9,
+    rate: Annotated[
+        float,
+        typer.Option(
+            min=0.0, help="Most that OP changes per scan; no limit unless given.", show_default=False
+        ),
+    ] = 1e9,
     valve_error: Annotated[
         float, typer.Option(min=0.01, help="Factor on the frictions in the compensators' model.")
     ] = 1.0,
