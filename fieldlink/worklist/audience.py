@@ -83,6 +83,18 @@ class Audience:
     shows_evidence: bool
     shows_repairs: bool
 
+    @property
+    def legend(self) -> str:
+        """What the letters and shares in the columns mean."""
+        said = ["S: stick band, J: slip jump, in % of OP's span."]
+        if _JUMP not in self.columns:
+            said = ["S: stick band" + (", in % of OP's span." if _BAND in self.columns else ".")]
+        if _LOSS in self.columns:
+            said.append("Loss: share of PV's variance that sticking makes.")
+        if _TRAVEL in self.columns:
+            said.append("Travel and reversals are those of OP.")
+        return " ".join(said)
+
     def choose(self, loops: Sequence[ReportedLoop]) -> list[ReportedLoop]:
         """Return the loops of the list, in their order."""
         return [loop for loop in loops if self.shows_quiet or is_work(loop.row)]
