@@ -108,7 +108,7 @@ def _print_one(name: str, found: Diagnosis) -> None:
     from rich.panel import Panel
     from rich.text import Text
 
-    from fieldlink.cli.tables import data_console, labelled
+    from fieldlink.cli.tables import bulleted, data_console, labelled
 
     console = data_console()
     first = found.first
@@ -118,8 +118,8 @@ def _print_one(name: str, found: Diagnosis) -> None:
         weight = f", weight {cause.weight:.2f}"
         console.print(Text.assemble((cause.name.words, "bold"), weight))
         for sentence in cause.evidence:
-            console.print(f"  • {sentence}", highlight=False)
-        console.print(f"  {cause.action or cause.name.action}", highlight=False)
+            console.print(bulleted(sentence))
+        console.print(bulleted(cause.action or cause.name.action, "→"))
     console.print(_figures(found))
     for note in found.notes:
         console.print(labelled("note", note))

@@ -102,7 +102,13 @@ def _print_summary(
     from rich.panel import Panel
     from rich.text import Text
 
-    from fieldlink.cli.tables import data_console, identification_table, labelled, verdict_text
+    from fieldlink.cli.tables import (
+        bulleted,
+        data_console,
+        identification_table,
+        labelled,
+        verdict_text,
+    )
 
     console = data_console()
     span = f"{result.samples} samples, {result.period_s:g} s apart"
@@ -111,7 +117,7 @@ def _print_summary(
         console.print(labelled("note", note))
     console.print(identification_table(result))
     for reason in result.reasons:
-        console.print(f"  • {reason}. {reason.advice}")
+        console.print(bulleted(f"{reason}. {reason.advice}"))
     if plot is not None:
         console.print(f"picture: {plot}")
 
