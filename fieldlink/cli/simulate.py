@@ -143,12 +143,11 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
     from fieldlink.cli.tables import data_console
 
     table = Table(title=f"{simulation.plant}, take-over at sample {simulation.take_over}")
-    table.add_column("after the take-over")
-    for heading in ("PV std", "rms error", "offset", "travel/100", "reversals/100", "ms p99"):
+    table.add_column("controller")
+    for heading in ("PV std", "rms error", "offset", "travel", "reversals", "ms p99"):
         table.add_column(heading, justify="right")
-    table.add_column("")
 
-    def add(name: str, p: object, ms: float | None, words: str) -> None:
+    def add(name: str, p: object, ms: float | None) -> None:
         from fieldlink.lab.study.closed_loop import Performance
 
         assert isinstance(p, Performance)
@@ -161,16 +160,21 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
             f"{p.travel * share:.4g}",
             f"{p.reversals * share:.3g}",
             "" if ms is None else f"{ms:.3g}",
-            words,
         )
 
-    add("(before)", results[0].before, None, "the plant's own controller")
+    add("own, before", results[0].before, None)
     for result in results:
-        words = f"fell back: {result.fell_back}" if result.fell_back else ""
         slowest = None if result.milliseconds is None else result.milliseconds[1]
-        add(result.controller, result.after, slowest, words)
+        add(result.controller, result.after, slowest)
     console = data_console()
     console.print(table)
+    console.print(
+        "own, before: the plant's own controller until the take-over; rms error: of SP - PV, with "
+        "the set-point's steps; travel, reversals: of the stem, per 100 samples; ms p99: of a scan"
+    )
+    for result in results:
+        if result.fell_back:
+            console.print(f"{result.controller} fell back: {result.fell_back}")
     model = results[0].model
     if model is None:
         console.print(
