@@ -108,7 +108,7 @@ def _print_one(name: str, found: Diagnosis) -> None:
     from rich.panel import Panel
     from rich.text import Text
 
-    from fieldlink.cli.tables import bulleted, data_console, labelled
+    from fieldlink.cli.tables import data_console, format_bullet, labelled
 
     console = data_console()
     first = found.first
@@ -118,8 +118,8 @@ def _print_one(name: str, found: Diagnosis) -> None:
         weight = f", weight {cause.weight:.2f}"
         console.print(Text.assemble((cause.name.words, "bold"), weight))
         for sentence in cause.evidence:
-            console.print(bulleted(sentence))
-        console.print(bulleted(cause.action or cause.name.action, "→"))
+            console.print(format_bullet(sentence))
+        console.print(format_bullet(cause.action or cause.name.action, "→"))
     console.print(_figures(found))
     for note in found.notes:
         console.print(labelled("note", note))

@@ -103,8 +103,8 @@ def _print_summary(
     from rich.text import Text
 
     from fieldlink.cli.tables import (
-        bulleted,
         data_console,
+        format_bullet,
         identification_table,
         labelled,
         verdict_text,
@@ -117,7 +117,7 @@ def _print_summary(
         console.print(labelled("note", note))
     console.print(identification_table(result))
     for reason in result.reasons:
-        console.print(bulleted(f"{reason}. {reason.advice}"))
+        console.print(format_bullet(f"{reason}. {reason.advice}"))
     if plot is not None:
         console.print(f"picture: {plot}")
 

@@ -65,7 +65,9 @@ def simulate(
     setpoint: Annotated[
         str | None, typer.Option(help="Set-point from a sample on: SAMPLE:VALUE,...")
     ] = None,
-    load: Annotated[str | None, typer.Option(help="Load from a sample on: SAMPLE:VALUE,...")] = None,
+    load: Annotated[
+        str | None, typer.Option(help="Load from a sample on: SAMPLE:VALUE,...")
+    ] = None,
     parameter: Annotated[
         list[str] | None,
         typer.Option("--parameter", "-p", help="NAME=VALUE of a parameter of the plant."),
@@ -74,7 +76,9 @@ def simulate(
     rate: Annotated[
         float,
         typer.Option(
-            min=0.0, help="Most that OP changes per scan; no limit unless given.", show_default=False
+            min=0.0,
+            help="Most that OP changes per scan; no limit unless given.",
+            show_default=False,
         ),
     ] = 1e9,
     valve_error: Annotated[

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from estimator.result import Process
 
 __all__ = [
-    "bulleted",
     "counted",
     "data_console",
+    "format_bullet",
     "identification_table",
     "interval_text",
     "labelled",
@@ -46,7 +46,7 @@ def labelled(label: str, text: str, style: str = "yellow") -> Text:
     return Text.assemble((label, style), f" {as_printable(text)}")
 
 
-def bulleted(text: str, bullet: str = "•") -> Table:
+def format_bullet(text: str, bullet: str = "•") -> Table:
     """Return text behind a bullet, its lines below each other."""
     table = Table.grid(padding=(0, 1, 0, 0))
     table.add_row(f"  {bullet}", Text(text))

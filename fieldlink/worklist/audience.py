@@ -101,7 +101,7 @@ class Audience:
 
 
 def is_work(row: WorkRow) -> bool:
-    """Whether a meeting has something to say about a loop: a fault, or work to be verified."""
+    """Whether a loop has a fault, or work that is not verified yet."""
     return row.finding.wrong is not Wrong.QUIET or row.state in ("open", "planned", "done")
 
 

@@ -38,7 +38,7 @@ Diagnose = Callable[[str, WindowSamples], Finding | None]
 """Gives the finding of a diagnosis for a loop's newest window, None where there is none."""
 
 NO_WINDOW_YET = (
-    "let the daemon run until a window is full; fieldlink status tells how far it is, and which "
+    "let the daemon run until a window is full; fieldlink status shows how far it is, and which "
     "values are bad"
 )
 
