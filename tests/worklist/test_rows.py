@@ -175,7 +175,7 @@ def test_a_valve_that_the_plc_compensates_stays_on_the_list(own_fleet: Fleet) ->
     assert row.finding.wrong is Wrong.STICKY_VALVE
     assert row.stick_band.value == pytest.approx(S)
     assert row.repair is None
-    assert any("compensates" in remark for remark in row.remarks)
+    assert any("may compensate" in remark for remark in row.remarks)
 
 
 @pytest.mark.parametrize("end", ["withdrawn", "expired", "repaired"])
