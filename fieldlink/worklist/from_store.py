@@ -44,8 +44,8 @@ NO_WINDOW_YET = (
 )
 
 COMPENSATED = (
-    "the PLC has accepted a model of this valve and may compensate it, so the newest windows cannot "
-    "show it; finding, S and J are of that model"
+    "the PLC has accepted a model of this valve and may compensate it, so the newest windows "
+    "cannot show it; finding, S and J are of that model"
 )
 
 VALID_FOR = 86_400.0
