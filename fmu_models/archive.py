@@ -1,4 +1,4 @@
-"""Open an ``.fmu`` with suspicion: check the zip, read the description, extract."""
+"""Open an ``.fmu``: check the zip and the description before anything is extracted or run."""
 
 from __future__ import annotations
 

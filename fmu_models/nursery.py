@@ -1,14 +1,14 @@
 """The process that isolated plants are forked from.
 
 It has imported everything once, so a plant starts in milliseconds and shares its memory with the
-others. It does three things: gives birth to a worker on request, kills one on request, and when a
+others. It does three things: starts a worker on request, kills one on request, and when a
 worker has ended for any reason, removes its folder, ends what its FMU had started and reports the
 exit status. When the process it serves has ended, it kills the workers that are left and ends too.
 If it is killed itself, the workers go on until they are closed. Every worker leads a process group,
 so that the processes of an FMU end with it.
 
-Requests on the control socket are ``_REQUEST``; a birth carries three descriptors, the worker's end
-of its connection, the pipe for its exit status and the memory for rows of outputs.
+Requests on the control socket are ``REQUEST``; a ``BIRTH`` carries three descriptors, the worker's
+end of its connection, the pipe for its exit status and the memory for rows of outputs.
 """
 
 from __future__ import annotations

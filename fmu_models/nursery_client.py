@@ -43,7 +43,7 @@ class NurseryClient:
         """Whether it has not ended or been killed."""
         return self._process.poll() is None
 
-    def bear(self, memory: int) -> tuple[int, Connection, int]:
+    def start_worker(self, memory: int) -> tuple[int, Connection, int]:
         """Return the key of a new worker, the connection to it and the pipe of its exit status.
 
         Args:

@@ -49,7 +49,7 @@ class WorkerLink:
         self.failure: str | None = None
         self.time = 0.0
         self._home = nursery()
-        self._key, self._connection, self._status = self._home.bear(memory)
+        self._key, self._connection, self._status = self._home.start_worker(memory)
         self._open = True
 
     @property

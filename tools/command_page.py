@@ -78,7 +78,9 @@ def _default(param: Any) -> str:
     value = param.default
     if param.required:
         return "needed"
-    if value is None or value is False or value == () or value == [] or callable(value):
+    if value is None or value is False or value in ("", (), []) or callable(value):
+        return ""
+    if not getattr(param, "show_default", True):
         return ""
     if isinstance(value, enum.Enum):
         value = value.value

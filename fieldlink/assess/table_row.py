@@ -87,7 +87,7 @@ def error_row(file: str, loop: str, start: str, message: str) -> Row:
 
 
 def moment_text(seconds: float, *, dated: bool) -> str:
-    """A window's start: UTC in ISO 8601; in a recording without dates, seconds from its begin."""
+    """A window's start: UTC in ISO 8601; in a recording without dates, seconds from its start."""
     if not dated:
         return f"{seconds:.10g}"
     milliseconds = round(1000.0 * seconds)

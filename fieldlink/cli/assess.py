@@ -60,7 +60,9 @@ def assess(
     sp: Annotated[str | None, typer.Option(help="Column of the set-point.")] = None,
     auto: Annotated[str | None, typer.Option(help="Column that is 1 while in automatic.")] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
-    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
     criterion: Annotated[str, typer.Option(help="auto (coloured noise), oe or arx.")] = "auto",
     confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
 ) -> None:

@@ -224,11 +224,14 @@ class _View:
 
     @staticmethod
     def _found(course: Course) -> str:
-        estimate = course.status.last_estimate
-        if estimate is None or estimate.findings is None:
+        estimate, accepted = course.status.last_estimate, course.status.last_accepted
+        found = None if estimate is None else estimate.findings
+        if accepted is not None:  # newer windows are under compensation
+            found = accepted.candidate.findings
+        if found is None:
             return ""
-        S, J = estimate.findings.stick_band, estimate.findings.slip_jump
-        return f": {estimate.findings.verdict}, S {S.value:.4g}, J {J.value:.4g}"
+        S, J = found.stick_band, found.slip_jump
+        return f": {found.verdict}, S {S.value:.4g}, J {J.value:.4g}"
 
 
 def _spark(values: list[float]) -> str:

@@ -40,7 +40,7 @@ class Connect:
     ] = "even"
     stop_bits: Annotated[int, typer.Option(min=1, max=2, help="Stop bits of a serial port.")] = 1
     timeout: Annotated[
-        float | None, typer.Option(min=0.01, help="Seconds to wait for a reply; 0.5.")
+        float | None, typer.Option(min=0.01, help="Seconds to wait for a reply; 0.5 unless given.")
     ] = None
     ca: Annotated[
         Path | None,

@@ -34,7 +34,9 @@ def diagnose(
         str | None, typer.Option(help="Column that is 1 (or true) while in automatic.")
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
-    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
     hours: Annotated[
         float, typer.Option(min=0.1, help="For a site: hours of its record, up to now.")
     ] = 24.0,
@@ -106,7 +108,7 @@ def _print_one(name: str, found: Diagnosis) -> None:
     from rich.panel import Panel
     from rich.text import Text
 
-    from fieldlink.cli.tables import data_console, labelled
+    from fieldlink.cli.tables import data_console, format_bullet, labelled
 
     console = data_console()
     first = found.first
@@ -116,8 +118,8 @@ def _print_one(name: str, found: Diagnosis) -> None:
         weight = f", weight {cause.weight:.2f}"
         console.print(Text.assemble((cause.name.words, "bold"), weight))
         for sentence in cause.evidence:
-            console.print(f"  • {sentence}", highlight=False)
-        console.print(f"  {cause.action or cause.name.action}", highlight=False)
+            console.print(format_bullet(sentence))
+        console.print(format_bullet(cause.action or cause.name.action, "→"))
     console.print(_figures(found))
     for note in found.notes:
         console.print(labelled("note", note))

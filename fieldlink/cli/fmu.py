@@ -42,7 +42,7 @@ def info(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
-    """Describe an FMU before anything of it runs."""
+    """Describe an FMU; nothing of it runs."""
     from fmu_models import summarise
 
     summary = summarise(_file(fmu))
@@ -86,7 +86,7 @@ def run(
     map_file: Annotated[
         Path | None, typer.Option("--map", help="TOML: which tag is which variable.")
     ] = None,
-    stop: Annotated[float | None, typer.Option(help="Second at which it ends.")] = None,
+    stop: Annotated[float | None, typer.Option(help="Second at which the run ends.")] = None,
     step: Annotated[float | None, typer.Option(help="Seconds a step.")] = None,
     inputs: Annotated[
         Path | None, typer.Option(help="CSV: time and a column for each driven tag or variable.")

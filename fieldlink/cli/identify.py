@@ -42,7 +42,8 @@ def identify(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name."
+            metavar="FILE",
+            help="A recorded loop: CSV, Excel, Parquet or MATLAB; columns are found by name.",
         ),
     ],
     op: Annotated[str | None, typer.Option(help="Column of the controller output.")] = None,
@@ -52,7 +53,9 @@ def identify(
         str | None, typer.Option(help="Column that is 1 (or true) while in automatic.")
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time stamps.")] = None,
-    period: Annotated[float | None, typer.Option(help="Sampling period in seconds.")] = None,
+    period: Annotated[
+        float | None, typer.Option(help="Sampling period in seconds; from the times unless given.")
+    ] = None,
     criterion: Annotated[
         str,
         typer.Option(
@@ -60,7 +63,7 @@ def identify(
         ),
     ] = "auto",
     confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
-    window: Annotated[str | None, typer.Option(help="START:STOP in rows.")] = None,
+    window: Annotated[str | None, typer.Option(help="Judge these rows only: START:STOP.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
@@ -99,7 +102,13 @@ def _print_summary(
     from rich.panel import Panel
     from rich.text import Text
 
-    from fieldlink.cli.tables import data_console, identification_table, labelled, verdict_text
+    from fieldlink.cli.tables import (
+        data_console,
+        format_bullet,
+        identification_table,
+        labelled,
+        verdict_text,
+    )
 
     console = data_console()
     span = f"{result.samples} samples, {result.period_s:g} s apart"
@@ -108,7 +117,7 @@ def _print_summary(
         console.print(labelled("note", note))
     console.print(identification_table(result))
     for reason in result.reasons:
-        console.print(f"  • {reason}. {reason.advice}")
+        console.print(format_bullet(f"{reason}. {reason.advice}"))
     if plot is not None:
         console.print(f"picture: {plot}")
 

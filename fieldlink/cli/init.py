@@ -57,7 +57,9 @@ def init(
         Literal["big", "little"],
         typer.Option(help="Which register of a float is first, where the list does not say."),
     ] = "big",
-    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook, or the first.")] = None,
+    sheet: Annotated[
+        str | None, typer.Option(help="Sheet of a workbook; the first unless given.")
+    ] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(

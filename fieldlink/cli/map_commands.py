@@ -26,7 +26,9 @@ def import_(
         Literal["zero", "one", "modicon"] | None,
         typer.Option(help="How addresses are written; recognised unless given."),
     ] = None,
-    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook, or the first.")] = None,
+    sheet: Annotated[
+        str | None, typer.Option(help="Sheet of a workbook; the first unless given.")
+    ] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(

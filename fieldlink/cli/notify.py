@@ -37,7 +37,7 @@ def send_test(
 ) -> None:
     """Send a test notice to every receiver of the site file; exit status 1 if one fails.
 
-    It goes past the outbox and the hourly bound, and no running daemon is needed.
+    It is sent at once, does not count for per_hour, and needs no running daemon.
     """
     from fieldlink.notices import probe_notice, receivers_of
     from fieldlink.printable import as_printable

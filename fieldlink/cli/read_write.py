@@ -78,7 +78,9 @@ def write(
         str,
         typer.Argument(help="Tag of the site, or [table:]address[:type[:length]].", metavar="WHAT"),
     ],
-    value: Annotated[str, typer.Argument(help="Engineering value; true or false; text.")],
+    value: Annotated[
+        str, typer.Argument(metavar="VALUE", help="Engineering value; true or false; text.")
+    ],
     connect: Connect = Connect(),  # noqa: B008  (immutable)
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:

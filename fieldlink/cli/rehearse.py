@@ -30,7 +30,8 @@ def rehearse(
     scenarios: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Names of shipped scenarios or paths of your own; none lists them.",
+            metavar="SCENARIO",
+            help="Names of shipped scenarios or paths of your own; without any they are listed.",
             autocompletion=_complete_scenario,
         ),
     ] = None,

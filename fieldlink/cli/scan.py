@@ -34,7 +34,7 @@ def scan(
         str, typer.Option(help="Unit ids to try, such as 1,5,10-20; for a site the device's own.")
     ] = "",
     tables: Annotated[
-        str, typer.Option(help="Tables to look at, such as holding,input; all four.")
+        str, typer.Option(help="Tables to look at, such as holding,input; all four unless given.")
     ] = "",
     first: Annotated[int, typer.Option(min=0, max=65535, help="First address to read.")] = 0,
     last: Annotated[int, typer.Option(min=0, max=65535, help="Last address to read.")] = 499,

@@ -47,27 +47,40 @@ def _parameters(texts: list[str]) -> dict[str, float]:
 
 
 def simulate(
-    plant: Annotated[str, typer.Argument(help="A plant of the catalogue, such as example1.")],
+    plant: Annotated[
+        str, typer.Argument(metavar="PLANT", help="A plant of the catalogue, such as example1.")
+    ],
     controller: Annotated[
         list[str] | None,
         typer.Option(
             "--controller",
             "-c",
-            help="pi, unaware, hybrid, embedding, knocker or two-move; may be repeated.",
+            help="pi, unaware, hybrid, embedding, knocker or two-move.",
         ),
     ] = None,
     take_over: Annotated[
         int, typer.Option(help="Sample at which the controllers under study take over.")
     ] = 600,
     samples: Annotated[int, typer.Option(help="Length of a run.")] = 1200,
-    setpoint: Annotated[str | None, typer.Option(help="Set-point: SAMPLE:VALUE,...")] = None,
-    load: Annotated[str | None, typer.Option(help="Load: SAMPLE:VALUE,...")] = None,
+    setpoint: Annotated[
+        str | None, typer.Option(help="Set-point from a sample on: SAMPLE:VALUE,...")
+    ] = None,
+    load: Annotated[
+        str | None, typer.Option(help="Load from a sample on: SAMPLE:VALUE,...")
+    ] = None,
     parameter: Annotated[
         list[str] | None,
         typer.Option("--parameter", "-p", help="NAME=VALUE of a parameter of the plant."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the plant's noise.")] = 1,
-    rate: Annotated[float, typer.Option(min=0.0, help="Most that OP changes per scan.")] = 1e9,
+    rate: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            help="Most that OP changes per scan; no limit unless given.",
+            show_default=False,
+        ),
+    ] = 1e9,
     valve_error: Annotated[
         float, typer.Option(min=0.01, help="Factor on the frictions in the compensators' model.")
     ] = 1.0,
@@ -134,12 +147,11 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
     from fieldlink.cli.tables import data_console
 
     table = Table(title=f"{simulation.plant}, take-over at sample {simulation.take_over}")
-    table.add_column("after the take-over")
-    for heading in ("PV std", "rms error", "offset", "travel/100", "reversals/100", "ms p99"):
+    table.add_column("controller")
+    for heading in ("PV std", "rms error", "offset", "travel", "reversals", "ms p99"):
         table.add_column(heading, justify="right")
-    table.add_column("")
 
-    def add(name: str, p: object, ms: float | None, words: str) -> None:
+    def add(name: str, p: object, ms: float | None) -> None:
         from fieldlink.lab.study.closed_loop import Performance
 
         assert isinstance(p, Performance)
@@ -152,16 +164,21 @@ def _print(simulation: Simulation, results: list[SimulationResult], plot: Path |
             f"{p.travel * share:.4g}",
             f"{p.reversals * share:.3g}",
             "" if ms is None else f"{ms:.3g}",
-            words,
         )
 
-    add("(before)", results[0].before, None, "the plant's own controller")
+    add("own, before", results[0].before, None)
     for result in results:
-        words = f"fell back: {result.fell_back}" if result.fell_back else ""
         slowest = None if result.milliseconds is None else result.milliseconds[1]
-        add(result.controller, result.after, slowest, words)
+        add(result.controller, result.after, slowest)
     console = data_console()
     console.print(table)
+    console.print(
+        "own, before: the plant's own controller until the take-over; rms error: of SP - PV, with "
+        "the set-point's steps; travel, reversals: of the stem, per 100 samples; ms p99: of a scan"
+    )
+    for result in results:
+        if result.fell_back:
+            console.print(f"{result.controller} fell back: {result.fell_back}")
     model = results[0].model
     if model is None:
         console.print(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "counted",
     "data_console",
+    "format_bullet",
     "identification_table",
     "interval_text",
     "labelled",
@@ -43,6 +44,13 @@ def data_console(**settings: Any) -> Console:
 def labelled(label: str, text: str, style: str = "yellow") -> Text:
     """Return text, from outside or not, behind a label in a style."""
     return Text.assemble((label, style), f" {as_printable(text)}")
+
+
+def format_bullet(text: str, bullet: str = "•") -> Table:
+    """Return text behind a bullet, its lines below each other."""
+    table = Table.grid(padding=(0, 1, 0, 0))
+    table.add_row(f"  {bullet}", Text(text))
+    return table
 
 
 def number(value: float, digits: int = 4) -> str:

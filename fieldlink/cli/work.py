@@ -18,7 +18,7 @@ __all__ = ["work"]
 def work(
     site: SiteFile,
     loop: Annotated[
-        str | None, typer.Argument(metavar="[LOOP]", help="Name of the loop; all unless given.")
+        str | None, typer.Argument(metavar="LOOP", help="Name of the loop; all unless given.")
     ] = None,
     state: Annotated[
         Literal["open", "planned", "done", "verified"] | None,

@@ -1,6 +1,6 @@
-"""Findings about loops, born, confirmed and closed from one round of diagnoses to the next.
+"""Findings about loops: begun, confirmed and closed from one round of diagnoses to the next.
 
-Plain data in, store records out. What diagnoses, polls, stores or tells belongs elsewhere.
+Plain data in, store records out. What diagnoses, polls, stores or reports belongs elsewhere.
 """
 
 from fieldlink.findings.ledger import Ledger

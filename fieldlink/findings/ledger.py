@@ -1,9 +1,9 @@
 """The open findings of a site, and what each round of diagnoses makes of them.
 
     ledger = Ledger(open_before)
-    rows = ledger.advance(round)          # what is new, to be stored and told
+    rows = ledger.advance(round)          # what is new, to be stored and reported
 
-A finding is born on watch, is confirmed when it is seen again, and closes itself with a reason. One
+A finding begins as watched, is confirmed when it is seen again, and closes with a reason. One
 whose loop has no new window stays as it is: missing data neither confirm nor close it.
 """
 

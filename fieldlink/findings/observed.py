@@ -10,7 +10,7 @@ __all__ = ["CauseSeen", "ObservedGroup", "ObservedLoop", "Repair", "Round"]
 
 SAME_PERIOD = 0.15
 """Periods nearer than this share are one oscillation: zero crossings of a noisy record of ten
-periods tell it to a tenth."""
+periods give it to a tenth."""
 
 WHOLLY_MANUAL = 0.95
 """Weight of the cause manual from which at least nine tenths of the window were in manual."""

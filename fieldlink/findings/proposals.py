@@ -14,14 +14,14 @@ from fieldlink.findings.observed import ObservedGroup, ObservedLoop
 __all__ = ["Proposal", "propose"]
 
 NO_FINDING = frozenset({"quiet", "undetermined"})
-"""Causes on which nobody can act."""
+"""Causes that ask for no action."""
 
 SOURCES = ("sticky_valve", "tight_tuning")
 """Causes by which a loop makes an oscillation itself."""
 
 FOLLOWING = frozenset({"external_oscillation", "tight_tuning", "sticky_valve"})
-"""Causes that the loops of a group may show because of its source. A second sticky valve is told as
-a candidate of the group; once the first is repaired, it shows by itself."""
+"""Causes that the loops of a group may show because of its source. A second sticky valve is a
+candidate of the group; once the first is repaired, it shows by itself."""
 
 
 @dataclass(frozen=True, slots=True)

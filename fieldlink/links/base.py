@@ -213,7 +213,7 @@ class GoesOn(Protocol):
 
 @runtime_checkable
 class CountingLink(Link, Protocol):
-    """A link over a medium that can be lost, and that counts what it had to do about that."""
+    """A link whose connection can be lost; it counts openings, late replies and refused tags."""
 
     @property
     def connects(self) -> int:

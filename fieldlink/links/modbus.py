@@ -38,7 +38,7 @@ class ModbusSettings:
         quarantine: longest seconds until a register that answered with an exception is tried again.
         writable: holding registers (first, last) that may be written; nothing by default.
         writable_coils: coils (first, last) that may be written; nothing by default.
-        beat: seconds between two scans, for requests that are not in every scan; with 0 they are.
+        beat: seconds between two scans, which time slower requests; 0 sends all in every scan.
     """
 
     name: str

@@ -33,7 +33,7 @@ class OpcuaLink:
         plan: its Read requests.
         clock: stamps the readings and times the pauses.
         writable: elements (first, last) of the exchange array that may be written.
-        beat: seconds between two scans, for requests that are not in every scan.
+        beat: seconds between two scans, which time slower requests.
     """
 
     def __init__(

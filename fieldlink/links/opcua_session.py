@@ -36,7 +36,7 @@ PERIODS_SILENT = 3.0
 """Periods without a report, and a second more, after which a subscription is given up; the server
 sends a sign of life twice a period."""
 
-# asyncua logs what it raises too; the daemon tells it once, in its own words.
+# asyncua logs what it raises too; the daemon logs it once, with the remedy.
 for _name in ("asyncua", "asyncua.client", "asyncua.common"):
     logging.getLogger(_name).addHandler(logging.NullHandler())
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)

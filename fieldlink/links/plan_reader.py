@@ -56,7 +56,7 @@ class PlanReader:
         read: the connection's read.
         clock: stamps the readings.
         retry_after: longest seconds until a quarantined tag is tried again.
-        beat: seconds between two scans; with 0 every scan sends every request.
+        beat: seconds between two scans, which time slower requests; 0 sends all in every scan.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class PlanReader:
             self._fill(readings, resting, began, began_utc)
         scan = Scan(readings, began, began_utc, self._requests - before, tuple(failures))
         if asked or failures:
-            # A scan that had nothing to ask for tells nothing about the device.
+            # A scan without a request shows nothing of the device.
             self.state = self._judge(scan)
         return scan
 

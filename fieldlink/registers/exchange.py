@@ -14,7 +14,7 @@
 | bank_a, bank_b | Fieldlink | a block each |
 
 A writer puts the next block into the bank that is not active, or, before any block was accepted,
-into the one that ``commit`` does not name. All zero is therefore a sound beginning: bank A is
+into the one that ``commit`` does not name. All zero is therefore a valid start: bank A is
 committed and empty, the first block goes to bank B.
 """
 

@@ -37,8 +37,9 @@ class PlanError(FieldlinkError, ValueError):
 class ReadRequest:
     """One Modbus read: ``count`` addresses of ``table`` from ``address`` on, for ``tags``.
 
-    ``every`` is the number of seconds between two of them; 0 sends it in every scan. With ``polls``
-    it is in every so-many-th scan only: its loops have longer periods than others of the device.
+    ``every`` is the number of seconds between two of them; 0 sends it in every scan. With
+    ``polls`` of 3 it is in every third scan only: its loops have longer periods than others of the
+    device.
     """
 
     table: Table

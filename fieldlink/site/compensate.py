@@ -29,7 +29,7 @@ class CompensateSettings(Model):
     heartbeat_timeout: Seconds = 10.0
     """Plant seconds without a count of the daemon's heartbeat after which the block is not used."""
     travel_budget: float = Field(default=2.0, ge=0.1, le=100)
-    """Factor of OP's travel, against before compensation, beyond which the model is given up."""
+    """Factor of the stem's travel before compensation beyond which the model is given up."""
     pv_trip: float = Field(default=3.0, ge=1, le=100)
     """Multiple of the largest error known beyond which PV must return at once."""
     memory: str | None = None

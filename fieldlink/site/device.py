@@ -53,7 +53,7 @@ class Tls(Model):
 
 
 class Quirks(Model):
-    """``[devices.NAME.quirks]``: requests that the device does not support."""
+    """``[devices.NAME.quirks]``: what this device needs done in another way; all off by default."""
 
     pause_after_connect: Pause = 0.0
     """Seconds between opening the connection and the first request."""
@@ -128,7 +128,7 @@ class Device(Model):
     opcua: OpcuaSettings = OpcuaSettings()
     """How an OPC UA server is asked."""
     quirks: Quirks = Quirks()
-    """Requests that the device does not support."""
+    """What this device needs done in another way."""
 
     @property
     def is_modbus(self) -> bool:

@@ -169,7 +169,7 @@ def _read_words(words: list[str], data_type: DataType) -> Iterator[tuple[str, in
 
 
 def _without(words: list[str], plain: list[str], known: frozenset[str]) -> list[str] | None:
-    """Return the words without those that name the signal, at the end or the begin of a name."""
+    """Return the words without those that name the signal, at the end or the start of a name."""
     for size in (3, 2, 1):
         for start in (len(words) - size, 0):
             if start >= 0 and "".join(plain[start : start + size]) in known:

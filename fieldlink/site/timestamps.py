@@ -85,7 +85,7 @@ class Sampling:
 
 
 def is_moment(seconds: float) -> bool:
-    """Whether a number of seconds counts from 1970, not from the begin of a recording."""
+    """Whether a number of seconds counts from 1970, not from the start of a recording."""
     return _DATED_FROM <= seconds < _DATED_TO
 
 

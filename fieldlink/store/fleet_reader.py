@@ -17,12 +17,23 @@ from fieldlink.store.database import cause_of, open_for_reading, shown
 from fieldlink.store.errors import StoreError
 from fieldlink.store.last_findings import newest_of_findings
 from fieldlink.store.queries import frame_of
-from fieldlink.store.schema import DIAGNOSES, ESTIMATES, EVENTS, FINDINGS, SAMPLES, WORK
+from fieldlink.store.schema import (
+    DIAGNOSES,
+    ESTIMATES,
+    EVENTS,
+    FINDINGS,
+    SAMPLES,
+    WORK,
+    WRITEBACKS,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["FleetReader"]
+__all__ = ["SAME_BAND", "FleetReader"]
+
+SAME_BAND = 1e-5
+"""Relative difference of two stick bands that are one: a block holds them as single floats."""
 
 _COURSE = (
     "loop", "utc_ms", "window_end_ms", "first_slot", "last_slot", "outcome", "verdict", "score",
@@ -81,6 +92,26 @@ class FleetReader:
             query = query.where(ESTIMATES.c.window_end_ms <= round(1000.0 * until.timestamp()))
         query = query.order_by(ESTIMATES.c.utc_ms.desc(), ESTIMATES.c.id.desc()).limit(last)
         return [dict(row._mapping) for row in self._rows(query)]
+
+    def valve_in_use(self, loop: str) -> dict[str, Any] | None:
+        """Return the estimate behind the model that the PLC accepted last.
+
+        None without such a block, or where a later one says anything else than a sticky valve. The
+        columns are those of `documents`, and ``accepted_ms`` is when the PLC accepted the block.
+        """
+        b, c = WRITEBACKS.c, ESTIMATES.c
+        # A block that is not assessable leaves the one before it in force.
+        accepted = (b.loop == loop, b.outcome == "accepted", b.status != "not_assessable")
+        query = select(b.utc_ms, b.status, b.stick_band).where(*accepted)
+        blocks = self._rows(query.order_by(b.id.desc()).limit(1))
+        if not blocks or blocks[0].status != "valid":
+            return None
+        S = blocks[0].stick_band
+        same = c.stick_band.between(S * (1.0 - SAME_BAND), S * (1.0 + SAME_BAND))
+        columns = [*(c[name] for name in _COURSE), c.document]
+        behind = select(*columns).where(c.loop == loop, c.verdict == "stiction", same)
+        rows = self._rows(behind.order_by(c.id.desc()).limit(1))
+        return {**rows[0]._mapping, "accepted_ms": blocks[0].utc_ms} if rows else None
 
     def samples(self, loop: str, count: int, *, until: datetime | None = None) -> pd.DataFrame:
         """Return the newest ``count`` samples of a loop, or the newest up to ``until``."""

@@ -2,10 +2,10 @@
 
 Records go into a bounded queue and reach the database in batches, one transaction each. While the
 database cannot be written, the batch is kept and tried again; when the queue is full meanwhile, the
-newest samples are dropped, counted and said. Estimates, write-backs and events have room of their
-own at the end of the queue, because they are few and the record of what was done to a plant. A file
-that turns out to be damaged is set aside, and a new one begun; so it is when the file is found to
-be gone, and what was written last is written again.
+newest samples are dropped, counted and reported. Estimates, write-backs and events have room of
+their own at the end of the queue, because they are few and the record of what was done to a plant.
+A file that turns out to be damaged is set aside, and a new one begun. When the file is gone, a new
+one is begun too, and what was written last is written again.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class OpenDatabase:
         try:
             self._engine = self._open(opened)
         except StoreCorruptError as error:
-            self._engine = self._begin_anew(str(error.__cause__), opened)
+            self._engine = self._start_new_file(str(error.__cause__), opened)
         self._counts.add(written=1)
 
     def close(self) -> None:
@@ -90,7 +90,7 @@ class OpenDatabase:
         self.engine.dispose()
         opened = EventRecord(now_ms(), "store.reopened", "store", "after damage")
         try:
-            self._engine = self._begin_anew(cause, opened)
+            self._engine = self._start_new_file(cause, opened)
         except StoreError as problem:
             self._counts.mention(str(problem))
             _log.error("store.cannot_be_replaced", error=str(problem))
@@ -107,7 +107,7 @@ class OpenDatabase:
             self._records.put(EventRecord(now_ms(), "store.log_damaged", "store", damage))
         return engine
 
-    def _begin_anew(self, cause: str, opened: EventRecord) -> Engine:
+    def _start_new_file(self, cause: str, opened: EventRecord) -> Engine:
         file = file_of(self._url)
         assert file is not None
         aside = set_aside(file)

@@ -53,7 +53,7 @@ def read_averages(
     since: datetime | None = None,
     until: datetime | None = None,
 ) -> pd.DataFrame:
-    """Return the averages of samples beyond their retention; ``time`` is the begin of each."""
+    """Return the averages of samples beyond their retention; ``time`` is the start of each."""
     return _read(url, AVERAGES, loop, since, until)
 
 

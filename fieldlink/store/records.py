@@ -232,7 +232,7 @@ class FindingRecord(Record):
 
     Attributes:
         finding: its id, which never changes.
-        utc_ms, born_ms: when this was found, and when the finding was born.
+        utc_ms, born_ms: when this was found, and when the finding began.
         state: watch, confirmed or closed.
         cause: name of the cause, as in a diagnosis.
         loop: the loop that has the cause; empty where it is none of the loops.

@@ -83,13 +83,25 @@ class Audience:
     shows_evidence: bool
     shows_repairs: bool
 
+    @property
+    def legend(self) -> str:
+        """What the letters and shares in the columns mean."""
+        said = ["S: stick band, J: slip jump, in % of OP's span."]
+        if _JUMP not in self.columns:
+            said = ["S: stick band" + (", in % of OP's span." if _BAND in self.columns else ".")]
+        if _LOSS in self.columns:
+            said.append("Loss: share of PV's variance that sticking makes.")
+        if _TRAVEL in self.columns:
+            said.append("Travel and reversals are those of OP.")
+        return " ".join(said)
+
     def choose(self, loops: Sequence[ReportedLoop]) -> list[ReportedLoop]:
         """Return the loops of the list, in their order."""
         return [loop for loop in loops if self.shows_quiet or is_work(loop.row)]
 
 
 def is_work(row: WorkRow) -> bool:
-    """Whether a meeting has something to say about a loop: a fault, or work to be verified."""
+    """Whether a loop has a fault, or work that is not verified yet."""
     return row.finding.wrong is not Wrong.QUIET or row.state in ("open", "planned", "done")
 
 

@@ -71,7 +71,7 @@ class Course:
         """
         judged = frame[frame["verdict"].notna()].drop_duplicates("window_end_ms", keep="last")
         judged = judged.sort_values("window_end_ms")
-        # A valve that is not found sticky has no stick band; the estimator still tells the best.
+        # A valve that is not found sticky has no stick band; the estimator still names the best.
         sticky = (judged["verdict"] == "stiction").to_numpy()
         bands, jumps = (
             100.0 / span * judged[[name, f"{name}_low", f"{name}_high"]].to_numpy(dtype=np.float64)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from estimator import Interval, Track
@@ -38,9 +39,17 @@ Diagnose = Callable[[str, WindowSamples], Finding | None]
 """Gives the finding of a diagnosis for a loop's newest window, None where there is none."""
 
 NO_WINDOW_YET = (
-    "let the daemon run until a window is full; fieldlink status tells how far it is, and which "
+    "let the daemon run until a window is full; fieldlink status shows how far it is, and which "
     "values are bad"
 )
+
+COMPENSATED = (
+    "the PLC has accepted a model of this valve and may compensate it, so the newest windows "
+    "cannot show it; finding, S and J are of that model"
+)
+
+VALID_FOR = 86_400.0
+"""Seconds for which a block is valid where no site file is given: the default of a site file."""
 
 WINDOW = 800
 """Samples of a window where no site file gives its length."""
@@ -131,16 +140,21 @@ class _LoopReader:
         self._window = WINDOW if site is None else site.loops[name].window
 
     def read(self, item: WorkItem | None, noted: list[Repair]) -> ReportedLoop:
-        course = Course.of_frame(self._store.course(self._name), self._span, self._settings)
+        stored = Course.of_frame(self._store.course(self._name), self._span, self._settings)
         newest = next(iter(self._store.documents(self._name)), None)
-        document: Mapping[str, Any] | None = None if newest is None else newest["document"]
-        samples = self._samples(document)
+        shown: Mapping[str, Any] | None = None if newest is None else newest["document"]
+        samples = self._samples(shown)
+        behind = self._find_behind_block(newest, noted)
+        course, document, remarks = stored, shown, self._remarks
+        if behind is not None:
+            course = stored.until(datetime.fromtimestamp(behind["window_end_ms"] / 1000.0, UTC))
+            document, remarks = behind["document"], (*remarks, COMPENSATED)
         followed = course.follow(self._settings.stick_band_limit)
         repair = repair_in(course, followed, noted)
         present = course if repair is None else course.since(repair.time)
         if repair is not None and repair in noted:
             followed = present.follow(self._settings.stick_band_limit)
-        finding = self._finding(newest, samples)
+        finding = self._finding(newest, samples) if behind is None else _of_block(behind)
         S, J = self._intervals(document)
         outlook, days = outlook_of(followed, S, self._settings.stick_band_limit)
         agreeing, judged = present.agreement()
@@ -158,18 +172,42 @@ class _LoopReader:
             trend=trend_of(followed) if sticks else Interval.unknown(),
             days_to_limit=days if sticks else Interval.unknown(),
             worse_since=worse_since(followed) if sticks else None,
-            figures=figures_of(samples, document, self._span),
+            figures=figures_of(samples, shown, self._span),
             confidence=confidence,
             agreeing=agreeing,
             judged=judged,
-            windows=len(course),
-            last_window=course.last,
+            windows=len(stored),
+            last_window=stored.last,
             repair=None if repair is None else self._compare(course, repair, samples),
-            remarks=self._remarks,
+            remarks=remarks,
         )
         if sticks:
             row = replace(row, outlook=outlook)
-        return ReportedLoop(_with_remarks(row), samples, course, followed, self._span)
+        return ReportedLoop(_with_remarks(row), samples, stored, followed, self._span)
+
+    def _find_behind_block(
+        self, newest: Mapping[str, Any] | None, noted: Sequence[Repair]
+    ) -> Mapping[str, Any] | None:
+        """Return the estimate behind the model that the PLC compensates by; None if it does not.
+
+        A loop under compensation cannot show its valve: that its newest windows find no sticking
+        does not mean that the valve is repaired.
+        """
+        if newest is None or newest["verdict"] == "stiction":
+            return None
+        behind = self._store.valve_in_use(self._name)
+        if behind is None or newest["window_end_ms"] <= behind["window_end_ms"]:
+            return None
+        has_expired = newest["window_end_ms"] - behind["accepted_ms"] > 1000.0 * self._valid_for()
+        repaired = any(1000.0 * one.time.timestamp() > behind["window_end_ms"] for one in noted)
+        return None if has_expired or repaired else behind
+
+    def _valid_for(self) -> float:
+        """Seconds of the clock for which a block of the loop is valid."""
+        if self._site is None:
+            return VALID_FOR
+        loop = self._site.loops[self._name]
+        return loop.writeback.valid_for / self._site.devices[loop.device].speed
 
     def _op_span(self) -> tuple[float, tuple[str, ...]]:
         tag = None if self._site is None else self._site.tag(self._name, "op")
@@ -247,6 +285,10 @@ class _LoopReader:
             slip_jump=course.typical("slip_jump"),
             windows=len(course),
         )
+
+
+def _of_block(behind: Mapping[str, Any]) -> Finding:
+    return finding_of_estimate(behind["document"], oscillates=False, period_s=None)
 
 
 def _is_near(frame: pd.DataFrame, before: Course) -> bool:

@@ -129,13 +129,7 @@ def _print_list(paper: FPDF, document: WorkDocument) -> None:
                     style = FontFace(emphasis="BOLD")
                 row.cell(column.text(loop.row), style=style)
     paper.ln(1)
-    _print_text(
-        paper,
-        "S: stick band, J: slip jump, in % of OP's span. Loss: share of PV's variance that "
-        "sticking makes. Travel and reversals are those of OP.",
-        _SOFT,
-        size=7,
-    )
+    _print_text(paper, document.audience.legend, _SOFT, size=7)
 
 
 def _print_evidence(paper: FPDF, loop: ReportedLoop, rank: int, picture: bytes) -> None:

@@ -1,4 +1,4 @@
-"""The numbers that somebody chose for the work list."""
+"""The chosen numbers of the work list."""
 
 from __future__ import annotations
 

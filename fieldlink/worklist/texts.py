@@ -125,7 +125,8 @@ def facts_of(row: WorkRow) -> list[tuple[str, str]]:
         ("travel of OP, % of span a day", number(figures.travel_per_day)),
         ("reversals of OP a day", number(figures.reversals_per_day)),
         ("confidence", confidence_text(row)),
-        ("windows in the history, newest", f"{row.windows}, {day_text(row.last_window)}"),
+        ("windows in the history", number(row.windows)),
+        ("end of the newest window", day_text(row.last_window)),
     ]
     empty = (NOTHING, f"{NOTHING} ({percent})")
     return [(name, text) for name, text in facts if text not in empty]

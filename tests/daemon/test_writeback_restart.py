@@ -104,7 +104,7 @@ async def test_a_block_that_was_committed_when_the_daemon_was_killed_gets_its_ro
     after.writeback.resume(rows[0].record("FC101", 1.0))
     await after.seconds(5)
     assert after.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
-    assert "began again" in after.said[0].reason
+    assert "started again" in after.said[0].reason
     assert [attempt.words for attempt in after.said] == [rows[0].words] * 2
     assert after.said[1].candidate.findings.stick_band.value == 7.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import time
 from collections.abc import AsyncIterator
@@ -118,6 +119,10 @@ def test_after_a_gap_the_stem_is_shown_again_when_it_is_known() -> None:
 
 
 async def test_only_what_changed_is_sent_again(client: httpx.AsyncClient) -> None:
+    async with asyncio.timeout(60.0):
+        # The points of trends are read after the first view, and date every verdict.
+        while not all(one["since"] for one in (await client.get("/api/loops")).json()["loops"]):
+            await asyncio.sleep(0.1)
     first = (await client.get("/fragments/fleet")).json()
     assert len(first["rows"]) == 10
     revision = first["revision"]

@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 
 from benchmarks.made_fleet import END_MS, Fleet
-from fieldlink.store import FleetReader, StoreError, record_work
+from fieldlink.store import EventRecord, FleetReader, StoreError, WritebackRecord, record_work
+from fieldlink.store.database import open_for_writing
+from fieldlink.store.inserting import insert_batch
 from fieldlink.worklist import (
     COLUMNS,
     ReportedLoop,
     WorkListSettings,
+    WorkRow,
     Wrong,
     finding_of_diagnosis,
     finding_of_estimate,
@@ -136,6 +139,53 @@ def test_work_that_was_noted_starts_the_trend_again(own_fleet: Fleet) -> None:
     assert "new packing" in row.repair.source
     assert (row.repair.before.windows, row.repair.after.windows) == (20, 10)
     assert any("still sticks" in remark for remark in row.remarks)
+
+
+def accept_block(fleet: Fleet, hours: float, status: str = "valid") -> float:
+    """Store that the PLC accepted a block of FC103's last sticky window; return its S."""
+    with FleetReader(fleet.url) as store:
+        course = store.course("FC103")
+    S = float(course[course["verdict"] == "stiction"]["stick_band"].iloc[-1])
+    row = WritebackRecord(
+        "FC103",
+        END_MS - round(hours * 3_600_000),
+        "accepted",
+        "the PLC has accepted the block",
+        seq=7,
+        status=status,
+        stick_band=float(np.float32(S)),
+    )
+    engine = open_for_writing(fleet.url, EventRecord(END_MS, "daemon.start", "daemon", "again"))
+    try:
+        insert_batch(engine, [row])
+    finally:
+        engine.dispose()
+    return S
+
+
+def find_fc103(fleet: Fleet) -> WorkRow:
+    return next(loop.row for loop in list_loops(fleet.url) if loop.row.tag == "FC103")
+
+
+def test_a_valve_that_the_plc_compensates_stays_on_the_list(own_fleet: Fleet) -> None:
+    """Its newest windows show no sticking, because the compensator keeps the stem at rest."""
+    assert find_fc103(own_fleet).finding.wrong is Wrong.QUIET
+    S = accept_block(own_fleet, hours=6.0)
+    row = find_fc103(own_fleet)
+    assert row.finding.wrong is Wrong.STICKY_VALVE
+    assert row.stick_band.value == pytest.approx(S)
+    assert row.repair is None
+    assert any("may compensate" in remark for remark in row.remarks)
+
+
+@pytest.mark.parametrize("end", ["withdrawn", "expired", "repaired"])
+def test_a_block_that_has_ended_keeps_no_valve_on_the_list(own_fleet: Fleet, end: str) -> None:
+    accept_block(own_fleet, hours=30.0 if end == "expired" else 6.0)
+    if end == "withdrawn":
+        accept_block(own_fleet, hours=5.0, status="withdrawn")
+    elif end == "repaired":
+        record_work(own_fleet.url, "FC103", "done", utc_ms=END_MS - 4 * 3_600_000)
+    assert find_fc103(own_fleet).finding.wrong is Wrong.QUIET
 
 
 def test_done_and_healthy_asks_to_be_verified(own_fleet: Fleet) -> None:

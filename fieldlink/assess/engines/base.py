@@ -24,7 +24,7 @@ class Answer:
 
     Attributes:
         rows: by piece number.
-        seconds: from the begin to the end of the batch in its worker.
+        seconds: from the start to the end of the batch in its worker.
     """
 
     rows: tuple[tuple[int, tuple[Row, ...]], ...]

@@ -22,7 +22,7 @@ from fieldlink.assess.workers.watched import WatchedWorker, WorkerClosedError
 __all__ = ["DaskEngine"]
 
 CONNECT = 30.0
-"""Seconds to wait for a scheduler, at the begin and when it was lost, and for its first worker."""
+"""Seconds to wait for a scheduler, at the start and when it was lost, and for its first worker."""
 
 TRIES = 10
 """Times a batch is asked for again. Windows cannot kill a Dask worker, so each loss is a machine's

@@ -1,7 +1,7 @@
 """A worker process as seen from outside: asked for rows, watched, and replaced when it dies.
 
-What kills a worker costs its own row: the worker said which window it was at, a new worker goes on
-with the next one. Most workers that die are killed from outside, so that a window is tried again;
+What kills a worker costs its own row alone: the worker has named its window, and a new worker goes
+on with the next one. Most workers are killed from outside, so a window is tried again;
 one that uses up its processor time would do so again and is tried once.
 """
 

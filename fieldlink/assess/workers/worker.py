@@ -1,8 +1,8 @@
 """A worker: ``python -m fieldlink.assess.workers.worker``, JSON lines in, JSON lines out.
 
 The first line is the job. Each further line asks for a list of pieces or for a piece to be judged;
-every answer line says what the worker is at before it begins it, so that when it dies, the one who
-watches knows over what. A worker ends with its standard input, computes on one thread, and is ended
+before each window a line names it, so that the process that watches knows which window ended a
+worker. A worker ends with its standard input, computes on one thread, and is ended
 by the kernel when a window takes more processor time than the job allows (a limit that a busy
 machine does not move).
 """

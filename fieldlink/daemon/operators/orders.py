@@ -158,7 +158,7 @@ def recall_orders(
     """Put the standing orders of events, oldest first, in force again.
 
     Those of a loop that the site file does not name any more go to the loop that has its place in
-    the PLC now, or it is told, once, that they are lost.
+    the PLC now; without one an event reports, once, that they are lost.
     """
     absent: dict[str, tuple[StandingOrders, EventRecord]] = {}
     for event in events:

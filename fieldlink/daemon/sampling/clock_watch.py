@@ -1,6 +1,6 @@
 """A wall clock that steps: noticed within a second by comparing it with the monotonic clock.
 
-Sampling goes by the monotonic clock and does not care. What does care is told: every sample is
+Sampling goes by the monotonic clock and is not affected. Stamps and jobs are: every sample is
 marked with the stretch of time that its stamp belongs to, and the scheduler's jobs are moved along.
 """
 
@@ -22,7 +22,7 @@ SMALLEST_STEP = 2.0
 
 
 class ClockWatch:
-    """Tells the stretches of time apart between which the wall clock has stepped.
+    """Counts the stretches of time between steps of the wall clock.
 
     Args:
         clock: the clock.

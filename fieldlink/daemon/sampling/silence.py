@@ -1,4 +1,4 @@
-"""A loop that gets no good samples although its device answers: told once, and when they come."""
+"""A loop without good samples although its device answers: an event, and one when they come."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class SilenceWatch:
         return 0.0 if self._sampled_at is None else now - self._sampled_at
 
     def look(self, now: float, *, sampled: bool, answers: bool, fault: str = "") -> None:
-        """Tell when the loop has no good samples although its device answers, and when it has.
+        """Report when the loop has no good samples although its device answers, and when it has.
 
         Args:
             now: plant seconds.

@@ -122,7 +122,7 @@ class Candidate:
         )
         end_utc = block.window_end_ms / 1000.0
         if block.status is Status.WITHDRAWN:
-            return cls.to_withdraw("asked for before the daemon began again", end_utc)
+            return cls.to_withdraw("asked for before the daemon started again", end_utc)
         return cls(findings, end_utc, block.windows)
 
     def block(self, loop_id: int, seq: int, valid_for: int) -> ParameterBlock:

@@ -3,8 +3,8 @@
     read both banks - plan the block - (its record is stored) - write the inactive bank (one FC16) -
     read it back, once more if it differs - read the single words again - commit (one FC6)
 
-A step that fails ends it and leaves the active bank as it was. What a daemon before this one had
-begun is found out by looking at what the PLC holds.
+A step that fails ends it and leaves the active bank as it was. The outcome of a write
+that an earlier daemon left unfinished is read from the PLC.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Handover:
         word = commit_word(attempt.bank, attempt.block.seq)
         if control.ack_seq == attempt.block.seq or word in (control.commit, control.ack_commit):
             return attempt.became(
-                WritebackOutcome.COMMITTED, "found in the PLC when the daemon began again"
+                WritebackOutcome.COMMITTED, "found in the PLC when the daemon started again"
             )
         held = await self._exchange.bank(attempt.bank)
         if held == attempt.words:

@@ -13,7 +13,7 @@ __all__ = ["InForce", "RefusedModel", "has_other_gain", "refusal_of"]
 
 OTHER_GAIN = 3.0
 """Factor between the gains of two models from which they are different ones: at a constant
-set-point a window tells the gain to a factor of three at worst, because J trades against it."""
+set-point a window may miss the gain by a factor of three, because J trades against it."""
 
 
 @dataclass(frozen=True, slots=True)

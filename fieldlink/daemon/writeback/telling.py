@@ -1,4 +1,4 @@
-"""What holds until an operator decides, told once and not at every look."""
+"""Messages that hold until an operator decides: each is reported once, not at every look."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["ToldOnce"]
 
 
 class ToldOnce:
-    """Remembers what has been told.
+    """Remembers which kinds of messages were reported.
 
     Args:
         tell: called with kind and message of what an operator has to know.
@@ -19,19 +19,19 @@ class ToldOnce:
         self._kinds: set[str] = set()
 
     def carry_over(self, other: ToldOnce) -> None:
-        """Tell nothing again that another one has told."""
+        """Report nothing again that another one has reported."""
         self._kinds = other._kinds
 
     def tell(self, kind: str, message: str) -> None:
-        """Tell a message unless its kind has been told already."""
+        """Report a message unless its kind was reported already."""
         if kind not in self._kinds:
             self._kinds.add(kind)
             self._tell(kind, message)
 
     def forget(self, kind: str) -> None:
-        """Let a kind be told again: its cause has ended."""
+        """Let a kind be reported again: its cause has ended."""
         self._kinds.discard(kind)
 
     def forget_all(self) -> None:
-        """Let everything be told again: the operator has decided."""
+        """Let every kind be reported again: the operator has decided."""
         self._kinds.clear()

@@ -185,7 +185,7 @@ class BlockWriter:
         if attempt is None:
             return
         if attempt.candidate.withdrawal:
-            self._permission.held = "withdrawn before the daemon began again"
+            self._permission.held = "withdrawn before the daemon started again"
         if attempt.outcome.leaves_open:
             self._unsettled.leave(attempt)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from fieldlink.daemon import Daemon, DaemonStatus, Findings, LoopStatus, stop_on_signals
+from fieldlink.lab.demo.judged_windows import JudgedWindows
 from fieldlink.lab.demo.outcome import SETTLE
 from fieldlink.lab.demo.plc_process import PlcCourse, PlcProcess
 from fieldlink.lab.demo.registers import RegisterRow, read_block
@@ -129,6 +130,7 @@ class _Director:
         self._plc = plc
         self._daemon = Daemon(site)
         self._page: str | None = None
+        self._windows = JudgedWindows()
         self.accepted: _Accepted | None = None
 
     async def run(
@@ -198,19 +200,21 @@ class _Director:
         status = self._daemon.status()
         loop = status.loops[self._scene.loop]
         if self.accepted is None:
+            self._windows.note(loop.last_estimate)
             self.accepted = self._first_accepted(loop)
         step, progress = self._step(loop)
         return Course(step, progress, loop, status.requests, status.late_slots)
 
     def _first_accepted(self, loop: LoopStatus) -> _Accepted | None:
         """What the PLC took; a simulated loop's compensator waits for a sticky valve's model."""
-        attempt, estimate, latest = loop.last_accepted, loop.last_estimate, loop.latest
-        if attempt is None or estimate is None or latest is None:
+        attempt, latest = loop.last_accepted, loop.latest
+        if attempt is None or latest is None:
             return None
         if self._scene.recording is None and attempt.candidate.status is not Status.VALID:
             return None
-        slots = (estimate.first_slot, estimate.last_slot)
-        return _Accepted(attempt.candidate.findings, slots, latest.slot)
+        findings = attempt.candidate.findings
+        slots = self._windows.slots_of(findings)
+        return None if slots is None else _Accepted(findings, slots, latest.slot)
 
     def _step(self, loop: LoopStatus) -> tuple[Step, float]:
         if loop.latest is None:

@@ -26,7 +26,7 @@ SPEED = 40.0
 WINDOW = 600
 SETPOINT = ((0.0, 50.0), (10.0, 54.0), (300.0, 52.0))
 """The first step starts the limit cycle: at rest the unaware controller may never leave the band.
-The second one falls into the window: without one J cannot be told from the process gain."""
+The second one falls into the window: without one J cannot be separated from the process gain."""
 
 REPLAY_SECONDS = 18.0
 REPLAYED_SHARE = 0.85

@@ -19,7 +19,7 @@ SETTLE = 100
 
 LEAST, SHARE = 50, 3
 """Samples of each side that a standard deviation needs, and that part of a window: a window holds
-several swings, and less than one of them tells no deviation."""
+several swings, and less than one of them has no deviation."""
 
 BLOCKS = 200
 """Blocks looked back for the one with which the compensator took over."""

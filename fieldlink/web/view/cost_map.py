@@ -44,7 +44,7 @@ def cost_map(
         found = working.result(timeout=PATIENCE)
     except NotReady:
         return {"state": "computing", "estimate": judged["id"]}
-    except Exception as error:  # noqa: BLE001  (whatever it is, it is told; the page goes on)
+    except Exception as error:  # noqa: BLE001  (reported on the page, which goes on)
         said = str(error) or "its process ended"
         return {"state": "failed", "message": f"the map could not be computed: {said}"}
     return {

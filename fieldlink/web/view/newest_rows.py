@@ -10,12 +10,10 @@ from collections.abc import Sequence
 
 from sqlalchemy import CTE, ColumnElement, ScalarSelect, Subquery, Table, func, select
 
+from fieldlink.store.fleet_reader import SAME_BAND
 from fieldlink.store.schema import ESTIMATES, WRITEBACKS
 
 __all__ = ["ids_behind_blocks", "newest_ids", "stored_loops"]
-
-SAME = 1e-5
-"""Relative difference of two stick bands that are one: a block holds them as single floats."""
 
 
 def stored_loops(table: Table) -> CTE:
@@ -63,7 +61,7 @@ def ids_behind_blocks(accepted: Subquery) -> Subquery:
         .where(
             c.loop == blocks.c.loop,
             c.verdict == "stiction",
-            c.stick_band.between(S * (1.0 - SAME), S * (1.0 + SAME)),
+            c.stick_band.between(S * (1.0 - SAME_BAND), S * (1.0 + SAME_BAND)),
         )
         .correlate(blocks)
         .scalar_subquery()

@@ -183,7 +183,7 @@ class StoreQueries:
         """Return the newest events of a kind, newest first.
 
         Args:
-            kinds: begin of the kind, such as ``operator.``.
+            kinds: start of the kind, such as ``operator.``.
             since_ms: from when on.
             most: rows.
             source: only of this source; of all when empty.
