@@ -82,9 +82,12 @@ def _likelihood(axes: Axes, *, constant: bool) -> None:
     truth = EXAMPLES[1].valve.stick_band
     edges = np.linspace(0.7 * truth, 1.2 * truth, 201)
     # the spread that the model leaves, as a normal distribution around every sample
-    blur = max(span * posterior.blur[0], edges[1] - edges[0])
+    above = posterior.blur[0] if posterior.above is None else posterior.above
+    least = edges[1] - edges[0]
+    below, above = (max(span * blur, least) for blur in (posterior.blur[0], above))
     middle = 0.5 * (edges[1:] + edges[:-1])
-    away = (middle[None, :] - span * posterior.valves[:, 0][:, None]) / blur
+    away = middle[None, :] - span * posterior.valves[:, 0][:, None]
+    away /= np.where(away > 0.0, above, below)
     density = posterior.weights @ np.exp(-0.5 * np.square(away))
     axes.stairs(density, edges, fill=True, color="tab:blue", alpha=0.6)
     found = posterior.interval(1.0, 0.0, 0.9).scaled(span)

@@ -179,9 +179,13 @@ class Spreading:
             no law is quite that of a valve (tuning family: coverage per kind).
         temper: power of the likelihood; below 1 because slips of a real valve vary from stroke to
             stroke while the model's do not (tuning family: coverage per kind).
-        law, law_jump: standard deviations of S and J, as shares of S, that the law leaves: where
-            one law is far ahead of the others, and where none is (tuning family).
-        lead: nats by which a law is ahead that make it e times surer (tuning family).
+        law, law_above, law_jump: standard deviations of S downwards, of S upwards and of J, as
+            shares of S, that the law leaves: where one law is far ahead of the others, and where
+            none is. Upwards more: bristles, and turns of OP that no sample shows, make a valve slip
+            earlier than its S says (tuning family: coverage per kind).
+        lead: nats by which a law is ahead that make it e times surer; as many more as the mean
+            square of its errors after the stem's turns is larger than elsewhere, squared (tuning
+            family).
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
@@ -191,9 +195,10 @@ class Spreading:
     law_nats: float = 30.0
     law_temper: float = 0.05
     temper: float = 0.5
-    law: tuple[float, float] = (0.015, 0.085)
-    law_jump: tuple[float, float] = (0.1, 0.3)
-    lead: float = 30.0
+    law: tuple[float, float] = (0.01, 0.08)
+    law_above: tuple[float, float] = (0.01, 0.2)
+    law_jump: tuple[float, float] = (0.07, 0.3)
+    lead: float = 15.0
     gains: int = 16
     lanes: int = 128
     rounds: int = 5

@@ -135,9 +135,8 @@ def arx_estimate(
     top = samples[int(order_of(all_costs)[0])]
     valve = Valve(float(top[0]), float(top[1]), float(top[2]), "he")
     law = case.settings.spreading
-    posterior = Posterior(
-        samples, weights / weights.sum(), (law.law[1] * valve.band, law.law_jump[1] * valve.band)
-    )
+    below, jump, above = (valve.band * open_ for _, open_ in (law.law, law.law_jump, law.law_above))
+    posterior = Posterior(samples, weights / weights.sum(), (below, jump), above)
     stem = case.stem(valve)
     orders = choose_orders(case, stem)
     fit = _fit(case, stem, orders)

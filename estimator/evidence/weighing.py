@@ -19,7 +19,7 @@ from estimator.search.effort import wider
 from estimator.search.processes import polish, settle
 from estimator.search.sweep import sweep_valves
 from estimator.search.valves import find_valves
-from estimator.valves.laws import LAWS
+from estimator.valves.laws import LAWS, NEEDS
 
 __all__ = ["Weighing", "fit_healthy", "weigh"]
 
@@ -193,6 +193,11 @@ def _others(sticky: Hypothesis, valves: tuple[Hypothesis, ...]) -> tuple[Hypothe
 def _all_laws(case: Case, sticky: Hypothesis) -> tuple[Hypothesis, ...]:
     """The likeliest valve of every law, the likeliest of all first: for the estimate."""
     assert sticky.valve is not None
-    others = [law for law in LAWS if law != sticky.valve.law]
-    found = [sticky, *(refine_valve(case, sticky, 0.06, law=law) for law in others)]
-    return tuple(sorted(found, key=lambda one: -round(one.likelihood, 6)))
+    found = {sticky.valve.law: sticky}
+    for law in LAWS:
+        start = found[NEEDS[law]] if law in NEEDS else sticky
+        best = max(one.likelihood for one in found.values())
+        near = start.likelihood > best - case.settings.spreading.law_nats
+        if law not in found and (near or law not in NEEDS):
+            found[law] = refine_valve(case, start, 0.06, law=law)
+    return tuple(sorted(found.values(), key=lambda one: -round(one.likelihood, 6)))

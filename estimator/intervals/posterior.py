@@ -4,6 +4,10 @@ The likelihood over S, J and the first position is sampled under every law that 
 nearly as well as the best one (adaptive importance sampling: Cornuet, Marin, Mira and Robert,
 Adaptive multiple importance sampling, Scand. J. Statist. 39, 2012). The process is free: gain and
 columns are solved for every sample, dead time is at its best, and poles may move to first order.
+
+Where each stroke is one slip, J trades against the gain from 0 to S in cells that no local sampler
+crosses: two rounds look along that valley. And no law is quite a valve's: what PV leaves of a law
+after the stem's turns, beside what it leaves elsewhere, says how far the law can be believed.
 """
 
 from __future__ import annotations
@@ -15,23 +19,34 @@ import numpy as np
 from scipy.special import ndtri
 
 from compiled import kernel
-from estimator.algebra import cholesky
+from estimator.algebra import cholesky, dot, filter_rows
 from estimator.arrays import Array
 from estimator.hypotheses.gain import pole_derivatives
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.processes.poles import coefficients
 from estimator.result import Interval
 from estimator.search.descent import moved_valves, turned_points
-from estimator.valves.laws import LAWS
+from estimator.valves.laws import BETWEEN, LAWS
 
 __all__ = ["Peak", "Posterior", "sample_posterior"]
 
 _IMPOSSIBLE = 1e6
 """Nats by which a stem that does not work like a valve is behind."""
+_STILL = 1e-9
+"""Moves of the stem (shares of OP's span), and of J over S beyond its bounds, that are rounding."""
 _ALIKE = 0.05
 """Stems that differ by less, as a share of S, are those of one law."""
 _PARTS = ndtri((np.arange(9) + 0.5) / 9.0)
 """Nine equal parts of a normal distribution."""
+_VALLEY = (1, 2)
+"""Rounds that look along the valley of J."""
+_ALL_JUMPS, _OTHER_START = 0.4, 0.02
+"""Standard deviations there, over S: of J, so that all from 0 to S are tried, and of the first
+position beside what keeps the first slip where it is."""
+_AFTER_TURN = 4
+"""Samples after a turn of the stem that say whether it turned there and as far."""
+_MOST_UNEVEN = 8.0
+"""Beyond, the errors follow the turns, and how much says nothing more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +65,13 @@ class Posterior:
     Attributes:
         samples, weights: the samples, in scaled units.
         blur: standard deviations of S and J that the model itself leaves, as shares of OP's span.
+        above: that of S upwards, where it differs; ``blur`` holds that downwards.
     """
 
     samples: Array
     weights: Array
     blur: tuple[float, float]
+    above: float | None = None
 
     @property
     def valves(self) -> Array:
@@ -64,10 +81,14 @@ class Posterior:
     def interval(self, of_band: float, of_jump: float, confidence: float) -> Interval:
         """Equal-tailed interval of ``of_band S + of_jump J``, its value the median."""
         values = self.valves @ np.array([of_band, of_jump])
-        blur = math.hypot(of_band * self.blur[0], of_jump * self.blur[1])
+        above = self.blur[0] if self.above is None else self.above
+        below, above = (
+            math.hypot(of_band * band, of_jump * self.blur[1]) for band in (self.blur[0], above)
+        )
         rising = np.argsort(values, kind="stable")
         # Runs in rising order, which a stable sort only has to merge.
-        spread = (values[rising] + blur * _PARTS[:, None]).ravel()
+        parts = np.where(_PARTS > 0.0, above, below) * _PARTS
+        spread = (values[rising] + parts[:, None]).ravel()
         weight = np.tile(self.weights[rising] / _PARTS.size, _PARTS.size)
         order = np.argsort(spread, kind="stable")
         share = np.cumsum(weight[order]) - 0.5 * weight[order]
@@ -94,12 +115,13 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     spreading = case.settings.spreading
     best = explanations[0]
     assert best.valve is not None
+    uneven = _unevenness(case, best)
     valves, weights = [], []
     for one in explanations:
         behind = best.likelihood - one.likelihood
         if behind > spreading.law_nats:
             continue
-        found, log_weight = _sample(case, one)
+        found, log_weight = _sample(case, one, uneven)
         weight = np.exp(log_weight - log_weight.max())
         valves.append(found)
         # a law that is a little behind may still be that of the valve: no law is quite
@@ -107,22 +129,49 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     weight = np.concatenate(weights)
     # A real valve slips between two samples, anywhere: the deviation of a uniform distribution.
     late = _usual_step(case.rows.u) / math.sqrt(12.0)
-    band = best.valve.band
-    doubt = math.exp(-_lead_of_law(explanations) / spreading.lead)
-    blur = tuple(
-        math.hypot(late, band * (known + doubt * (open_ - known)))
-        for known, open_ in (spreading.law, spreading.law_jump)
+    # a lead is worth less where the leading law's own errors follow the turns
+    doubt = math.exp(-_lead_of_law(explanations) / (spreading.lead * uneven**2))
+    below, above, jump = (
+        math.hypot(late, best.valve.band * (known + doubt * (open_ - known)))
+        for known, open_ in (spreading.law, spreading.law_above, spreading.law_jump)
     )
-    return Posterior(np.vstack(valves), weight / weight.sum(), (blur[0], blur[1]))
+    return Posterior(np.vstack(valves), weight / weight.sum(), (below, jump), above)
+
+
+def _unevenness(case: Case, of: Hypothesis) -> float:
+    """Mean square of the innovations after the stem's turns over that elsewhere, at least 1.
+
+    A law that turns the stem at other samples or as far otherwise than the valve leaves more of PV
+    after its turns; noise does not know of them.
+    """
+    rows = case.rows
+    steps = np.sign(np.where(np.abs(np.diff(of.stem)) > _STILL, np.diff(of.stem), 0.0))
+    moves = np.flatnonzero(steps)
+    turns = moves[np.diff(steps[moves], prepend=0.0) != 0.0] + 1 + of.dead_time
+    after = np.zeros(rows.size)
+    for late in range(_AFTER_TURN):
+        after[np.minimum(turns + late, rows.size - 1)] = 1.0
+    after, elsewhere = after * rows.weight, (1.0 - after) * rows.weight
+    innovations = filter_rows(of.residual[None], of.taps, rows.weight)[0]
+    squares = np.square(innovations)
+    count, others = float(after.sum()), float(elsewhere.sum())
+    quiet = float(dot(squares, elsewhere))
+    if count == 0.0 or others == 0.0 or quiet == 0.0:
+        return 1.0
+    ratio = float(dot(squares, after)) / count / (quiet / others)
+    return min(max(ratio, 1.0), _MOST_UNEVEN)
 
 
 def _lead_of_law(explanations: tuple[Hypothesis, ...]) -> float:
     """Nats by which the likeliest law is ahead of the next one; 0 where only one was tried.
 
     Laws that move the stem alike are one: ``he`` and ``steps`` where no sample asks for two slips.
+    A law of what happens between two samples is ahead of others of samples only: 0.
     """
     best = explanations[0]
     assert best.valve is not None
+    if best.valve.law in BETWEEN:
+        return 0.0
     others = [
         one.likelihood
         for one in explanations
@@ -139,7 +188,7 @@ def _usual_step(op: Array) -> float:
     return float(np.median(moving)) if moving.size else 0.0
 
 
-def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
+def _sample(case: Case, of: Hypothesis, uneven: float) -> tuple[Array, Array]:
     """Valves and log weights of one law's samples."""
     spreading = case.settings.spreading
     valve = of.valve
@@ -156,8 +205,9 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
     shortest = max(0, of.dead_time - 1)
     count = min(3, case.max_dead_time + 1 - shortest)
     centre = np.array([valve.band, valve.jump, valve.start])
-    # a sample that a historian drew says nothing of its own
-    temper = spreading.temper * case.rows.informed
+    # A sample that a historian drew says nothing of its own; and valves differ in the samples after
+    # their turns, whose errors are larger than the noise model says.
+    temper = spreading.temper * case.rows.informed / uneven
     middle, root = np.zeros(3), np.diag(np.array(spreading.reach))
     tables, likelihoods, proposals = [], [], []
     for turn in range(spreading.rounds):
@@ -170,7 +220,9 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
         tables.append(table)
         likelihood = -temper * case.worth(costs)
         # never minus infinity for all: the valve itself is among them
-        likelihoods.append(np.where(case.tells(stems), likelihood, likelihood - _IMPOSSIBLE))
+        jumps = valve.jump / valve.band + table[:, 1]
+        possible = case.tells(stems) & (jumps > -_STILL) & (jumps < 1.0 + _STILL)
+        likelihoods.append(np.where(possible, likelihood, likelihood - _IMPOSSIBLE))
         proposals.append((middle, root))
         every = np.vstack(tables)
         log_like = np.concatenate(likelihoods)
@@ -182,10 +234,32 @@ def _sample(case: Case, of: Hypothesis) -> tuple[Array, Array]:
         apart = every - middle
         spread = (apart * weight[:, None]).T @ apart
         # wider than what was found: a proposal that is too narrow never finds out
-        floor = np.diag(np.square(spreading.narrowest * np.ones(3)))
-        root = cholesky(spreading.wider**2 * spread + floor)
+        covariance = spreading.wider**2 * spread + np.diag(
+            np.square(spreading.narrowest * np.ones(3))
+        )
+        if turn + 1 in _VALLEY:
+            middle, root = _along_valley(of, middle, math.sqrt(covariance[0, 0]))
+        else:
+            root = cholesky(covariance)
     valves = moved_valves(centre, every)
     return valves, log_weight
+
+
+def _along_valley(of: Hypothesis, middle: Array, reach: float) -> tuple[Array, Array]:
+    """Mean and root of a proposal with all slip jumps from 0 to S, the first slip where it is.
+
+    The stick band stays near its ``middle``, within a ``reach``. With J the static friction grows
+    by half of it, and the first position moves against the first slip.
+    """
+    assert of.valve is not None
+    moves = np.diff(of.stem)
+    moves = moves[np.abs(moves) > _STILL]
+    side = -0.5 * float(np.sign(moves[0])) if moves.size else 0.0
+    jump = 0.5 - of.valve.jump / of.valve.band
+    centre = np.array([middle[0], jump, middle[2] + side * (jump - middle[1])])
+    root = np.diag([reach, _ALL_JUMPS, _OTHER_START])
+    root[2, 1] = side * _ALL_JUMPS
+    return centre, root
 
 
 @kernel

@@ -11,8 +11,12 @@ differ in what comes after, with ``fS = (S + J) / 2`` and ``fD = (S - J) / 2``:
   al., 2004; a valve with Coulomb and static friction and little mass).
 * ``steps``: it goes in slips of J, as many as OP asks for, because the valve answers faster than
   the samples are taken: He's law for a record that is slower than the controller's scan.
+* ``sliding-between``: the sliding law for such a record.
 
-A fourth law is one kernel with this signature and one line in :data:`LAWS`.
+In a record that is slower than the scan OP also turns between two samples, where the lines before
+and after meet, and the stem answers there: without these turns S comes out too small.
+
+A fifth law is one kernel with this signature and one line in :data:`LAWS`.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ import numpy as np
 from compiled import kernel
 from estimator.arrays import Array
 
-__all__ = ["LAWS", "Law", "stem_of"]
+__all__ = ["BETWEEN", "LAWS", "NEEDS", "Law", "stem_of"]
 
 Law = Callable[[Array, Array], Array]
 """``law(op, valves)``: OP ``(n,)`` and valves ``(L, 3)`` (S, J, x_0) to stems ``(n, L)``."""
@@ -88,31 +92,72 @@ def sliding_stems(op: Array, valves: Array) -> Array:
 
 
 @kernel
+def _with_turns(op: Array) -> Array:
+    """OP ``(2 n,)`` with a value before each sample: the turn between the two, or their middle.
+
+    OP turns between two samples where the lines through the two before and the two after meet there
+    and go different ways.
+    """
+    n = op.size
+    out = np.empty(2 * n)
+    out[0] = out[1] = op[0]
+    for k in range(1, n):
+        before, now = op[k - 1], op[k]
+        out[2 * k], out[2 * k + 1] = 0.5 * (before + now), now
+        if k == 1 or k == n - 1:
+            continue
+        rise, fall = before - op[k - 2], op[k + 1] - now
+        if rise * fall < 0.0:
+            share = (now - fall - before) / (rise - fall)
+            if 0.0 < share < 1.0:
+                out[2 * k] = before + share * rise
+    return out
+
+
+@kernel
 def step_stems(op: Array, valves: Array) -> Array:
     """He's law scanned faster than the record: slips of J, as many as OP asks for."""
-    n, lanes = op.size, valves.shape[0]
+    path, lanes = _with_turns(op), valves.shape[0]
     static, _ = _frictions(valves)
     now = valves[:, 2].copy()
     size = np.empty(lanes)
     for j in range(lanes):
         size[j] = max(valves[j, 1], 1e-3 * valves[j, 0])
-    out = np.empty((n, lanes))
-    for k in range(n):
-        u = op[k]
+    out = np.empty((op.size, lanes))
+    for k in range(path.size):
+        u, row = path[k], out[k // 2]
         for j in range(lanes):
             error = u - now[j]
             beyond = abs(error) - static[j]
             steps = math.floor(beyond / size[j]) + 1.0 if beyond > 0.0 else 0.0
             x = now[j] + (steps * size[j] if error > 0.0 else -steps * size[j])
             now[j] = x
-            out[k, j] = x
+            row[j] = x
     return out
 
 
+@kernel
+def sliding_between_stems(op: Array, valves: Array) -> Array:
+    """The sliding law scanned faster than the record."""
+    return sliding_stems(_with_turns(op), valves)[1::2].copy()
+
+
 LAWS: MappingProxyType[str, Law] = MappingProxyType(
-    {"he": he_stems, "sliding": sliding_stems, "steps": step_stems}
+    {
+        "he": he_stems,
+        "sliding": sliding_stems,
+        "steps": step_stems,
+        "sliding-between": sliding_between_stems,
+    }
 )
 """The laws by name; the first one is searched first."""
+
+BETWEEN = ("steps", "sliding-between")
+"""Laws of a record that is slower than the scan: what OP did between two samples is a guess."""
+
+NEEDS: MappingProxyType[str, str] = MappingProxyType({"sliding-between": "steps"})
+"""Laws that are tried only where another one, named here, explains the window nearly as well as the
+best: a record is slower than the scan or it is not."""
 
 
 def stem_of(op: Array, law: str, valve: tuple[float, float, float]) -> Array:

@@ -63,6 +63,9 @@ def test_blur_adds_a_normal_law() -> None:
         (blurred.low, blurred.high), (1.0 - reach, 1.0 + reach), atol=0.15 * 0.3
     )
     assert replace(plain, blur=(0.3, 0.0)).interval(0.0, 1.0, 0.9) == plain.interval(0.0, 1.0, 0.9)
+    upwards = replace(plain, blur=(0.0, 0.0), above=0.3).interval(1.0, 0.0, 0.9)
+    assert upwards.high == pytest.approx(blurred.high, abs=0.1)
+    assert upwards.low > 1.0 - 0.1 * norm.ppf(0.95) - 0.02
 
 
 def test_two_likely_valves_are_both_in_the_interval_and_named() -> None:
@@ -102,7 +105,7 @@ def test_samples_of_the_posterior_agree_with_plain_integration(known) -> None:
     # uniform in log S, J / S and start / S; gain, columns and poles (to first order) are solved for
     window, best = known
     # without what the law itself leaves open
-    posterior = replace(sample_posterior(window, (best,)), blur=(0.0, 0.0))
+    posterior = replace(sample_posterior(window, (best,)), blur=(0.0, 0.0), above=None)
     rng, count = np.random.default_rng(1), 6000
     band = 0.3 * np.exp(rng.uniform(-0.25, 0.25, count))
     jump, start = band * rng.random(count), best.valve.start + band * rng.uniform(-1.0, 1.0, count)
