@@ -194,6 +194,30 @@ async def test_a_serial_setting_that_the_port_refuses_is_a_failure_of_that_devic
     await link.close()
 
 
+async def test_a_port_that_fails_once_it_is_open_is_let_go(
+    serial_line: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it stays locked, for other programs and for the next attempt."""
+    termios, fcntl = pytest.importorskip("termios"), pytest.importorskip("fcntl")
+    read, looks = termios.tcgetattr, iter([True])
+
+    def fail_after_the_first(port: int) -> Any:
+        if not next(looks, False):
+            raise termios.error(5, "Input/output error")
+        return read(port)
+
+    monkeypatch.setattr(termios, "tcgetattr", fail_after_the_first)
+    device = Device(
+        link="modbus-rtu", serial_port=serial_line[0], parity="none", register_map=Path("m.csv")
+    )
+    link = ModbusLink(ModbusSettings("plc", device), plan_reads(FAR_APART), SystemClock())
+    scan = await link.scan()
+    assert "Could not configure port" in str(scan.failures[0])
+    with open(serial_line[0], "rb", buffering=0) as port:
+        fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    await link.close()
+
+
 @dataclass
 class ClosingRtu(LoopbackServer):
     """RTU frames over TCP: holding register n holds n, and a connection is closed after an answer.
