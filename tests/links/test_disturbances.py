@@ -80,10 +80,10 @@ async def test_a_connection_that_is_closed_before_it_is_open_is_no_silent_device
     device: FakeDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device.accepts = False
-    make = Wire.__init__
+    make = Wire.init_setup_connect_listen
 
-    def make_slow(wire: Wire, *given: Any, **named: Any) -> None:
-        make(wire, *given, **named)
+    def make_slow(wire: Wire, host: str, port: int) -> None:
+        make(wire, host, port)
         connect: Any = wire.call_create
 
         async def connect_slowly() -> Any:
@@ -95,7 +95,7 @@ async def test_a_connection_that_is_closed_before_it_is_open_is_no_silent_device
 
         wire.call_create = connect_slowly
 
-    monkeypatch.setattr(Wire, "__init__", make_slow)
+    monkeypatch.setattr(Wire, "init_setup_connect_listen", make_slow)
     link = link_to(device.port, FAR_APART)
     scan = await link.scan()
     assert "the other side closed the connection at once" in str(scan.failures[0])
