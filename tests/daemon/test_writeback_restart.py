@@ -167,3 +167,35 @@ async def test_what_was_started_is_looked_for_until_the_device_answers(
     await device.start()
     await after.seconds(5)
     assert after.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
+
+
+async def test_a_block_that_cannot_be_told_at_the_first_look_is_told_at_a_later_one(
+    bench: Callable[..., Bench], findings: Make, plc: Any, layout: ExchangeLayout
+) -> None:
+    """Else its loop would count as uncompensated, and its block as one to be replaced."""
+    await bench().write(findings(7.0))
+    after = bench()
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(4, scanning=False)
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(4)
+    assert after.writeback.block is not None
+    assert after.writeback.may_compensate
+    after.submit(findings(verdict="no_stiction"), compensated=after.writeback.may_compensate)
+    await after.seconds(70)
+    assert after.outcomes == [WritebackOutcome.KEPT_VALID]
+    assert plc.state.in_force.stick_band.value == 7.0
+
+
+async def test_a_window_from_before_the_block_could_be_told_may_have_been_compensated(
+    bench: Callable[..., Bench], findings: Make, plc: Any, layout: ExchangeLayout
+) -> None:
+    await bench().write(findings(7.0))
+    after = bench()
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(2, scanning=False)
+    after.submit(findings(15.0), compensated=after.writeback.may_compensate)
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(70)
+    assert after.outcomes[-1] is WritebackOutcome.CONTRADICTS_BLOCK
+    assert plc.state.in_force.stick_band.value == 7.0
