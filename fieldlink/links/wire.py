@@ -256,13 +256,16 @@ class Wire(ModbusProtocol):
                 self._waiting.reply.set_exception(error)
 
 
-_ERRNO = re.compile(r"\[Errno (\d+)\]")
+_ERRNO = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
+"""How Python and pyserial write the system's number of an error inside their own words."""
 
 
 def _reason(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    if "Connect call failed" in text and (numbers := _ERRNO.findall(str(error))):
-        # What asyncio adds is the address, as Python writes it.
+    if "exclusively lock" in text:
+        text = "another program uses the port"
+    elif numbers := ["".join(found) for found in _ERRNO.findall(str(error))]:
+        # What asyncio and pyserial add is the address or the port, as Python writes them.
         text = ", ".join(dict.fromkeys(os.strerror(int(number)) for number in numbers))
     if isinstance(error, TerminalError) and not isinstance(error, OSError):
         number, said = (*error.args, "")[:2] if error.args else (None, "")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fieldlink.daemon.estimation.estimating import Findings
-from fieldlink.daemon.writeback.candidate import findings_agree
+from fieldlink.daemon.writeback.candidate import findings_agree, same_stick_band
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
@@ -53,6 +53,12 @@ class CheckingPlc:
         self.glitch = self.lost = False
         self.state = self.reader.scan(self._view(), 0.0)
         self.lose = self.kill_after = 0
+        self.ignores_commits = False
+
+    @property
+    def compensates(self) -> bool:
+        """Whether its controller uses a valve model now."""
+        return self.state.model is not None and self.refusal is None
 
     def _view(self) -> Any:
         return LAYOUT.view(lambda address, count: self.words[address : address + count])
@@ -93,6 +99,8 @@ class CheckingPlc:
             bank, _ = split_commit(word)
             first = LAYOUT.bank_address(bank)
             self.machine.judge(decode_block(self.words[first : first + BLOCK_REGISTERS]))
+            if self.ignores_commits:
+                return
         self.words[address] = word
         self._end_there()
 
@@ -123,7 +131,9 @@ class WritebackMachine(RuleBasedStateMachine):
         self.held = False
         self.committed: set[int] = set()
         self.rows: list[WritebackRecord] = []
-        self.numbers = SequenceNumbers()
+        self.compensated = False
+        # The numbers wrap around soon.
+        self.numbers = SequenceNumbers(65530)
         self.writer = self._writer()
 
     def teardown(self) -> None:
@@ -139,6 +149,7 @@ class WritebackMachine(RuleBasedStateMachine):
         found = make_findings(band, 1.0, verdict=verdict)
         if verdict != "not_assessable":
             self.newest = found
+            self.compensated = self.plc.compensates
         for _ in range(times):
             compensated = self.writer.may_compensate
             self.writer.submit(found, self.utc, since=self.now, compensated=compensated)
@@ -199,6 +210,14 @@ class WritebackMachine(RuleBasedStateMachine):
     def kill(self, writes: int) -> None:
         self.plc.kill_after = writes
 
+    @rule()
+    def restart(self) -> None:
+        self._begin_again()
+
+    @rule(ignored=st.booleans())
+    def ignore_commits(self, ignored: bool) -> None:
+        self.plc.ignores_commits = ignored
+
     @rule(step=st.sampled_from([-86400.0, 86400.0]))
     def step_clock(self, step: float) -> None:
         self.utc += step
@@ -234,8 +253,13 @@ class WritebackMachine(RuleBasedStateMachine):
             return
         assert not self.held, "a block after a withdrawal"
         assert block.windows >= self.settings.min_windows, "too few windows"
+        compensated = self.compensated and self.plc.compensates
         if block.status is not Status.VALID:
+            assert not self.plc.compensates, "a sticky valve's model was taken away unasked"
             return
+        if compensated:
+            held = self.plc.state.in_force.stick_band
+            assert same_stick_band(block.stick_band, held), "a compensated window changed the model"
         low, high = self.settings.limits.stick_band
         assert low <= block.stick_band.value <= high, "outside today's limits"
         assert self.newest is not None
