@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.writeback.asked_withdrawal import is_still_open
 from fieldlink.daemon.writeback.candidate import findings_agree, same_stick_band
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt
@@ -132,6 +133,7 @@ class WritebackMachine(RuleBasedStateMachine):
         self.committed: set[int] = set()
         self.rows: list[WritebackRecord] = []
         self.compensated = False
+        self.asked_after: int | None = None
         # The numbers wrap around soon.
         self.numbers = SequenceNumbers(65530)
         self.writer = self._writer()
@@ -195,6 +197,7 @@ class WritebackMachine(RuleBasedStateMachine):
     @rule()
     def withdraw(self) -> None:
         self.held = True
+        self.asked_after = self.numbers.last
         self.writer.withdraw("a test", self.utc)
 
     @rule(refusal=st.sampled_from([Refusal.WORSE, Refusal.WRONG_SIGN]))
@@ -283,6 +286,8 @@ class WritebackMachine(RuleBasedStateMachine):
         self.writer = self._writer()
         if self.rows:
             self.writer.resume(self.rows[-1])
+        if self.asked_after is not None and is_still_open(self.asked_after, self.rows[::-1]):
+            self.writer.withdraw("a test", self.utc)
 
     def _writer(self) -> BlockWriter:
         async def nothing() -> None:
