@@ -2,10 +2,10 @@
 
 A block that answers with an exception is cut in halves until the tags that cannot be read are
 alone. Those are left out and tried again now and then (`quarantine`); the rest goes on in requests
-as large as the device accepts, and now and then it is tried whether they can be larger again: what
-a device refuses for a moment must not part the OP and PV of a loop for good. A device that does not answer at all ends the scan at once, so that
-a scan never costs more than one time-out; the next scan begins behind the request that failed, so
-that one that always times out cannot starve the others.
+as large as the device accepts, and now and then larger ones are tried again: what is refused for a
+moment must not part the OP and PV of a loop for good. A device that does not answer at all ends the
+scan at once, so that a scan never costs more than one time-out; the next scan begins behind the
+request that failed, so that one that always times out cannot starve the others.
 
 A request of tags with a rate of their own (``every``) is sent when it is due; between, its tags
 keep the last reading, with the time at which that arrived, until it is two intervals old. A request
@@ -262,17 +262,17 @@ class PlanReader:
         if not self._apart.failures or self._apart.remaining(now):
             return
         self._apart.failed(now)
-        bad = [tag for request in self._planned for tag in request.tags if tag.name in self._quarantine]
         parted = False
         for planned in self._planned:
+            bad = [tag for tag in planned.tags if tag.name in self._quarantine]
             parts = [part for part in self._plan if part.tags[0] in planned.tags]
-            if len(parts) > 1:
-                pieces = [_Piece(part, b"") for part in sorted(parts, key=lambda part: part.address)]
-                joined = [piece.request for piece in await self._join(pieces, bad)]
+            pieces = [_Piece(part, b"") for part in sorted(parts, key=lambda part: part.address)]
+            joined = [piece.request for piece in await self._join(pieces, bad)]
+            if len(joined) < len(parts):
                 at = self._plan.index(parts[0])
                 rest = [request for request in self._plan if request not in parts]
                 self._plan = [*rest[:at], *joined, *rest[at:]]
-                parted = parted or len(joined) > 1
+            parted = parted or len(joined) > 1
         if not parted:
             self._apart.succeeded()
 

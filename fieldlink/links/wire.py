@@ -244,7 +244,7 @@ class Wire(ModbusProtocol):
         elif frame.unit != waiting.unit and waiting.unit != 0:
             # On a shared line it is the late answer of another unit.
             if self._framing.numbered:
-                self._fail(WrongReplyError(f"an answer of unit {frame.unit}"))
+                self._fail(WrongReplyError(f"an answer of unit {frame.unit}, not {waiting.unit}"))
         elif waiting.request.is_regular(frame.pdu) or waiting.request.is_exception(frame.pdu):
             waiting.reply.set_result(frame.pdu)
         elif waiting.late is None or not waiting.late(frame.pdu):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import struct
 from dataclasses import dataclass
 from itertools import pairwise
@@ -248,8 +249,9 @@ async def test_a_port_that_fails_once_it_is_open_is_let_go(
     link = ModbusLink(ModbusSettings("plc", device), plan_reads(FAR_APART), SystemClock())
     scan = await link.scan()
     assert ": Input/output error; check that" in str(scan.failures[0])
-    with open(serial_line[0], "rb", buffering=0) as port:
-        fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    port = os.open(serial_line[0], os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(port)
     await link.close()
 
 

@@ -152,11 +152,10 @@ class LoopPipeline:
             if due is not None:
                 self.pass_by(now)
             return None
-        belated = (
-            due is not None
-            and counter is None
-            and self._is_belated(scan.monotonic - due, placed, max(op.monotonic, pv.monotonic) - due)
-        )
+        belated = False
+        if due is not None and counter is None:
+            read = max(op.monotonic, pv.monotonic) - due
+            belated = self._is_belated(scan.monotonic - due, read + placed.behind / self._speed)
         sample = self._sample(scan, op, pv, self._worst(op, pv, placed.place, belated))
         # What the clock has counted as missed already is not counted again.
         self._missed += max(0, self._window.put(placed.slot, sample) - self._open)
@@ -250,16 +249,14 @@ class LoopPipeline:
             return None
         return placed
 
-    def _is_belated(self, begun: float, placed: Placed, read: float) -> bool:
+    def _is_belated(self, begun: float, read: float) -> bool:
         """Whether values are of another moment than their slot's.
 
         Args:
             begun: seconds by which the poll began late.
-            placed: their slot.
-            read: seconds from the moment the poll was due to the reply.
+            read: seconds from the slot's own moment to the reply.
         """
-        delay = placed.behind / self._speed + read
-        return self._usual.exceed(delay) > self._latest_start or begun > self._latest_start
+        return max(self._usual.exceed(read), begun) > self._latest_start
 
     def _worst(self, op: Reading, pv: Reading, place: Place, belated: bool) -> int:
         """Return the code of the sample's quality.

@@ -1,7 +1,7 @@
 """How late a loop's values usually are read: what is always alike shifts no sample from another.
 
 Devices that share a line take turns, so that a loop's turn may always come late in its period. A
-silent neighbour, on the other hand, delays a few of its samples by as much as half a period or more.
+silent neighbour, on the other hand, delays a few of its samples by half a period or more.
 """
 
 from __future__ import annotations
