@@ -27,7 +27,7 @@ TAGS = [Tag("level", Table.HOLDING, 0, DataType.UINT16)]
 
 @dataclass
 class Resolver:
-    """What is said of names that end in .test: an address, or nothing until ``answers``."""
+    """Gives names that end in .test their address, and the others nothing until ``answers``."""
 
     known: dict[str, list[str]] = field(default_factory=dict)
     answers: threading.Event = field(default_factory=threading.Event)
