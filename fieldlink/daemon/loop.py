@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 
 from fieldlink.daemon.estimation.estimating import Estimate, EstimateRequest
@@ -19,6 +20,7 @@ from fieldlink.daemon.reporting.status import LoopStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.silence import SilenceWatch, fault_of
 from fieldlink.daemon.windows.pipeline import LoopPipeline
+from fieldlink.daemon.writeback.asked_withdrawal import WITHDRAWAL_ASKED
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
@@ -170,8 +172,15 @@ class LoopRunner:
                 f"loops.{self.name}.writeback is not enabled, so nothing may be written; clear the "
                 "PLC's enable bit to end the use of a block"
             )
+        after = self.numbers.last
         self.writer.withdraw(reason, utc)
-        self._journal.event("writeback.withdrawal_asked", self.name, reason)
+        asked = self._journal.event_record(WITHDRAWAL_ASKED, self.name, reason)
+        self._journal.order(replace(asked, detail={"after": after}))
+
+    def withdraw_again(self, reason: str, utc: float) -> None:
+        """Go on with a withdrawal that the PLC had not got when a process before this one ended."""
+        if self.writer is not None:
+            self.writer.withdraw(reason, utc)
 
     async def service(self, now: float) -> None:
         """Let the write-back do what is due at plant second ``now``."""

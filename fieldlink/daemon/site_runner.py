@@ -15,6 +15,7 @@ from fieldlink.daemon.reporting.status import DaemonStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.device import DeviceRunner
 from fieldlink.daemon.windows.loop_counts import LoopCounts
+from fieldlink.daemon.writeback.asked_withdrawal import find_open_withdrawals
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import Clock, Link, LinkState, open_link
@@ -114,6 +115,7 @@ class SiteRunner:
         """
         try:
             last = await asyncio.to_thread(last_blocks, url)
+            withdrawals = await asyncio.to_thread(find_open_withdrawals, url)
             orders = await asyncio.to_thread(last_events, url, ORDER_EVENTS)
         except StoreError as error:
             self.journal.event("writeback.past_unknown", "daemon", str(error), bad=True)
@@ -124,6 +126,9 @@ class SiteRunner:
                 for runner in self.runners.values()
                 for name, loop in runner.loops.items()
             }
+            for event in withdrawals:
+                if event.source in loops:
+                    loops[event.source].withdraw_again(event.message, event.utc_ms / 1000.0)
             recall_orders(orders, loops, self.journal)
 
     async def open(self) -> None:

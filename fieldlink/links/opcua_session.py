@@ -17,6 +17,7 @@ from asyncua.crypto import security_policies
 from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
+from fieldlink.links.names import find_addresses
 from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
 
 if TYPE_CHECKING:
@@ -77,6 +78,8 @@ class OpcuaSession:
         try:
             async with asyncio.timeout(limit):
                 await self._secure()
+                # asyncua looks the name up in the threads that all share: not before it is known.
+                await find_addresses(device.host or "")
                 await self._client.connect()
                 if any(tag.node.startswith("nsu=") for tag in self._tags()):
                     self._namespaces = await self._client.get_namespace_array()

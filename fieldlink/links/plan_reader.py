@@ -2,9 +2,10 @@
 
 A block that answers with an exception is cut in halves until the tags that cannot be read are
 alone. Those are left out and tried again now and then (`quarantine`); the rest goes on in requests
-as large as the device accepts. A device that does not answer at all ends the scan at once, so that
-a scan never costs more than one time-out; the next scan begins behind the request that failed, so
-that one that always times out cannot starve the others.
+as large as the device accepts, and now and then larger ones are tried again: what is refused for a
+moment must not part the OP and PV of a loop for good. A device that does not answer at all ends the
+scan at once, so that a scan never costs more than one time-out; the next scan begins behind the
+request that failed, so that one that always times out cannot starve the others.
 
 A request of tags with a rate of their own (``every``) is sent when it is due; between, its tags
 keep the last reading, with the time at which that arrived, until it is two intervals old. A request
@@ -18,6 +19,7 @@ import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
+from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import (
@@ -26,7 +28,7 @@ from fieldlink.links.errors import (
     LinkError,
     LinkUnreachableError,
 )
-from fieldlink.links.quarantine import Quarantine
+from fieldlink.links.quarantine import FIRST_PAUSE, Quarantine
 from fieldlink.registers import BlockDecoder, ReadRequest, Table, Tag, ValueQuality
 
 __all__ = ["PlanReader", "ReadBlock"]
@@ -82,6 +84,8 @@ class PlanReader:
         }
         self._period_of: dict[str, int] = {}
         self._quarantine = Quarantine(plan, retry_after)
+        pause = max(0.001, retry_after)
+        self._apart = Backoff(BackoffSettings(min(FIRST_PAUSE, pause), pause, jitter=0.0))
         self._decoders: dict[int, BlockDecoder] = {}
         self._slow: dict[str, Reading] = {}
         self._due: dict[str, float] = {}
@@ -104,6 +108,7 @@ class PlanReader:
         beat = self._beat_at(began)
         try:
             await self._retry_quarantined()
+            await self._retry_apart()
             for request in list(self._plan):
                 if self._is_due(request, began, beat):
                     asked = True
@@ -199,7 +204,11 @@ class PlanReader:
         pieces = await self._join(await self._halve(request, error, bad), bad)
         at = self._plan.index(request)
         self._plan[at : at + 1] = [piece.request for piece in pieces]
-        self._quarantine.refuse(bad, self._clock.monotonic())
+        now = self._clock.monotonic()
+        self._quarantine.refuse(bad, now)
+        if len(pieces) > 1:
+            self._apart.succeeded()
+            self._apart.failed(now)
         return pieces
 
     async def _halve(
@@ -246,6 +255,26 @@ class PlanReader:
                 self._quarantine.clear()
                 self._plan = list(self._planned)
                 return
+
+    async def _retry_apart(self) -> None:
+        """Try whether the pieces of a planned request are answered together again."""
+        now = self._clock.monotonic()
+        if not self._apart.failures or self._apart.remaining(now):
+            return
+        self._apart.failed(now)
+        parted = False
+        for planned in self._planned:
+            bad = [tag for tag in planned.tags if tag.name in self._quarantine]
+            parts = [part for part in self._plan if part.tags[0] in planned.tags]
+            pieces = [_Piece(part, b"") for part in sorted(parts, key=lambda part: part.address)]
+            joined = [piece.request for piece in await self._join(pieces, bad)]
+            if len(joined) < len(parts):
+                at = self._plan.index(parts[0])
+                rest = [request for request in self._plan if request not in parts]
+                self._plan = [*rest[:at], *joined, *rest[at:]]
+            parted = parted or len(joined) > 1
+        if not parted:
+            self._apart.succeeded()
 
     def _put_last(self, request: ReadRequest) -> None:
         at = self._plan.index(request)

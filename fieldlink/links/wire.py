@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from typing import Any
 from pymodbus.transport import CommParams, CommType, ModbusProtocol
 
 from fieldlink.links.frames import Frame, Framing, FramingError, Request
+from fieldlink.links.names import find_addresses
 
 try:
     from termios import error as TerminalError  # noqa: N812
@@ -79,9 +81,7 @@ class Wire(ModbusProtocol):
         self, params: CommParams, framing: Framing, server_name: str | None = None
     ) -> None:
         super().__init__(params, False)
-        if params.sslctx is not None and server_name is not None:
-            create: Callable[..., Any] = self.call_create
-            self.call_create = partial(create, server_hostname=server_name)
+        self._server_name = server_name or params.host
         self._framing = framing
         self._datagrams = params.comm_type is CommType.UDP
         self._buffer = b""
@@ -102,18 +102,44 @@ class Wire(ModbusProtocol):
         """
         self.is_closing = False
         try:
-            self.transport, _ = await asyncio.wait_for(self.call_create(), within)
+            if self.comm_params.comm_type is CommType.SERIAL:
+                self.transport, _ = await asyncio.wait_for(self.call_create(), within)
+            else:
+                await self._connect(within)
         except TimeoutError as error:
             raise WireLostError(f"no connection within {within:g} s") from error
-        except OSError as error:
-            raise WireLostError(_reason(error)) from error
-        except (ValueError, TerminalError) as error:
+        except (OSError, ValueError, TerminalError) as error:
+            # A serial port may be open by now, in a frame of the error: locked for who comes next.
+            traceback.clear_frames(error.__traceback__)
+            if isinstance(error, OSError):
+                raise WireLostError(_reason(error)) from error
             # ValueError: a host name or a serial setting that the system does not take.
             # A terminal error: a setting that the serial port itself refuses, such as a parity.
             raise WireSettingError(_reason(error)) from error
         if self.transport.is_closing():
             # Lost before it was ours: nobody would wake a request on it.
             raise WireLostError("the other side closed the connection at once")
+
+    async def _connect(self, within: float) -> None:
+        """Connect to the first address that takes it; each has its share of the time left."""
+        host, until = self.comm_params.host, self.loop.time() + within
+        try:
+            addresses = await asyncio.wait_for(find_addresses(host), within)
+        except TimeoutError as error:
+            raise WireLostError(f"no name server answered within {within:g} s") from error
+        for left, address in zip(range(len(addresses), 0, -1), addresses, strict=True):
+            self.init_setup_connect_listen(address, self.comm_params.port)
+            create: Callable[..., Any] = self.call_create
+            if self.comm_params.sslctx is not None:
+                create = partial(create, server_hostname=self._server_name)
+            try:
+                share = (until - self.loop.time()) / left
+                self.transport, _ = await asyncio.wait_for(create(), share)
+            except OSError:  # a time-out is one
+                if left == 1:
+                    raise
+            else:
+                return
 
     def close(self, reconnect: bool = False) -> None:
         """Close the transport at once; it is not opened again by itself."""
@@ -218,7 +244,7 @@ class Wire(ModbusProtocol):
         elif frame.unit != waiting.unit and waiting.unit != 0:
             # On a shared line it is the late answer of another unit.
             if self._framing.numbered:
-                self._fail(WrongReplyError(f"an answer of unit {frame.unit}"))
+                self._fail(WrongReplyError(f"an answer of unit {frame.unit}, not {waiting.unit}"))
         elif waiting.request.is_regular(frame.pdu) or waiting.request.is_exception(frame.pdu):
             waiting.reply.set_result(frame.pdu)
         elif waiting.late is None or not waiting.late(frame.pdu):
@@ -230,13 +256,16 @@ class Wire(ModbusProtocol):
                 self._waiting.reply.set_exception(error)
 
 
-_ERRNO = re.compile(r"\[Errno (\d+)\]")
+_ERRNO = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
+"""How Python and pyserial write the system's number of an error inside their own words."""
 
 
 def _reason(error: Exception) -> str:
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    if "Connect call failed" in text and (numbers := _ERRNO.findall(str(error))):
-        # What asyncio adds is the address, as Python writes it.
+    if "exclusively lock" in text:
+        text = "another program uses the port"
+    elif numbers := ["".join(found) for found in _ERRNO.findall(str(error))]:
+        # What asyncio and pyserial add is the address or the port, as Python writes them.
         text = ", ".join(dict.fromkeys(os.strerror(int(number)) for number in numbers))
     if isinstance(error, TerminalError) and not isinstance(error, OSError):
         number, said = (*error.args, "")[:2] if error.args else (None, "")

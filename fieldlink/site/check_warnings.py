@@ -121,6 +121,13 @@ def _loop_warnings(name: str, loop: Loop) -> list[str]:
             f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window "
             f"of {span:g} s: samples between are never judged"
         )
+    area = loop.writeback.exchange
+    counted = FIRST_IN_MANUALS[Table.HOLDING]
+    if area is not None and min(first for _, first, _ in area.spans()) >= counted:
+        warnings.append(
+            f"loop {name}: its exchange area begins at {counted} or later, as manuals count: if "
+            f"their numbers are meant, subtract {counted}, or other registers are written"
+        )
     if loop.writeback.enabled and loop.writeback.valid_for < 2 * loop.estimate_period:
         warnings.append(
             f"loop {name}: a block is valid for {loop.writeback.valid_for} s, less than two "

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from fieldlink.site.base import Model
+from fieldlink.site.host import find_fault_of_host
 from fieldlink.site.opcua import OPCUA_PORT, OpcuaSettings
 
 __all__ = ["Address", "Device", "Model", "Quirks", "Seconds", "Tls"]
@@ -170,6 +171,8 @@ class Device(Model):
             raise ValueError(
                 f'link = "{self.link}" needs a host; add host = "192.0.2.10" or the like'
             )
+        if self.host and (fault := find_fault_of_host(self.host)):
+            raise ValueError(fault)
         if self.link == "modbus-rtu":
             if not self.serial_port:
                 raise ValueError(

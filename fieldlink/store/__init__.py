@@ -10,7 +10,7 @@ from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.fleet_reader import FleetReader
 from fieldlink.store.historian import Historian
 from fieldlink.store.housekeeping import Retention
-from fieldlink.store.last_blocks import last_blocks
+from fieldlink.store.last_blocks import last_blocks, newest_blocks
 from fieldlink.store.last_events import last_events
 from fieldlink.store.last_findings import CLOSED, open_findings
 from fieldlink.store.queries import (
@@ -65,6 +65,7 @@ __all__ = [
     "export",
     "last_blocks",
     "last_events",
+    "newest_blocks",
     "open_findings",
     "read_averages",
     "read_estimates",

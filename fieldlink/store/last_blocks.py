@@ -1,8 +1,10 @@
-"""The last block of every loop."""
+"""The last block of every loop, and the newest ones of a loop."""
 
 from __future__ import annotations
 
-from sqlalchemy import func, select
+from typing import Any
+
+from sqlalchemy import Select, func, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import cause_of, open_for_reading, shown
@@ -10,7 +12,7 @@ from fieldlink.store.errors import StoreError
 from fieldlink.store.records import WritebackRecord
 from fieldlink.store.schema import WRITEBACKS
 
-__all__ = ["last_blocks"]
+__all__ = ["last_blocks", "newest_blocks"]
 
 
 def last_blocks(url: str) -> dict[str, WritebackRecord]:
@@ -22,6 +24,21 @@ def last_blocks(url: str) -> dict[str, WritebackRecord]:
     c = WRITEBACKS.c
     last = select(func.max(c.id)).where(c.seq.is_not(None)).group_by(c.loop)
     query = select(WRITEBACKS).where(c.id.in_(last))
+    return {row.loop: row for row in _read(url, query)}
+
+
+def newest_blocks(url: str, loop: str, most: int = 200) -> tuple[WritebackRecord, ...]:
+    """Return a loop's rows with a sequence number, newest first, at most ``most``.
+
+    Raises:
+        StoreError: the historian cannot be read.
+    """
+    c = WRITEBACKS.c
+    query = select(WRITEBACKS).where(c.seq.is_not(None), c.loop == loop)
+    return _read(url, query.order_by(c.id.desc()).limit(most))
+
+
+def _read(url: str, query: Select[Any]) -> tuple[WritebackRecord, ...]:
     engine = open_for_reading(url)
     try:
         with engine.connect() as connection:
@@ -34,4 +51,4 @@ def last_blocks(url: str) -> dict[str, WritebackRecord]:
         engine.dispose()
     for row in rows:
         del row["id"]
-    return {row["loop"]: WritebackRecord(**row) for row in rows}
+    return tuple(WritebackRecord(**row) for row in rows)

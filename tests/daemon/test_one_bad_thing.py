@@ -202,11 +202,18 @@ def pipeline(**keys: Any) -> LoopPipeline:
     return LoopPipeline("A", loop, Tag("SCAN", Table.HOLDING, 0, DataType.UINT16))
 
 
-def take(loop: LoopPipeline, now: float, count: float | None, began: float | None = None) -> Any:
-    """A scan that was due at plant second ``now`` and began at ``began``; None is no answer."""
+def take(
+    loop: LoopPipeline,
+    now: float,
+    count: float | None,
+    began: float | None = None,
+    read: float | None = None,
+) -> Any:
+    """A scan due at plant second ``now``, begun and answered when given; None is no answer."""
     quality = Quality.NOT_READ if count is None else Quality.GOOD
     at = now if began is None else began
-    reading = Reading(math.nan if count is None else count, quality, at, 1e9 + at)
+    answered = at if read is None else read
+    reading = Reading(math.nan if count is None else count, quality, answered, 1e9 + answered)
     return loop.take(Scan(dict.fromkeys(("OP", "PV", "SCAN"), reading), at, 1e9 + at), now, now)
 
 
@@ -265,6 +272,29 @@ def test_a_poll_that_begins_late_is_not_good_in_its_nominal_slot(late: float, go
     # A cycle counter tells the moment by itself.
     counted = pipeline(scan="SCAN")
     assert take(counted, 0.0, 5.0, began=late).quality == 0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.45, 0.9])
+def test_a_turn_that_always_comes_late_in_the_period_shifts_no_sample(share: float) -> None:
+    loop = pipeline()
+    for slot in range(40):
+        assert take(loop, 2.0 * slot, 5.0, read=2.0 * (slot + share)).quality == 0
+
+
+def test_a_value_read_half_a_period_later_than_usual_is_not_good_in_its_slot() -> None:
+    """A silent neighbour on a shared line costs a time-out before the loop's own turn."""
+    loop = pipeline()
+    for slot in range(60):
+        held_up = slot % 5 in (3, 4)
+        record = take(loop, 2.0 * slot, 5.0, read=2.0 * (slot + (0.6 if held_up else 0.1)))
+        assert (record.quality == Quality.LATE.code) is held_up
+    assert loop.counts.bad == 24
+
+
+def test_a_slow_loop_answered_at_a_later_beat_than_its_own_is_not_good_in_its_slot() -> None:
+    loop = pipeline()
+    moments = {0.0: True, 2.0: True, 4.0: True, 7.5: False, 8.0: True}
+    assert {now: take(loop, now, 5.0).quality == 0 for now in moments} == moments
 
 
 def test_a_device_that_flaps_is_summed_up() -> None:

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from fieldlink.daemon.estimation.estimating import Findings
+from fieldlink.daemon.site_runner import SiteRunner
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
+from fieldlink.links import SystemClock
 from fieldlink.registers import (
     BLOCK_REGISTERS,
     ExchangeLayout,
 )
+from fieldlink.store import EventRecord, Historian, WritebackRecord
 from tests.daemon.bench import Bench
 
 Make = Callable[..., Findings]
@@ -167,3 +171,81 @@ async def test_what_was_started_is_looked_for_until_the_device_answers(
     await device.start()
     await after.seconds(5)
     assert after.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
+
+
+async def test_a_block_that_cannot_be_told_at_the_first_look_is_told_at_a_later_one(
+    bench: Callable[..., Bench], findings: Make, plc: Any, layout: ExchangeLayout
+) -> None:
+    """Else its loop would count as uncompensated, and its block as one to be replaced."""
+    await bench().write(findings(7.0))
+    after = bench()
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(4, scanning=False)
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(4)
+    assert after.writeback.block is not None
+    assert after.writeback.may_compensate
+    after.submit(findings(verdict="no_stiction"), compensated=after.writeback.may_compensate)
+    await after.seconds(70)
+    assert after.outcomes == [WritebackOutcome.KEPT_VALID]
+    assert plc.state.in_force.stick_band.value == 7.0
+
+
+async def test_a_window_from_before_the_block_could_be_told_may_have_been_compensated(
+    bench: Callable[..., Bench], findings: Make, plc: Any, layout: ExchangeLayout
+) -> None:
+    await bench().write(findings(7.0))
+    after = bench()
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(2, scanning=False)
+    after.submit(findings(15.0), compensated=after.writeback.may_compensate)
+    plc.words[layout.active_bank] ^= 1
+    await after.seconds(70)
+    assert after.outcomes[-1] is WritebackOutcome.CONTRADICTS_BLOCK
+    assert plc.state.in_force.stick_band.value == 7.0
+
+
+WITHDRAWN, VALID = "withdrawn", "valid"
+WRITEBACK = """
+[loops.LOOP.writeback]
+enabled = true
+loop_id = 101
+base = 100
+"""
+
+
+@pytest.mark.parametrize(
+    ("rows", "waiting"),
+    [
+        ([], True),
+        ([(8, VALID, "accepted")], True),
+        ([(9, WITHDRAWN, "begun"), (9, WITHDRAWN, "write_failed")], True),
+        ([(9, WITHDRAWN, "begun"), (9, WITHDRAWN, "interrupted")], True),
+        ([(9, WITHDRAWN, "committed"), (9, WITHDRAWN, "rejected")], True),
+        ([(9, WITHDRAWN, "begun"), (9, WITHDRAWN, "accepted")], False),
+        ([(9, WITHDRAWN, "accepted"), (10, VALID, "begun"), (10, VALID, "write_failed")], False),
+        # Looked for in the PLC first.
+        ([(9, WITHDRAWN, "begun")], False),
+    ],
+)
+async def test_a_withdrawal_that_the_plc_had_not_got_outlives_the_daemon(
+    tmp_path: Path, live: Any, rows: list[tuple[int, str, str]], waiting: bool
+) -> None:
+    """Else its block stays in force, and the next window writes another one."""
+    site = live.site_for(tmp_path, {"plc": 502}, WRITEBACK)
+    historian = Historian(site.historian_url, live.STORE)
+    before = SiteRunner(site, SystemClock(), historian.put).loop("PLC")
+    assert before is not None
+    historian.start(EventRecord(0, "daemon.start", "daemon", ""))
+    before.numbers.learn(8)
+    before.withdraw("the valve is being repaired", 1.0)
+    for seq, status, outcome in rows:
+        # The wall clock has been set back meanwhile.
+        historian.put(WritebackRecord("PLC", 0, outcome, "", seq, "A", status))
+    historian.stop()
+    after = SiteRunner(site, SystemClock(), lambda _: None)
+    await after.resume_from(site.historian_url)
+    loop = after.loop("PLC")
+    assert loop is not None
+    said = loop.status("plc").waiting
+    assert (said is not None and said.startswith("withdrawn: ")) is waiting

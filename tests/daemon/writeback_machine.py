@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fieldlink.daemon.estimation.estimating import Findings
-from fieldlink.daemon.writeback.candidate import findings_agree
+from fieldlink.daemon.writeback.asked_withdrawal import is_still_open
+from fieldlink.daemon.writeback.candidate import findings_agree, same_stick_band
 from fieldlink.daemon.writeback.exchange_io import Exchange
 from fieldlink.daemon.writeback.outcomes import Attempt
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
@@ -53,6 +54,12 @@ class CheckingPlc:
         self.glitch = self.lost = False
         self.state = self.reader.scan(self._view(), 0.0)
         self.lose = self.kill_after = 0
+        self.ignores_commits = False
+
+    @property
+    def compensates(self) -> bool:
+        """Whether its controller uses a valve model now."""
+        return self.state.model is not None and self.refusal is None
 
     def _view(self) -> Any:
         return LAYOUT.view(lambda address, count: self.words[address : address + count])
@@ -93,6 +100,8 @@ class CheckingPlc:
             bank, _ = split_commit(word)
             first = LAYOUT.bank_address(bank)
             self.machine.judge(decode_block(self.words[first : first + BLOCK_REGISTERS]))
+            if self.ignores_commits:
+                return
         self.words[address] = word
         self._end_there()
 
@@ -123,7 +132,10 @@ class WritebackMachine(RuleBasedStateMachine):
         self.held = False
         self.committed: set[int] = set()
         self.rows: list[WritebackRecord] = []
-        self.numbers = SequenceNumbers()
+        self.compensated = False
+        self.asked_after: int | None = None
+        # The numbers wrap around soon.
+        self.numbers = SequenceNumbers(65530)
         self.writer = self._writer()
 
     def teardown(self) -> None:
@@ -139,6 +151,7 @@ class WritebackMachine(RuleBasedStateMachine):
         found = make_findings(band, 1.0, verdict=verdict)
         if verdict != "not_assessable":
             self.newest = found
+            self.compensated = self.plc.compensates
         for _ in range(times):
             compensated = self.writer.may_compensate
             self.writer.submit(found, self.utc, since=self.now, compensated=compensated)
@@ -184,6 +197,7 @@ class WritebackMachine(RuleBasedStateMachine):
     @rule()
     def withdraw(self) -> None:
         self.held = True
+        self.asked_after = self.numbers.last
         self.writer.withdraw("a test", self.utc)
 
     @rule(refusal=st.sampled_from([Refusal.WORSE, Refusal.WRONG_SIGN]))
@@ -198,6 +212,14 @@ class WritebackMachine(RuleBasedStateMachine):
     @rule(writes=st.integers(1, 4))
     def kill(self, writes: int) -> None:
         self.plc.kill_after = writes
+
+    @rule()
+    def restart(self) -> None:
+        self._begin_again()
+
+    @rule(ignored=st.booleans())
+    def ignore_commits(self, ignored: bool) -> None:
+        self.plc.ignores_commits = ignored
 
     @rule(step=st.sampled_from([-86400.0, 86400.0]))
     def step_clock(self, step: float) -> None:
@@ -234,8 +256,13 @@ class WritebackMachine(RuleBasedStateMachine):
             return
         assert not self.held, "a block after a withdrawal"
         assert block.windows >= self.settings.min_windows, "too few windows"
+        compensated = self.compensated and self.plc.compensates
         if block.status is not Status.VALID:
+            assert not self.plc.compensates, "a sticky valve's model was taken away unasked"
             return
+        if compensated:
+            held = self.plc.state.in_force.stick_band
+            assert same_stick_band(block.stick_band, held), "a compensated window changed the model"
         low, high = self.settings.limits.stick_band
         assert low <= block.stick_band.value <= high, "outside today's limits"
         assert self.newest is not None
@@ -259,6 +286,8 @@ class WritebackMachine(RuleBasedStateMachine):
         self.writer = self._writer()
         if self.rows:
             self.writer.resume(self.rows[-1])
+        if self.asked_after is not None and is_still_open(self.asked_after, self.rows[::-1]):
+            self.writer.withdraw("a test", self.utc)
 
     def _writer(self) -> BlockWriter:
         async def nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import struct
 from dataclasses import dataclass
 from itertools import pairwise
@@ -80,10 +81,10 @@ async def test_a_connection_that_is_closed_before_it_is_open_is_no_silent_device
     device: FakeDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device.accepts = False
-    make = Wire.__init__
+    make = Wire.init_setup_connect_listen
 
-    def make_slow(wire: Wire, *given: Any, **named: Any) -> None:
-        make(wire, *given, **named)
+    def make_slow(wire: Wire, host: str, port: int) -> None:
+        make(wire, host, port)
         connect: Any = wire.call_create
 
         async def connect_slowly() -> Any:
@@ -95,7 +96,7 @@ async def test_a_connection_that_is_closed_before_it_is_open_is_no_silent_device
 
         wire.call_create = connect_slowly
 
-    monkeypatch.setattr(Wire, "__init__", make_slow)
+    monkeypatch.setattr(Wire, "init_setup_connect_listen", make_slow)
     link = link_to(device.port, FAR_APART)
     scan = await link.scan()
     assert "the other side closed the connection at once" in str(scan.failures[0])
@@ -157,6 +158,41 @@ async def test_a_register_that_does_not_exist_is_asked_for_ever_more_rarely(
     await link.close()
 
 
+@pytest.mark.parametrize("hole", [None, 11], ids=["whole", "beside a bad register"])
+async def test_what_was_refused_together_for_a_moment_is_read_together_again(
+    device: FakeDevice, hole: int | None
+) -> None:
+    """Else the OP and PV of a loop would be of two moments for good."""
+    clock = VirtualClock()
+    block = [Tag(f"T{i}", Table.HOLDING, 10 + i, DataType.UINT16) for i in range(6)]
+    link = link_to(device.port, block, clock)
+    device.illegal = set() if hole is None else {hole}
+    together = (3, 10, 6) if hole is None else (3, 12, 4)
+
+    def refuse_together(frame: bytes) -> bytes:
+        if device.requests[-1][2] < 4:
+            return frame
+        return frame[:4] + b"\0\3" + frame[6:7] + b"\x83\4"
+
+    device.tamper = refuse_together
+    await link.scan()
+    device.requests.clear()
+    await link.scan()
+    assert together not in device.requests
+    # It goes on refusing for a while, and is asked less and less often.
+    for _ in range(60):
+        clock.advance_to(clock.monotonic() + 1.0)
+        await link.scan()
+    assert 4 <= sum(count >= 4 for _, _, count in device.requests) <= 8
+    device.tamper = None
+    clock.advance_to(clock.monotonic() + 60.0)
+    await link.scan()
+    device.requests.clear()
+    await link.scan()
+    assert device.requests == [together] if hole is None else together in device.requests
+    await link.close()
+
+
 async def test_of_a_refused_request_each_tag_has_its_turn(device: FakeDevice) -> None:
     """A first tag that is really bad does not hide that the others are back."""
     clock = VirtualClock()
@@ -191,6 +227,31 @@ async def test_a_serial_setting_that_the_port_refuses_is_a_failure_of_that_devic
     assert "the serial port refuses its settings (Invalid argument)" in said
     assert "parity" in said
     assert "cable" not in said
+    await link.close()
+
+
+async def test_a_port_that_fails_once_it_is_open_is_let_go(
+    serial_line: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it stays locked, for other programs and for the next attempt."""
+    termios, fcntl = pytest.importorskip("termios"), pytest.importorskip("fcntl")
+    read, looks = termios.tcgetattr, iter([True])
+
+    def fail_after_the_first(port: int) -> Any:
+        if not next(looks, False):
+            raise termios.error(5, "Input/output error")
+        return read(port)
+
+    monkeypatch.setattr(termios, "tcgetattr", fail_after_the_first)
+    device = Device(
+        link="modbus-rtu", serial_port=serial_line[0], parity="none", register_map=Path("m.csv")
+    )
+    link = ModbusLink(ModbusSettings("plc", device), plan_reads(FAR_APART), SystemClock())
+    scan = await link.scan()
+    assert ": Input/output error; check that" in str(scan.failures[0])
+    port = os.open(serial_line[0], os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(port, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(port)
     await link.close()
 
 

@@ -68,7 +68,7 @@ async def withdraw_without_daemon(
         why = "the PLC did not answer" if last is None else f"{last.reason}; {last.outcome.advice}"
         raise FieldlinkError(
             f"loop {name}: the block is not withdrawn: {why}; clear the PLC's enable bit to end "
-            "its use"
+            "its use; the daemon tries again when it starts"
         )
     assert last.block is not None
     return f"withdrawn with block {last.block.seq}, acknowledged by the PLC"

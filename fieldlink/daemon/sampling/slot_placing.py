@@ -36,10 +36,11 @@ class Place(Enum):
 
 
 class Placed(NamedTuple):
-    """A sample's slot and how it was found."""
+    """A sample's slot, how it was found, and plant seconds from the slot's moment to the poll's."""
 
     slot: int
     place: Place
+    behind: float = 0.0
 
 
 class Placer(Protocol):
@@ -76,7 +77,8 @@ class BeatPlacer:
         if slot <= self._last:
             return Placed(self._last, Place.DUPLICATE)
         self._last = slot
-        return Placed(slot, Place.NEXT)
+        # A slow loop that got no answer at its own beat is asked again at the next one.
+        return Placed(slot, Place.NEXT, now - self._begin - slot * self._period)
 
 
 class CounterPlacer:

@@ -11,6 +11,7 @@ from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
 from fieldlink.daemon.windows.loop_counts import LoopCounts
+from fieldlink.daemon.windows.usual_delay import UsualDelay
 from fieldlink.daemon.windows.window import LoopSample, Window, WindowData
 from fieldlink.links import Quality, Reading, Scan
 from fieldlink.registers import Tag
@@ -23,8 +24,9 @@ LATE_SHARE = 0.1
 """Share of a period by which a reply may come later than due and still be in time."""
 
 LATEST_START = 0.25
-"""Share of a period by which a poll may begin late where samples are placed by the clock: what is
-read then is three times nearer to its own slot than to the next. Later it is marked bad."""
+"""Share of a period by which a poll may begin late, or a value be read later than usual, where
+samples are placed by the clock: what is read then is three times nearer to its own slot than to the
+next. Later it is marked bad."""
 
 GRACE = 3.0
 """Periods without a sample after which its open slots count as missed: a controller whose cycles
@@ -72,6 +74,7 @@ class LoopPipeline:
         self._every = max(1, round(loop.estimate_period / loop.period))
         self._estimated_at: int | None = None
         self._latest_start = LATEST_START * loop.period / speed
+        self._usual = UsualDelay()
         self._sampled_at: float | None = None
         self._open = 0
         self._read = self._bad = self._missed = 0
@@ -149,8 +152,11 @@ class LoopPipeline:
             if due is not None:
                 self.pass_by(now)
             return None
-        begun = None if due is None or counter is not None else scan.monotonic - due
-        sample = self._sample(scan, op, pv, self._worst(op, pv, placed.place, begun))
+        belated = False
+        if due is not None and counter is None:
+            read = max(op.monotonic, pv.monotonic) - due
+            belated = self._is_belated(scan.monotonic - due, read + placed.behind / self._speed)
+        sample = self._sample(scan, op, pv, self._worst(op, pv, placed.place, belated))
         # What the clock has counted as missed already is not counted again.
         self._missed += max(0, self._window.put(placed.slot, sample) - self._open)
         self._sampled_at, self._open = moment, 0
@@ -243,7 +249,16 @@ class LoopPipeline:
             return None
         return placed
 
-    def _worst(self, op: Reading, pv: Reading, place: Place, begun: float | None) -> int:
+    def _is_belated(self, begun: float, read: float) -> bool:
+        """Whether values are of another moment than their slot's.
+
+        Args:
+            begun: seconds by which the poll began late.
+            read: seconds from the slot's own moment to the reply.
+        """
+        return max(self._usual.exceed(read), begun) > self._latest_start
+
+    def _worst(self, op: Reading, pv: Reading, place: Place, belated: bool) -> int:
         """Return the code of the sample's quality.
 
         A moment that is not its slot's is as bad as a value.
@@ -251,10 +266,10 @@ class LoopPipeline:
         Args:
             op, pv: the readings.
             place: how the slot was found.
-            begun: seconds by which the poll began late; None where a count places the sample.
+            belated: whether they are of another moment; never where a count places the sample.
         """
         if place is Place.NEXT:
-            if begun is not None and begun > self._latest_start:
+            if belated:
                 return Quality.LATE.code
             return max(op.quality.code, pv.quality.code)
         if place is Place.NO_COUNT:

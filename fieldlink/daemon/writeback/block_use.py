@@ -21,7 +21,7 @@ class BlockUse:
 
     Attributes:
         in_force: the block that the PLC acknowledges.
-        in_use: whether its controller uses it; None before the first look.
+        in_use: whether its controller uses it; None before the first look that tells.
         refused: the model that its controller refused last; None after an operator's decision.
         refusal: why it does not use the accepted model; empty when it does.
     """
@@ -50,6 +50,9 @@ class BlockUse:
 
     def watch(self, control: ControlWords, now: float) -> None:
         """Notice whether the block in force is used, and what the PLC's controller refuses."""
+        if control.disagreement and self.in_use is None:
+            # Still nobody knows which block is in force, so the windows may be compensated.
+            return
         valve = self.in_force.valve(now)
         refusal = refusal_of(control) if valve is not None else ""
         if refusal and refusal != self.refusal and valve is not None:

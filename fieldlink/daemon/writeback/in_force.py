@@ -82,8 +82,11 @@ class InForce:
         """
         if control.ack_seq == self._acknowledged:
             return False
+        if control.disagreement:
+            # What is in force is not known before they agree: it is looked for at every look.
+            return False
         block = None
-        if control.ack_seq != 0 and not control.disagreement:
+        if control.ack_seq != 0:
             active = control.inactive_bank.other
             block = exchange.decode(await exchange.bank(active))
             if block is not None and block.status is Status.NOT_ASSESSABLE:
