@@ -16,13 +16,13 @@ from sqlalchemy import Column, DateTime, MetaData, Numeric, Select, Table, func,
 from sqlalchemy.exc import NoSuchTableError, SQLAlchemyError
 
 from fieldlink.assess.cutting import MIN_ROWS, Stretch, cut_windows
-from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.errors import PlaceAwayError, ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
 from fieldlink.site.errors import nearest
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
 
 __all__ = ["SqlReader", "TableReader"]
 
@@ -58,6 +58,7 @@ class TableReader:
 
     Raises:
         ReadingError: the database, the table or one of its columns is not there.
+        PlaceAwayError: the database server does not answer.
     """
 
     def __init__(self, description: SqlTable) -> None:
@@ -187,7 +188,8 @@ class TableReader:
             found = self.rows(query.where(column > found))[0][0]
 
     def _unreadable(self, error: SQLAlchemyError) -> ReadingError:
-        return ReadingError(
+        kind = PlaceAwayError if is_away(self._engine, error) else ReadingError
+        return kind(
             f"{self._shown} cannot be read: {cause_of(error)}; check the address and the rights"
         )
 
