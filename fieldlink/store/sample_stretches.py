@@ -89,11 +89,10 @@ class SampleReader:
             with self._engine.connect() as connection:
                 return connection.execute(query).all()
         except SQLAlchemyError as error:
-            is_lost = is_away(self._engine, error)
-            remedy = "its server runs" if is_lost else "it is a Fieldlink historian"
-            raise (StoreAwayError if is_lost else StoreError)(
-                f"the historian {self._shown} cannot be read: {cause_of(error)}; check that {remedy}"
-            ) from error
+            what = f"the historian {self._shown} cannot be read: {cause_of(error)}; check that"
+            if is_away(self._engine, error):
+                raise StoreAwayError(f"{what} its server runs") from error
+            raise StoreError(f"{what} it is a Fieldlink historian") from error
 
 
 def column_of_numbers(rows: Sequence[Any], number: int) -> Floats:

@@ -189,10 +189,10 @@ def _why_away(place: Place) -> str | None:
     """Why nothing in a folder can be read now, as when a network folder is unmounted."""
     try:
         with os.scandir(place.where) as entries:
-            found = next(entries, None)
+            what = None if next(entries, None) else "is empty now"
     except OSError as error:
-        return f"the folder {place.shown} is out of reach ({error.strerror}); check that it is mounted"
-    return f"the folder {place.shown} is empty now; check that it is mounted" if not found else None
+        what = f"is out of reach ({error.strerror})"
+    return what and f"the folder {place.shown} {what}; check that it is mounted"
 
 
 def _why_closed(folder: str) -> str:

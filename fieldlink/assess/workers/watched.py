@@ -20,7 +20,7 @@ from typing import Any
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.table_row import error_row
-from fieldlink.printable import as_printable
+from fieldlink.assess.workers.failed_rows import failed_row, placed, without_place
 
 __all__ = ["TRIES", "WatchedWorker", "WorkerClosedError"]
 
@@ -132,7 +132,7 @@ class WatchedWorker:
                         listed = True
                         yield Piece.of(message["piece"])
                     elif message["end"] is not None:
-                        raise AssessError(_placed(shown, message["end"]))
+                        raise AssessError(placed(shown, message["end"]))
                 return
             except _DiedError as death:
                 if opening is None:
@@ -166,7 +166,7 @@ class WatchedWorker:
                     elif message["end"] is None:
                         return
                     elif not message["away"]:
-                        yield _failed(piece, _without_place(message["end"], piece))
+                        yield failed_row(piece, without_place(message["end"], piece))
                         return
                     else:
                         give_up_at = give_up_at or time.monotonic() + AWAY
@@ -176,7 +176,7 @@ class WatchedWorker:
                 if deaths[done] < _tries(death.status):
                     continue
                 if at is None:
-                    yield _failed(piece, f"reading it {_fate(death.status)}")
+                    yield failed_row(piece, f"reading it {_fate(death.status)}")
                     return
                 message_text = f"judging it {_fate(death.status)}"
                 yield error_row(piece.file, at["loop"], at["start"], message_text)
@@ -187,7 +187,7 @@ class WatchedWorker:
         if time.monotonic() >= give_up_at:
             shown = self._job.places[piece.place].shown
             raise AssessError(
-                f"{_placed(shown, message)}; it was tried for {AWAY:g} s, and what is done is kept: "
+                f"{placed(shown, message)}; it was tried for {AWAY:g} s, and what is done is kept: "
                 "go on with the same command"
             )
         time.sleep(LOOK_AGAIN)
@@ -304,23 +304,3 @@ def _fate(status: int) -> str:
         f"ended the worker's process ({name}) every time; look for a damaged file, or for a limit "
         "of memory"
     )
-
-
-def _placed(place: str, message: str) -> str:
-    return message if message.startswith(place) else f"{place}: {message}"
-
-
-def _without_place(message: str, piece: Piece) -> str:
-    """The message without the file, which its row has: once for each of several problems."""
-    names = {piece.path, as_printable(piece.path), piece.file} - {""}
-    # the longest first: what is shown is often the end of the path
-    for place in sorted(names, key=len, reverse=True):
-        message = message.replace(f"{place}: ", "").replace(f"{place}:", "line ")
-    return message
-
-
-def _failed(piece: Piece, message: str) -> Row:
-    from fieldlink.assess.table_row import moment_text
-
-    start = "" if piece.since is None else moment_text(piece.since, dated=True)
-    return error_row(piece.file, piece.loop, start, message)
