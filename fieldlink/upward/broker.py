@@ -65,6 +65,7 @@ class BrokerSession:
         self._refused: str | None = None
         # MQTT 5, 3.2.2.3.3: a broker may end a connection with more messages under way.
         self._most_at_once = 0xFFFF
+        self._awaited = 1
         self._answered = asyncio.Event()
         self._closed = asyncio.Event()
         client: Any = paho.Client(
@@ -130,7 +131,7 @@ class BrokerSession:
         """
         result, number = self._client.subscribe([(name, 1) for name in filters])
         self._expect(result, number, "")
-        await self._all_answered()
+        await self._answered_below(1)
 
     async def publish(self, messages: Iterable[Outgoing]) -> None:
         """Send messages in order and wait until those with QoS 1 are acknowledged.
@@ -141,13 +142,13 @@ class BrokerSession:
         """
         for message in messages:
             if len(self._unanswered) >= self._most_at_once:
-                await self._all_answered()
+                await self._answered_below(self._most_at_once)
             info = self._client.publish(message.topic, message.payload, message.qos, message.retain)
             if message.qos:
                 self._expect(info.rc, info.mid, message.topic)
             elif info.rc:
                 raise self._gone()
-        await self._all_answered()
+        await self._answered_below(1)
         if self._refused is not None:
             raise BrokerRefusalError(self._refused)
 
@@ -239,7 +240,7 @@ class BrokerSession:
                 f"the broker {self._settings.where} refuses messages on {topic}: {code}; give our "
                 "user the right to publish there"
             )
-        if not self._unanswered:
+        if len(self._unanswered) < self._awaited:
             self._answered.set()
 
     def _on_subscribed(self, number: int, codes: Sequence[Any]) -> None:
@@ -264,11 +265,15 @@ class BrokerSession:
         if result:
             raise self._gone()
         self._unanswered[number] = topic
-        self._answered.clear()
 
-    async def _all_answered(self) -> None:
-        while self._unanswered:
+    async def _answered_below(self, count: int) -> None:
+        """Wait until fewer than ``count`` packets are unanswered."""
+        self._awaited = count
+        while len(self._unanswered) >= count:
+            if self._lost is not None:
+                raise self._gone()
             before = len(self._unanswered)
+            self._answered.clear()
             try:
                 async with asyncio.timeout(ANSWER_WITHIN):
                     await self._answered.wait()
@@ -279,8 +284,6 @@ class BrokerSession:
                     f"the broker {self._settings.where} does not acknowledge within "
                     f"{ANSWER_WITHIN:g} s; check its load and the network"
                 ) from None
-            if self._lost is not None:
-                raise self._gone()
 
     def _gone(self) -> BrokerError:
         return BrokerRefusalError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,3 +119,32 @@ async def test_no_more_is_under_way_than_the_broker_takes(
     assert connection.most_under_way <= 3
     await tap.stop()
     await broker.kill()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("fault", ["another name", "another authority"])
+async def test_a_broker_with_a_wrong_certificate_gets_nothing(
+    bench: Callable[..., Any], tmp_path: Path, fault: str
+) -> None:
+    import trustme
+
+    authority, other = trustme.CA(), trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    named = authority.issue_cert("broker.example")
+    server = named if fault == "another name" else other.issue_cert("127.0.0.1")
+    server.cert_chain_pems[0].write_to_path(tmp_path / "server.pem")
+    server.private_key_pem.write_to_path(tmp_path / "server.key")
+    broker = Mosquitto(
+        tmp_path,
+        listener=f"certfile {tmp_path}/server.pem\nkeyfile {tmp_path}/server.key\n",
+    )
+    await broker.start()
+    async with bench(broker.port, f'{JSON_ONLY}\n[mqtt.tls]\nca = "ca.pem"') as running:
+        running.put(sample("FC101", 1))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the event")
+        assert "certificate" in running.events[0][2]
+        assert running.waiting == 1
+    assert "PUBLISH" not in broker.log
+    await broker.kill()
+    # paho does not close the socket of a handshake that failed.
+    gc.collect()
