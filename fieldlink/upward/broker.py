@@ -207,7 +207,10 @@ class BrokerSession:
             return
         if code == "Unsupported protocol version":
             self._connected.set_exception(
-                BrokerVersionError(f"the broker {self._settings.where}: {code}")
+                BrokerVersionError(
+                    f"the broker {self._settings.where} speaks neither MQTT 5 nor 3.1.1 ({code}); "
+                    "use one that does"
+                )
             )
         elif code.is_failure:
             self._connected.set_exception(
