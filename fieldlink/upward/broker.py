@@ -31,6 +31,9 @@ GOODBYE_WITHIN = 2.0
 MOST_INCOMING = 100
 """Commands that may wait; no operator sends more."""
 
+_UNSUITED = ("Unsupported protocol version", "Retain not supported", "QoS not supported")
+"""Answers to CONNECT after which MQTT 3.1.1 may do: there a broker may bear what it lacks."""
+
 
 class BrokerSession:
     """A connection.
@@ -205,11 +208,12 @@ class BrokerSession:
     def _on_connect(self, code: Any, properties: Any) -> None:
         if self._connected.done():
             return
-        if code == "Unsupported protocol version":
+        lacks = 0 in (getattr(properties, name, 1) for name in ("RetainAvailable", "MaximumQoS"))
+        if lacks or str(code) in _UNSUITED:
             self._connected.set_exception(
                 BrokerVersionError(
-                    f"the broker {self._settings.where} speaks neither MQTT 5 nor 3.1.1 ({code}); "
-                    "use one that does"
+                    f"the broker {self._settings.where} does not take what we publish ({code}); "
+                    "use one with MQTT 5 or 3.1.1, retained messages and QoS 1"
                 )
             )
         elif code.is_failure:

@@ -63,7 +63,7 @@ async def test_a_topic_that_is_forbidden_alone_holds_no_other_up(
 
 @dataclass
 class OldBroker(WireTap):
-    """A broker that speaks MQTT 3.1.1 only, and says so or does not."""
+    """A broker that serves MQTT 3.1.1 only, and says so or does not."""
 
     answer: bytes = b""
 
@@ -88,8 +88,17 @@ async def _feed(source: asyncio.StreamReader, target: asyncio.StreamReader) -> N
     target.feed_eof()
 
 
-@pytest.mark.parametrize("answer", [b"\x20\x02\x00\x01", b""], ids=["refused", "closed"])
-async def test_a_broker_of_mqtt_3_1_1_is_served_without_a_word(
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"\x20\x02\x00\x01",
+        b"",
+        b"\x20\x03\x00\x9a\x00",
+        b"\x20\x05\x00\x00\x02\x25\x00",
+    ],
+    ids=["version", "closed", "retain refused", "no retain"],
+)
+async def test_a_broker_that_serves_mqtt_3_1_1_only_is_served_without_a_word(
     bench: Callable[..., Any], broker_process: Mosquitto, answer: bytes
 ) -> None:
     old = OldBroker(broker=broker_process.port, answer=answer)
