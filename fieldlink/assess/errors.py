@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["AssessError", "ReadingError"]
+__all__ = ["AssessError", "PlaceAwayError", "ReadingError"]
 
 
 class AssessError(FieldlinkError):
@@ -13,3 +13,7 @@ class AssessError(FieldlinkError):
 
 class ReadingError(FieldlinkError):
     """The samples of a place cannot be read; the message becomes the row's error."""
+
+
+class PlaceAwayError(ReadingError):
+    """A whole place is out of reach, such as a database server or a network folder: no row's."""

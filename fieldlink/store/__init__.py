@@ -4,7 +4,7 @@ Nothing here asks a device or decides what is recorded; records come in, queries
 """
 
 from fieldlink.store.backup import Backup, back_up
-from fieldlink.store.errors import StoreError
+from fieldlink.store.errors import StoreAwayError, StoreError
 from fieldlink.store.event_stream import EventStream
 from fieldlink.store.export import EXPORTED_TABLES, Export, export
 from fieldlink.store.fleet_reader import FleetReader
@@ -57,6 +57,7 @@ __all__ = [
     "SampleReader",
     "SampleRecord",
     "SlotRecord",
+    "StoreAwayError",
     "StoreError",
     "StoreReport",
     "WorkRecord",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sqlalchemy import Engine, create_engine, event, insert, select
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError
 
 from fieldlink.file_at import why_no_file
 from fieldlink.store.damage import is_corruption, was_a_database
@@ -21,7 +21,7 @@ from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
 
-__all__ = ["cause_of", "file_of", "open_for_reading", "open_for_writing", "shown"]
+__all__ = ["cause_of", "file_of", "is_away", "open_for_reading", "open_for_writing", "shown"]
 
 FOLDER_MODE = 0o750
 FILE_MODE = 0o640
@@ -100,6 +100,19 @@ def shown(url: str) -> str:
 def cause_of(error: SQLAlchemyError) -> str:
     """Return what the database itself said, in one line."""
     return " ".join(str(getattr(error, "orig", None) or error).split())
+
+
+def is_away(engine: Engine, error: SQLAlchemyError) -> bool:
+    """Whether the database server, not what was asked of it, is the trouble."""
+    if engine.dialect.name == "sqlite":
+        return False
+    if isinstance(error, DBAPIError) and error.connection_invalidated:
+        return True
+    try:
+        engine.connect().close()
+    except SQLAlchemyError:
+        return True
+    return False
 
 
 def _address(url: str) -> URL:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["StoreCorruptError", "StoreError", "StoreMismatchError"]
+__all__ = ["StoreAwayError", "StoreCorruptError", "StoreError", "StoreMismatchError"]
 
 
 class StoreError(FieldlinkError):
     """The historian cannot be opened, read or written; the message names place and remedy."""
+
+
+class StoreAwayError(StoreError):
+    """The database server does not answer, or ended the connection; trying again may help."""
 
 
 class StoreMismatchError(StoreError):

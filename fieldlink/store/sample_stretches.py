@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sqlalchemy import Select, func, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from fieldlink.store.database import cause_of, open_for_reading, shown
-from fieldlink.store.errors import StoreError
+from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
+from fieldlink.store.errors import StoreAwayError, StoreError
 from fieldlink.store.schema import SAMPLES
 
 __all__ = ["SampleReader", "column_of_numbers"]
@@ -27,7 +27,8 @@ class SampleReader:
     """Reads the samples of one historian; `close` it when done.
 
     Raises:
-        StoreError: there is no such historian; its methods raise it when it cannot be read.
+        StoreError: there is no such historian; its methods raise it when it cannot be read, and
+            `StoreAwayError` when its server does not answer.
     """
 
     def __init__(self, url: str) -> None:
@@ -88,10 +89,10 @@ class SampleReader:
             with self._engine.connect() as connection:
                 return connection.execute(query).all()
         except SQLAlchemyError as error:
-            raise StoreError(
-                f"the historian {self._shown} cannot be read: {cause_of(error)}; "
-                "check that it is a Fieldlink historian"
-            ) from error
+            what = f"the historian {self._shown} cannot be read: {cause_of(error)}; check that"
+            if is_away(self._engine, error):
+                raise StoreAwayError(f"{what} its server runs") from error
+            raise StoreError(f"{what} it is a Fieldlink historian") from error
 
 
 def column_of_numbers(rows: Sequence[Any], number: int) -> Floats:

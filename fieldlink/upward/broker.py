@@ -14,8 +14,8 @@ from contextlib import suppress
 from typing import Any
 
 from fieldlink.upward.broker_settings import BrokerSettings
-from fieldlink.upward.errors import BrokerError, BrokerRefusalError
-from fieldlink.upward.packets import Incoming, Outgoing
+from fieldlink.upward.errors import BrokerError, BrokerRefusalError, BrokerVersionError
+from fieldlink.upward.packets import Incoming, MqttVersion, Outgoing
 
 __all__ = ["BrokerSession"]
 
@@ -31,6 +31,9 @@ GOODBYE_WITHIN = 2.0
 MOST_INCOMING = 100
 """Commands that may wait; no operator sends more."""
 
+_UNSUITED = ("Unsupported protocol version", "Retain not supported", "QoS not supported")
+"""Answers to CONNECT after which MQTT 3.1.1 may do: there a broker may bear what it lacks."""
+
 
 class BrokerSession:
     """A connection.
@@ -39,13 +42,16 @@ class BrokerSession:
         settings: the broker.
         will: what the broker publishes when the connection is lost.
         wake: set when a message came in or the connection was lost.
+        version: of MQTT.
 
     Attributes:
         was_reached: whether CONNECT may have been sent.
         overrun: messages from the broker that were dropped because too many came at once.
     """
 
-    def __init__(self, settings: BrokerSettings, will: Outgoing, wake: asyncio.Event) -> None:
+    def __init__(
+        self, settings: BrokerSettings, will: Outgoing, wake: asyncio.Event, version: MqttVersion
+    ) -> None:
         from paho.mqtt import client as paho
         from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 
@@ -58,14 +64,18 @@ class BrokerSession:
         self._retained: set[Incoming] = set()
         self.overrun = 0
         self.was_reached = False
-        self._unanswered: set[int] = set()
+        self._unanswered: dict[int, str] = {}
+        self._refused: str | None = None
+        # MQTT 5, 3.2.2.3.3: a broker may end a connection with more messages under way.
+        self._most_at_once = 0xFFFF
+        self._awaited = 1
         self._answered = asyncio.Event()
         self._closed = asyncio.Event()
         client: Any = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=settings.client_id,
-            clean_session=True,  # tck-id-message-flow-edge-node-birth-publish-connect
-            protocol=MQTTProtocolVersion.MQTTv311,
+            # The session is a clean one: tck-id-message-flow-edge-node-birth-publish-connect
+            protocol=MQTTProtocolVersion(version),
             reconnect_on_failure=False,
         )
         client.connect_timeout = CONNECT_WITHIN
@@ -75,9 +85,9 @@ class BrokerSession:
         if settings.tls is not None:
             client.tls_set_context(settings.tls)
         client.will_set(will.topic, will.payload, will.qos, will.retain)
-        client.on_connect = lambda *args: self._hand(self._on_connect, args[3])
+        client.on_connect = lambda *args: self._hand(self._on_connect, args[3], args[4])
         client.on_disconnect = lambda *args: self._hand(self._on_lost, str(args[3]))
-        client.on_publish = lambda *args: self._hand(self._on_answer, args[2])
+        client.on_publish = lambda *args: self._hand(self._on_answer, args[2], args[3])
         client.on_subscribe = lambda *args: self._hand(self._on_subscribed, args[2], args[3])
         client.on_message = lambda *args: self._hand(
             self._on_message,
@@ -89,7 +99,8 @@ class BrokerSession:
         """Connect.
 
         Raises:
-            BrokerError: the broker does not answer, or refuses us.
+            BrokerError: the broker does not answer, or refuses us; `BrokerVersionError` where that
+                may be for the version of MQTT.
         """
         settings = self._settings
         try:
@@ -122,22 +133,27 @@ class BrokerSession:
             BrokerError: no answer, or the broker does not allow it.
         """
         result, number = self._client.subscribe([(name, 1) for name in filters])
-        self._expect(result, number)
-        await self._all_answered()
+        self._expect(result, number, "")
+        await self._answered_below(1)
 
     async def publish(self, messages: Iterable[Outgoing]) -> None:
         """Send messages in order and wait until those with QoS 1 are acknowledged.
 
         Raises:
+            BrokerRefusalError: the broker refused one of them; the connection may still stand.
             BrokerError: the connection was lost; what has arrived is not known.
         """
         for message in messages:
+            if len(self._unanswered) >= self._most_at_once:
+                await self._answered_below(self._most_at_once)
             info = self._client.publish(message.topic, message.payload, message.qos, message.retain)
             if message.qos:
-                self._expect(info.rc, info.mid)
+                self._expect(info.rc, info.mid, message.topic)
             elif info.rc:
                 raise self._gone()
-        await self._all_answered()
+        await self._answered_below(1)
+        if self._refused is not None:
+            raise BrokerRefusalError(self._refused)
 
     def take_incoming(self) -> list[Incoming]:
         """Return the messages that came since the last call.
@@ -189,10 +205,18 @@ class BrokerSession:
     def _hand(self, work: Any, *values: Any) -> None:
         self._loop.call_soon_threadsafe(work, *values)
 
-    def _on_connect(self, code: Any) -> None:
+    def _on_connect(self, code: Any, properties: Any) -> None:
         if self._connected.done():
             return
-        if code.is_failure:
+        lacks = 0 in (getattr(properties, name, 1) for name in ("RetainAvailable", "MaximumQoS"))
+        if lacks or str(code) in _UNSUITED:
+            self._connected.set_exception(
+                BrokerVersionError(
+                    f"the broker {self._settings.where} does not take what we publish ({code}); "
+                    "use one with MQTT 5 or 3.1.1, retained messages and QoS 1"
+                )
+            )
+        elif code.is_failure:
             self._connected.set_exception(
                 BrokerError(
                     f"the broker {self._settings.where} refuses the connection: {code}; check "
@@ -200,13 +224,14 @@ class BrokerSession:
                 )
             )
         else:
+            self._most_at_once = getattr(properties, "ReceiveMaximum", self._most_at_once)
             self._connected.set_result(None)
 
     def _on_lost(self, reason: str) -> None:
         self._lost = self._lost or reason
         if not self._connected.done():
             self._connected.set_exception(
-                BrokerError(
+                BrokerVersionError(
                     f"the broker {self._settings.where} closed the connection at CONNECT: "
                     f"{reason}; check whether it takes more clients, and the broker's log"
                 )
@@ -215,9 +240,14 @@ class BrokerSession:
         self._answered.set()
         self._wake.set()
 
-    def _on_answer(self, number: int) -> None:
-        self._unanswered.discard(number)
-        if not self._unanswered:
+    def _on_answer(self, number: int, code: Any = None) -> None:
+        topic = self._unanswered.pop(number, "")
+        if topic and self._refused is None and code.is_failure:
+            self._refused = (
+                f"the broker {self._settings.where} refuses messages on {topic}: {code}; give our "
+                "user the right to publish there"
+            )
+        if len(self._unanswered) < self._awaited:
             self._answered.set()
 
     def _on_subscribed(self, number: int, codes: Sequence[Any]) -> None:
@@ -238,15 +268,19 @@ class BrokerSession:
             self.overrun += 1
         self._wake.set()
 
-    def _expect(self, result: int, number: int) -> None:
+    def _expect(self, result: int, number: int, topic: str) -> None:
         if result:
             raise self._gone()
-        self._unanswered.add(number)
-        self._answered.clear()
+        self._unanswered[number] = topic
 
-    async def _all_answered(self) -> None:
-        while self._unanswered:
+    async def _answered_below(self, count: int) -> None:
+        """Wait until fewer than ``count`` packets are unanswered."""
+        self._awaited = count
+        while len(self._unanswered) >= count:
+            if self._lost is not None:
+                raise self._gone()
             before = len(self._unanswered)
+            self._answered.clear()
             try:
                 async with asyncio.timeout(ANSWER_WITHIN):
                     await self._answered.wait()
@@ -257,8 +291,6 @@ class BrokerSession:
                     f"the broker {self._settings.where} does not acknowledge within "
                     f"{ANSWER_WITHIN:g} s; check its load and the network"
                 ) from None
-            if self._lost is not None:
-                raise self._gone()
 
     def _gone(self) -> BrokerError:
         return BrokerRefusalError(

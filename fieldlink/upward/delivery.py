@@ -2,7 +2,8 @@
 
 A message leaves the spool when the broker has it: for JSON by the acknowledgement of QoS 1, for
 Sparkplug, whose messages go with QoS 0, by the answer to a subscription sent after them. What was
-under way when a connection broke is sent again, with the same number.
+under way when a connection broke is sent again, with the same number. JSON goes over MQTT 5 where
+the broker speaks it: with 3.1.1, brokers acknowledge what their access rules make them drop.
 """
 
 from __future__ import annotations
@@ -16,9 +17,14 @@ from fieldlink.upward.broker import BrokerSession
 from fieldlink.upward.broker_settings import BrokerSettings
 from fieldlink.upward.connections import Connections
 from fieldlink.upward.counts import FormatReport
-from fieldlink.upward.errors import BrokerError, BrokerRefusalError, UpwardError
+from fieldlink.upward.errors import (
+    BrokerError,
+    BrokerRefusalError,
+    BrokerVersionError,
+    UpwardError,
+)
 from fieldlink.upward.formats import Format, Health
-from fieldlink.upward.packets import Outgoing
+from fieldlink.upward.packets import MqttVersion, Outgoing
 from fieldlink.upward.spool_thread import SpoolThread
 
 __all__ = ["Delivery"]
@@ -31,7 +37,7 @@ HEALTH_EVERY = 5.0
 """Seconds between two looks at the site's health."""
 
 REFUSALS = 5
-"""Connections in a row that the broker closes over the same single message before it is skipped."""
+"""Connections in a row that end over the same single message before it is skipped."""
 
 STOP_WITHIN = 3.0
 """Seconds for what still waits when the daemon stops; the rest is sent after the next start."""
@@ -68,6 +74,7 @@ class Delivery:
         self._stopping = False
         self._session: BrokerSession | None = None
         self._connections = Connections(settings, f"mqtt {form.name}", tell)
+        self._version = MqttVersion.V5 if form.confirms else MqttVersion.V3_1_1
         self._unused_birth: int | None = None
         self._batch = BATCH
         self._refusals = 0
@@ -103,6 +110,14 @@ class Delivery:
         while not self._stopping:
             try:
                 await self._connect_and_deliver()
+            except BrokerVersionError as error:
+                if self._version is MqttVersion.V5:
+                    # Not told yet: the other version may do.
+                    self._version = MqttVersion.V3_1_1
+                    self._connections.note_failure()
+                else:
+                    self._version = MqttVersion.V5 if self._format.confirms else self._version
+                    self._note_loss(str(error))
             except (BrokerError, UpwardError) as error:
                 self._note_loss(str(error))
             except sqlite3.Error as error:
@@ -131,7 +146,9 @@ class Delivery:
         if number is None:
             name = self._format.name
             number = await self._spool.call(lambda spool: spool.next_birth(name))
-        session = BrokerSession(self._settings, self._format.will(number), self._wake)
+        session = BrokerSession(
+            self._settings, self._format.will(number), self._wake, self._version
+        )
         self._session = session
         farewell: tuple[Outgoing, ...] = ()
         try:
@@ -235,8 +252,8 @@ class Delivery:
         self._tell(
             "mqtt.skipped",
             f"mqtt {name}",
-            f"message {number} is skipped: the broker closed the connection over it {REFUSALS} "
-            "times; check its limits on the size of messages and its access rules",
+            f"message {number} is skipped: the broker refused it or closed the connection over it "
+            f"{REFUSALS} times; check its limits on the size of messages and its access rules",
             bad=True,
         )
 

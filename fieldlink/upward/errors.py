@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["BrokerError", "BrokerRefusalError", "UpwardError"]
+__all__ = ["BrokerError", "BrokerRefusalError", "BrokerVersionError", "UpwardError"]
 
 
 class UpwardError(FieldlinkError):
@@ -16,4 +16,8 @@ class BrokerError(FieldlinkError):
 
 
 class BrokerRefusalError(BrokerError):
-    """The broker closed the connection while messages were being sent."""
+    """The broker refused a message, or closed the connection while messages were being sent."""
+
+
+class BrokerVersionError(BrokerError):
+    """The broker ended the connection at CONNECT: it may not speak this version of MQTT."""

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
-__all__ = ["LONGEST_COMMAND", "Incoming", "Outgoing"]
+__all__ = ["LONGEST_COMMAND", "Incoming", "MqttVersion", "Outgoing"]
 
 LONGEST_COMMAND = 10_000
 """Bytes of a command that are read: a loop, a word and a reason take some hundred. Reading a longer
 one would hold up the sampling, which shares the event loop."""
+
+
+class MqttVersion(IntEnum):
+    """Versions of MQTT, by the protocol level in CONNECT."""
+
+    V3_1_1 = 4
+    """Every broker speaks it; it acknowledges messages that its access rules make it drop."""
+    V5 = 5
+    """Its acknowledgements say what was refused."""
 
 
 @dataclass(frozen=True, slots=True)

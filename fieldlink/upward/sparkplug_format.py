@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from collections.abc import Iterable, Sequence
 
 from fieldlink.site import Site
@@ -17,6 +19,11 @@ __all__ = ["SparkplugFormat"]
 
 MOST_METRICS = 20
 """Metrics of a command: each one is an event, and a loop has two of them."""
+
+BIRTHS_AT_ONCE, BIRTHS_WITHIN = 3, 15.0
+"""Births that hosts may ask for within so many seconds; the next one waits for their end. A host
+that starts asks once or twice, and one that asks without end must not have all loops told for it
+again and again."""
 
 _COMMAND_OF = {spec.name: command for command, spec in COMMAND_METRICS.items()}
 
@@ -42,13 +49,14 @@ class SparkplugFormat:
             mqtt.group or site.name, mqtt.node, mqtt.publish, mqtt.commands, version
         )
         self._bdseq = 0
-        self._reborn = False
+        self._changed = self._asked = False
+        self._births: deque[float] = deque(maxlen=BIRTHS_AT_ONCE)
         self.follow(site, "")
 
     def follow(self, site: Site, stream: str) -> None:
         """Take a site's loops as devices; the next look gives a birth to all of them."""
         self._node.follow(site.loops, stream)
-        self._reborn = True
+        self._changed = True
 
     def note(self, message: Message) -> None:
         """Take a message's values as the newest ones."""
@@ -65,7 +73,8 @@ class SparkplugFormat:
 
     def begin(self, health: Health) -> Iterable[Outgoing]:
         """Return the births."""
-        self._reborn = False
+        self._changed = self._asked = False
+        self._births.append(time.monotonic())
         return self._node.birth(health)
 
     def encode(self, message: Message) -> Iterable[Outgoing]:
@@ -74,9 +83,13 @@ class SparkplugFormat:
 
     def note_health(self, health: Health) -> Iterable[Outgoing]:
         """Return changed states, births and deaths of loops."""
-        if self._reborn:
+        if self._changed or (self._asked and self._may_be_born()):
             return self.begin(health)
         return self._node.note_health(health)
+
+    def _may_be_born(self) -> bool:
+        oldest = self._births[0]
+        return len(self._births) < BIRTHS_AT_ONCE or time.monotonic() - oldest >= BIRTHS_WITHIN
 
     def receive(self, incoming: Incoming, health: Health) -> Sequence[Outgoing]:  # noqa: ARG002
         """Have commands carried out; the next look answers all rebirth requests with one birth."""
@@ -98,7 +111,7 @@ class SparkplugFormat:
             name = self._node.find_metric(loop, metric)
             if is_node and name == REBIRTH:
                 # tck-id-operational-behavior-data-commands-rebirth-action-1 to -3
-                self._reborn |= metric.value is True and not incoming.retained
+                self._asked |= metric.value is True and not incoming.retained
                 continue
             if metric.value is False:
                 continue

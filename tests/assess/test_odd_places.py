@@ -23,7 +23,7 @@ from fieldlink.assess.readers.files import FileReader
 from fieldlink.assess.readers.registry import reader_of
 from fieldlink.assess.run_file import RunFile
 from fieldlink.assess.table_row import error_row
-from fieldlink.assess.workers.watched import _without_place
+from fieldlink.assess.workers.failed_rows import without_place
 from fieldlink.errors import FieldlinkError
 from tests.assess.conftest import Recorded, write_csv
 from tests.assess.test_readers import (
@@ -83,7 +83,7 @@ def test_a_message_loses_the_whole_path_of_its_file() -> None:
     # one name is the end of the other, and a set of the two has another order for other names
     for number in range(20):
         piece = Piece(0, f"rec/{number}.csv", f"/plant/rec/{number}.csv")
-        assert _without_place(f"{piece.path}: is empty", piece) == "is empty"
+        assert without_place(f"{piece.path}: is empty", piece) == "is empty"
 
 
 def test_a_folder_that_goes_away_while_it_is_listed_costs_one_row(

@@ -61,6 +61,11 @@ class Mosquitto:
             self._process.kill()
         await self._process.wait()
 
+    def reload(self) -> None:
+        """Have it read its access rules again."""
+        assert self._process is not None
+        os.kill(self._process.pid, signal.SIGHUP)
+
     def pause(self) -> None:
         assert self._process is not None
         os.kill(self._process.pid, signal.SIGSTOP)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -20,17 +20,19 @@ from tests.upward.wiretap import WireTap
 
 JSON_ONLY = 'formats = ["json"]\ncommands = ["estimate_now"]\n'
 TOPIC = "fieldlink/mill 4/U1%2Feast/FC101/command/estimate_now"
-CONNACK = b"\x20\x02\x00\x00"
+CONNACK = {4: b"\x20\x02\x00\x00", 5: b"\x20\x03\x00\x00\x00"}
+"""Accepted, for each protocol level."""
 
 
 @asynccontextmanager
-async def ending_broker(port: int, answers: bytes) -> AsyncIterator[list[int]]:
-    """A broker that takes every connection, gives its answers, and ends it."""
+async def ending_broker(port: int, answers: Mapping[int, bytes]) -> AsyncIterator[list[int]]:
+    """A broker that takes every connection, gives the answer of its level, and ends it."""
     begun: list[int] = []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        begun.append(len(await reader.read(1000)))
-        writer.write(answers)
+        # Behind the fixed header and the name of the protocol (3.1.2.2).
+        begun.append((await reader.read(1000))[8])
+        writer.write(answers[begun[-1]])
         await writer.drain()
         # The client answers CONNACK with its first messages.
         await reader.read(1000)

@@ -25,7 +25,7 @@ JSON_ONLY = 'formats = ["json"]'
 
 
 def acknowledged(tap: WireTap) -> list[int]:
-    """The ids of samples that a broker has acknowledged, in the order of their first sending."""
+    """The ids of samples that a broker has taken, in the order of their first sending."""
     found: list[int] = []
     for connection in tap.of("-json"):
         for packet in connection.sent:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
+from fieldlink.upward import sparkplug_format
 from fieldlink.upward.messages import Message
 from fieldlink.upward.sparkplug_node import EdgeNode
 from fieldlink.upward.sparkplug_payload import DataType, Metric, Payload, encode
@@ -105,6 +108,23 @@ async def test_a_flood_of_rebirth_requests_gets_one_birth(
         await until(lambda: running.waiting == 0, "the sample")
     assert verbs(tap).count("NBIRTH") == 2
     assert_conforms(tap)
+
+
+async def test_a_host_that_asks_for_births_without_end_gets_a_bounded_number(
+    bench: Callable[..., Any], tap: WireTap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with bench(tap.port, 'formats = ["sparkplug"]') as running, Client(tap.broker) as host:
+        await until(lambda: tap.of("-sparkplug") and len(verbs(tap)) == 3, "births")
+        monkeypatch.setattr(sparkplug_format, "BIRTHS_WITHIN", 1e6)
+        for number in range(40):
+            host.publish(f"spBv1.0/{GROUP}/NCMD/{NODE}", rebirth_request())
+            running.put(sample("FC101", number))
+            await until(lambda: running.waiting == 0, "the sample")
+        assert verbs(tap).count("NBIRTH") <= sparkplug_format.BIRTHS_AT_ONCE
+        # The last request is answered all the same, when its time has come.
+        monkeypatch.setattr(sparkplug_format, "BIRTHS_WITHIN", 0.0)
+        more = sparkplug_format.BIRTHS_AT_ONCE + 1
+        await until(lambda: verbs(tap).count("NBIRTH") >= more, "the last birth")
 
 
 def test_events_of_a_spool_from_before_the_site_stopped_publishing_them_hold_nothing_up() -> None:

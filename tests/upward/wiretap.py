@@ -1,6 +1,6 @@
-"""A tap between the daemon and the broker: takes MQTT 3.1.1 packets apart as they pass.
+"""A tap between the daemon and the broker: takes MQTT 3.1.1 and 5 packets apart as they pass.
 
-Written from the OASIS standard, sections 2 and 3; it shares nothing with the client.
+Written from the OASIS standards, sections 2 and 3; it shares nothing with the client.
 """
 
 from __future__ import annotations
@@ -37,6 +37,10 @@ class Connection:
     sent: list[Packet] = field(default_factory=list)
     acknowledged: set[int] = field(default_factory=set)
     client_id: str = ""
+    level: int = 4
+    under_way: int = 0
+    most_under_way: int = 0
+    refused: dict[int, int] = field(default_factory=dict)
 
     @property
     def published(self) -> list[Packet]:
@@ -107,17 +111,26 @@ async def _read(reader: asyncio.StreamReader) -> tuple[bytes, int, bytes]:
 
 def _answer(connection: Connection, head: int, body: bytes) -> None:
     if head >> 4 == PUBACK:
-        connection.acknowledged.add(int.from_bytes(body[:2]))
+        number = int.from_bytes(body[:2])
+        connection.under_way -= 1
+        # MQTT 5, 3.4.2.1: without a reason code it is success.
+        if len(body) > 2 and body[2] >= 0x80:
+            connection.refused[number] = body[2]
+        else:
+            connection.acknowledged.add(number)
 
 
 def _note(connection: Connection, head: int, body: bytes) -> None:
     kind = head >> 4
     if kind == CONNECT:
-        connection.client_id, found = _connect(body)
+        connection.level, connection.client_id, found = _connect(body)
     elif kind == PUBLISH:
-        found = _publish(head, body)
+        found = _publish(head, body, connection.level)
+        connection.under_way += found.qos > 0
+        connection.most_under_way = max(connection.most_under_way, connection.under_way)
     elif kind == SUBSCRIBE:
-        found = Packet(SUBSCRIBE, topics=tuple(_filters(body[2:])))
+        at = _after_properties(body, 2, connection.level)
+        found = Packet(SUBSCRIBE, topics=tuple(_filters(body[at:])))
     else:
         found = Packet(kind)
     connection.sent.append(found)
@@ -128,27 +141,39 @@ def _text(body: bytes, at: int) -> tuple[bytes, int]:
     return body[at + 2 : at + 2 + size], at + 2 + size
 
 
-def _connect(body: bytes) -> tuple[str, Packet]:
+def _after_properties(body: bytes, at: int, level: int) -> int:
+    """Where properties that begin at ``at`` end (MQTT 5, 2.2.2); 3.1.1 has none."""
+    if level < 5:
+        return at
+    # The tests' own properties are short: their length is one byte.
+    assert body[at] < 0x80
+    return at + 1 + body[at]
+
+
+def _connect(body: bytes) -> tuple[int, str, Packet]:
     protocol, at = _text(body, 0)
-    assert (protocol, body[at]) == (b"MQTT", 4)
-    flags = body[at + 1]
-    client, at = _text(body, at + 4)
+    level, flags = body[at], body[at + 1]
+    assert protocol == b"MQTT"
+    assert level in (4, 5)
+    client, at = _text(body, _after_properties(body, at + 4, level))
     topic = payload = b""
     if flags & 0x04:
+        at = _after_properties(body, at, level)
         topic, at = _text(body, at)
         payload, at = _text(body, at)
     will = Packet(
         CONNECT, topic.decode(), payload, flags >> 3 & 3, bool(flags & 0x20), clean=bool(flags & 2)
     )
-    return client.decode(), will
+    return level, client.decode(), will
 
 
-def _publish(head: int, body: bytes) -> Packet:
+def _publish(head: int, body: bytes, level: int) -> Packet:
     topic, at = _text(body, 0)
     qos = head >> 1 & 3
     number = 0
     if qos:
         number, at = int.from_bytes(body[at : at + 2]), at + 2
+    at = _after_properties(body, at, level)
     return Packet(PUBLISH, topic.decode(), body[at:], qos, bool(head & 1), number)
 
 

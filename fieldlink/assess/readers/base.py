@@ -51,7 +51,8 @@ class Reader(Protocol):
         """Read a piece, a window at a time.
 
         Raises:
-            FieldlinkError: the samples cannot be read.
+            FieldlinkError: the samples cannot be read; `PlaceAwayError` or `StoreAwayError` where
+                nothing of the place can be read now.
         """
         ...
 

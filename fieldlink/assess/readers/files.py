@@ -9,9 +9,10 @@ from contextlib import closing
 from itertools import dropwhile
 from pathlib import Path
 
-from fieldlink.assess.errors import ReadingError
-from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece
+from fieldlink.assess.errors import PlaceAwayError, ReadingError
+from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece, Place
 from fieldlink.assess.readers.base import Named, Opening
+from fieldlink.errors import FieldlinkError
 from fieldlink.file_at import is_pipe_or_device
 from fieldlink.printable import as_text
 from fieldlink.sqlite_url import sqlite_url
@@ -85,9 +86,15 @@ class FileReader:
 
     def windows(self, job: Job, piece: Piece) -> Iterator[Named]:
         """Read a file, or a loop of it."""
-        if refusal := _refusal(piece.path):
-            raise ReadingError(refusal)
-        return _kind(piece.path)[1](job, piece)
+        try:
+            if refusal := _refusal(piece.path):
+                raise ReadingError(refusal)
+            yield from _kind(piece.path)[1](job, piece)
+        except FieldlinkError as error:
+            place = job.places[piece.place]
+            if piece.path != place.where and (why := _why_away(place)):
+                raise PlaceAwayError(why) from error
+            raise
 
 
 def _kind(path: str) -> tuple[_Pieces, _Windows]:
@@ -176,6 +183,16 @@ def _refusal(path: str) -> str | None:
     if Path(path).suffix.lower() in (".parquet", ".sqlite") and as_text(path) != path:
         return "has a name that is not UTF-8, which the libraries of its format refuse; rename it"
     return None
+
+
+def _why_away(place: Place) -> str | None:
+    """Why nothing in a folder can be read now, as when a network folder is unmounted."""
+    try:
+        with os.scandir(place.where) as entries:
+            what = None if next(entries, None) else "is empty now"
+    except OSError as error:
+        what = f"is out of reach ({error.strerror})"
+    return what and f"the folder {place.shown} {what}; check that it is mounted"
 
 
 def _why_closed(folder: str) -> str:

@@ -123,6 +123,9 @@ def _explained() -> Iterator[None]:
 
     try:
         yield
+    except MemoryError:
+        # Arrow's own is an ArrowException as well.
+        raise
     except (OSError, pa.ArrowException) as error:
         said = " ".join(str(error).split())
         raise ReadingError(f"cannot be read as Parquet ({said}); export it again") from error

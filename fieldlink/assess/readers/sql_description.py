@@ -76,7 +76,7 @@ class SqlTable(_Model):
     )
     table: str = Field(description="table or view, with its schema where it has one: plant.history")
     time: str = Field(description="column of the time stamps")
-    time_unit: Literal["s", "ms"] = Field(
+    time_unit: Literal["s", "ms", "us", "ns"] = Field(
         default="s", description="unit of times that are numbers since 1970"
     )
     period: float | None = Field(default=None, gt=0.0, description="seconds between samples")
@@ -91,6 +91,17 @@ class SqlTable(_Model):
     quality: str | None = Field(default=None, description="column of the quality")
     good: tuple[int | str, ...] = Field(default=(), description="qualities that are good")
     name: str = Field(default="", description="name of the loop, where the table has one only")
+
+    @property
+    def counts_a_second(self) -> float:
+        """How many of what numbers count a second has."""
+        return {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[self.time_unit]
+
+    def columns(self) -> dict[str, str]:
+        """The columns that the table must have, by their key here."""
+        keys = ["time", "quality"]
+        keys += ["loop", "op", "pv", "sp", "auto"] if self.tags is None else ["tag", "value"]
+        return {key: name for key in keys if (name := getattr(self, key)) is not None}
 
     @model_validator(mode="after")
     def _one_layout(self) -> Self:

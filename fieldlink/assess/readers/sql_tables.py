@@ -16,17 +16,20 @@ from sqlalchemy import Column, DateTime, MetaData, Numeric, Select, Table, func,
 from sqlalchemy.exc import NoSuchTableError, SQLAlchemyError
 
 from fieldlink.assess.cutting import MIN_ROWS, Stretch, cut_windows
-from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.errors import PlaceAwayError, ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
 from fieldlink.site.errors import nearest
-from fieldlink.store.database import cause_of, open_for_reading, shown
+from fieldlink.site.timestamps import counts_a_second, is_moment
+from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
 
 __all__ = ["SqlReader", "TableReader"]
 
 Floats = NDArray[np.float64]
+
+_UNITS = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 
 
 class SqlReader:
@@ -37,9 +40,17 @@ class SqlReader:
         del after
         where = job.places[place]
         with closing(TableReader(SqlTable.model_validate_json(where.where))) as table:
+            table.check_columns()
             for loop in table.loops():
-                stretch = table.stretch_of(loop, job.columns.period)
                 piece = Piece(place, where.shown, loop=loop)
+                try:
+                    stretch = table.stretch_of(loop, job.columns.period)
+                except PlaceAwayError:
+                    raise
+                except ReadingError:
+                    # Reading it says what is wrong; the others go on.
+                    yield piece
+                    continue
                 yield from split_in_time(
                     piece, job.cut, stretch.first, stretch.last, stretch.period
                 )
@@ -58,6 +69,7 @@ class TableReader:
 
     Raises:
         ReadingError: the database, the table or one of its columns is not there.
+        PlaceAwayError: the database server does not answer.
     """
 
     def __init__(self, description: SqlTable) -> None:
@@ -90,15 +102,32 @@ class TableReader:
             f"{nearest(name, known)}"
         )
 
+    def check_columns(self) -> None:
+        """Raise `ReadingError` unless the table has all columns of the description."""
+        for key, name in self.description.columns().items():
+            self.column(name, key)
+
     def loops(self) -> Iterator[str]:
-        """Yield the loops' names; each costs one look at the index of their column."""
+        """Yield the loops' names; each costs one look at the index of their column.
+
+        Raises:
+            ReadingError: no tag is one of a PV.
+        """
         about = self.description
         if about.tags is not None and about.tag is not None:
             before, after = (re.escape(part) for part in about.tags.pv.split(LOOP))
             pattern = re.compile(f"{before}(.+){after}", re.DOTALL)
+            first, matches = "", 0
             for tag in self._distinct(self.column(about.tag, "tag")):
+                first = first or tag
                 if found := pattern.fullmatch(tag):
+                    matches += 1
                     yield found[1]
+            if first and not matches:
+                raise ReadingError(
+                    f"{self._shown}: no tag is named like {about.tags.pv} (the first is {first}); "
+                    "correct sql.tags"
+                )
         elif about.loop is None:
             yield about.name
         else:
@@ -132,12 +161,19 @@ class TableReader:
                 value = datetime.fromisoformat(value)
             if isinstance(value, datetime):
                 return (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
-            return float(value) / (1000.0 if self.description.time_unit == "ms" else 1.0)
+            seconds = float(value) / self.description.counts_a_second
         except (TypeError, ValueError) as error:
             raise ReadingError(
                 f"{self._shown}: {str(value)!r} in column {self.time.name} is not a moment; store "
                 "timestamps, ISO 8601 text or numbers"
             ) from error
+        counted = None if is_moment(seconds) else counts_a_second(float(value))
+        if counted is not None:
+            raise ReadingError(
+                f"{self._shown}: the numbers in column {self.time.name}, such as {value}, count "
+                f'{counted[0]}; set sql.time_unit = "{_UNITS[counted[0]]}"'
+            )
+        return seconds
 
     def numbers(self, values: Sequence[Any]) -> Floats:
         """Values as numbers; NaN for NULL, and for a text such as ``Bad`` among numbers."""
@@ -156,7 +192,7 @@ class TableReader:
             aware = datetime.fromtimestamp(moment, UTC)
             return aware if kind.timezone else aware.replace(tzinfo=None)
         if isinstance(kind, Numeric) or kind.python_type in (int, float):
-            return moment * (1000.0 if self.description.time_unit == "ms" else 1.0)
+            return moment * self.description.counts_a_second
         separator, offset = self._text_form
         text = datetime.fromtimestamp(moment, offset or UTC).replace(tzinfo=None).isoformat()
         return text.replace("T", separator)
@@ -187,13 +223,17 @@ class TableReader:
             found = self.rows(query.where(column > found))[0][0]
 
     def _unreadable(self, error: SQLAlchemyError) -> ReadingError:
-        return ReadingError(
+        kind = PlaceAwayError if is_away(self._engine, error) else ReadingError
+        return kind(
             f"{self._shown} cannot be read: {cause_of(error)}; check the address and the rights"
         )
 
 
 def _number(value: Any) -> float:
     try:
+        if isinstance(value, str) and "." not in value:
+            # A decimal comma.
+            value = value.replace(",", ".", 1)
         return math.nan if value is None else float(value)
     except (TypeError, ValueError):
         return math.nan

@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.table_row import error_row
-from fieldlink.printable import as_printable
+from fieldlink.assess.workers.failed_rows import failed_row, placed, without_place
 
 __all__ = ["TRIES", "WatchedWorker", "WorkerClosedError"]
 
@@ -40,10 +41,18 @@ _SENT = frozenset(
 STARTS = 20
 """Workers in a row that die before they are ready: then it is not the data."""
 
-_ONE_THREAD = dict.fromkeys(
+AWAY = 60.0
+"""Seconds for which a place out of reach is tried again: as long as a database server needs to
+start again, or a network folder to be mounted."""
+
+LOOK_AGAIN = 1.0
+"""Seconds between two tries."""
+
+_ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
-"""Every core has a worker; threads of their own would only take it from each other."""
+) | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
+"""Every core has a worker; threads of their own would only take it from each other. Arrow's own
+allocator would reserve half of the memory that a worker may use."""
 
 Row = dict[str, Any]
 Message = dict[str, Any]
@@ -123,7 +132,7 @@ class WatchedWorker:
                         listed = True
                         yield Piece.of(message["piece"])
                     elif message["end"] is not None:
-                        raise AssessError(_placed(shown, message["end"]))
+                        raise AssessError(placed(shown, message["end"]))
                 return
             except _DiedError as death:
                 if opening is None:
@@ -139,11 +148,12 @@ class WatchedWorker:
         """Yield the rows of a piece, in order, whatever happens to the process.
 
         Raises:
-            AssessError: no worker can be started.
+            AssessError: no worker can be started, or the place stays out of reach.
             WorkerClosedError: `interrupt` was called.
         """
         deaths: Counter[int] = Counter()
         done = 0
+        give_up_at: float | None = None
         while True:
             at: dict[str, str] | None = None
             try:
@@ -152,20 +162,37 @@ class WatchedWorker:
                         at = message["at"]
                     elif "row" in message:
                         yield message["row"]
-                        done, at = done + 1, None
-                    elif message["end"] is not None:
-                        yield _failed(piece, _without_place(message["end"], piece))
-                return
+                        done, at, give_up_at = done + 1, None, None
+                    elif message["end"] is None:
+                        return
+                    elif not message["away"]:
+                        yield failed_row(piece, without_place(message["end"], piece))
+                        return
+                    else:
+                        give_up_at = give_up_at or time.monotonic() + AWAY
+                        self._look_again(piece, message["end"], give_up_at)
             except _DiedError as death:
                 deaths[done] += 1
                 if deaths[done] < _tries(death.status):
                     continue
                 if at is None:
-                    yield _failed(piece, f"reading it {_fate(death.status)}")
+                    yield failed_row(piece, f"reading it {_fate(death.status)}")
                     return
                 message_text = f"judging it {_fate(death.status)}"
                 yield error_row(piece.file, at["loop"], at["start"], message_text)
                 done += 1
+
+    def _look_again(self, piece: Piece, message: str, give_up_at: float) -> None:
+        """Wait for a place that is out of reach; raise when it has been for too long."""
+        if time.monotonic() >= give_up_at:
+            shown = self._job.places[piece.place].shown
+            raise AssessError(
+                f"{placed(shown, message)}; it was tried for {AWAY:g} s, and what is done is kept: "
+                "go on with the same command"
+            )
+        time.sleep(LOOK_AGAIN)
+        if self._closed:
+            raise WorkerClosedError
 
     def _ask(self, request: Message) -> Iterator[Message]:
         """Send a request and yield the answers; the last one has the key ``end``."""
@@ -209,7 +236,7 @@ class WatchedWorker:
                 stdout=subprocess.PIPE,
                 text=True,
                 encoding="utf-8",
-                env=os.environ | _ONE_THREAD,
+                env=os.environ | _ENVIRONMENT,
                 # A terminal's Ctrl-C is for the run as a whole.
                 start_new_session=True,
             )
@@ -277,23 +304,3 @@ def _fate(status: int) -> str:
         f"ended the worker's process ({name}) every time; look for a damaged file, or for a limit "
         "of memory"
     )
-
-
-def _placed(place: str, message: str) -> str:
-    return message if message.startswith(place) else f"{place}: {message}"
-
-
-def _without_place(message: str, piece: Piece) -> str:
-    """The message without the file, which its row has: once for each of several problems."""
-    names = {piece.path, as_printable(piece.path), piece.file} - {""}
-    # the longest first: what is shown is often the end of the path
-    for place in sorted(names, key=len, reverse=True):
-        message = message.replace(f"{place}: ", "").replace(f"{place}:", "line ")
-    return message
-
-
-def _failed(piece: Piece, message: str) -> Row:
-    from fieldlink.assess.table_row import moment_text
-
-    start = "" if piece.since is None else moment_text(piece.since, dated=True)
-    return error_row(piece.file, piece.loop, start, message)

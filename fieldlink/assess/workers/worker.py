@@ -83,10 +83,22 @@ def _list_pieces(job: Any, place: int, after: str, send: Send) -> None:
 
 
 def _judge_piece(job: Any, piece: Any, skip: int, send: Send) -> None:
+    from fieldlink.assess.errors import PlaceAwayError
     from fieldlink.assess.readers.registry import reader_of
     from fieldlink.assess.table_row import moment_text
+    from fieldlink.store import StoreAwayError
+
+    away = False
 
     def run() -> None:
+        nonlocal away
+        try:
+            judge()
+        except (PlaceAwayError, StoreAwayError):
+            away = True
+            raise
+
+    def judge() -> None:
         reader = reader_of(job.places[piece.place].kind)
         windows = enumerate(reader.windows(job, piece))
         while True:
@@ -101,7 +113,7 @@ def _judge_piece(job: Any, piece: Any, skip: int, send: Send) -> None:
                 send({"row": _row_of(job.judging, piece.file, loop, window)})
 
     error = _error_of(run)
-    send({"end": error})
+    send({"end": error, "away": away})
 
 
 def _row_of(judging: Any, file: str, loop: str, window: Any) -> dict[str, Any]:

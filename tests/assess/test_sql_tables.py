@@ -1,0 +1,88 @@
+"""Historians' tables as they are: decimal commas, other units of time, loops without a clock."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fieldlink.assess import Job, Piece
+from fieldlink.assess.errors import ReadingError
+from fieldlink.assess.places import place_of
+from fieldlink.assess.readers.registry import reader_of
+from fieldlink.assess.series import Series
+
+MOMENTS = 'time = "ts"\nloop = "name"\n'
+TAGS = 'time = "ts"\ntag = "name"\nvalue = "val"\ntags = { op = "{loop}.OP", pv = "{loop}.PV" }\n'
+BEGIN = 1_767_225_600
+ROWS = range(100)
+
+
+class Table:
+    """A table of SQLite and its description."""
+
+    def __init__(
+        self, folder: Path, columns: str, rows: Sequence[tuple[Any, ...]], about: str
+    ) -> None:
+        with sqlite3.connect(folder / "plant.db") as db:
+            db.execute(f"CREATE TABLE hist ({columns})")
+            db.executemany(f"INSERT INTO hist VALUES ({', '.join('?' * len(rows[0]))})", rows)
+        db.close()
+        text = f'[sql]\nurl = "sqlite:///plant.db"\ntable = "hist"\n{about}'
+        (folder / "x.toml").write_text(text)
+        self._job = Job((place_of(str(folder / "x.toml")),))
+        self._reader = reader_of("sql")
+
+    def pieces(self) -> list[Piece]:
+        found = list(self._reader.pieces(self._job, 0, ""))
+        return [piece for piece in found if isinstance(piece, Piece)]
+
+    def windows(self, piece: Piece) -> list[Series]:
+        return [window for _, window in self._reader.windows(self._job, piece)]
+
+
+def test_text_with_a_decimal_comma_is_a_number(tmp_path: Path) -> None:
+    rows = [(i, "A", "50" if i % 7 == 0 else f"50,{i % 7}", f"{i % 5}.5") for i in ROWS]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, op TEXT, pv TEXT", rows, MOMENTS)
+    (window,) = table.windows(table.pieces()[0])
+    np.testing.assert_allclose(window.op, [50.0 + (i % 7) / 10.0 for i in ROWS])
+    np.testing.assert_allclose(window.pv, [i % 5 + 0.5 for i in ROWS])
+
+
+@pytest.mark.parametrize(("unit", "counts"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
+def test_times_of_another_unit_are_named_and_then_read(
+    tmp_path: Path, unit: str, counts: int
+) -> None:
+    rows = [(counts * (BEGIN + i), "A", i % 7, i % 5) for i in ROWS]
+    columns = "ts INTEGER, name TEXT, op REAL, pv REAL"
+    (tmp_path / "a").mkdir()
+    table = Table(tmp_path / "a", columns, rows, MOMENTS)
+    with pytest.raises(ReadingError, match=f'set sql.time_unit = "{unit}"'):
+        table.windows(table.pieces()[0])
+    table = Table(tmp_path, columns, rows, f'{MOMENTS}time_unit = "{unit}"\n')
+    (window,) = table.windows(table.pieces()[0])
+    assert (window.time[0], window.period, len(window)) == (BEGIN, 1.0, len(ROWS))
+
+
+def test_a_loop_without_a_clock_costs_the_others_nothing(tmp_path: Path) -> None:
+    rows = [(None, "A", 1.0, 1.0), *((i, "B", i % 7, i % 5) for i in ROWS)]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, op REAL, pv REAL", rows, MOMENTS)
+    first, second = table.pieces()
+    with pytest.raises(ReadingError, match="no rows of 'A'"):
+        table.windows(first)
+    assert len(table.windows(second)[0]) == len(ROWS)
+
+
+def test_a_table_that_is_described_wrongly_is_refused_at_the_door(tmp_path: Path) -> None:
+    rows = [(i, "A.MV", i % 7) for i in ROWS]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, val REAL", rows, TAGS)
+    with pytest.raises(ReadingError, match=r"no tag is named like \{loop\}.PV \(the first is A.MV"):
+        table.pieces()
+    (tmp_path / "b").mkdir()
+    table = Table(tmp_path / "b", "ts INTEGER, name TEXT, val REAL", rows, MOMENTS)
+    with pytest.raises(ReadingError, match="has no column 'op'"):
+        table.pieces()
