@@ -25,7 +25,7 @@ from compensator.friction import Uncertainty
 from compensator.hybrid_settings import HybridSettings
 from compensator.move_prices import MovePrices
 from compensator.moves import MovePlan, MovePlanner, Ramp
-from compensator.prediction import NoiseModel, Prediction
+from compensator.prediction import LONGEST_DEAD_TIME, NoiseModel, Prediction
 from compensator.setpoint_trend import SetpointTrend
 from compensator.slow_lags import as_planned
 from compensator.stem import StemTracker
@@ -67,12 +67,13 @@ class HybridMpc:
             )
         s = self.settings
         noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
+        beyond = (s.horizon or LONGEST_DEAD_TIME + 1) - self._prediction.dead_time
         tracking = TrackerSettings(
             noises[0],
             friction=s.friction_prior(uncertainty or Uncertainty()),
             gain_spread=s.gain_spread,
             offset_memory=s.offset_memory,
-            late=s.late,
+            late=tuple(samples for samples in s.late if samples < beyond),
         )
         self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
         self._planners = {

@@ -57,7 +57,8 @@ class HybridSettings:
         gain_spread: relative uncertainty of the process gain.
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
-        late: samples by which PV may answer later than the model has it; each is followed too.
+        late: samples by which PV may answer later than the model has it; each is followed too
+            (`TrackerSettings.late`).
         trend: what makes a ramp of the set-point, and how far ahead it is planned.
         thrift: how travel is saved where PV is good enough.
         noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets

@@ -2,7 +2,7 @@
 
 Within a window a level and a lag of many hundred samples look alike, and identification takes the
 one for the other. Planned as a lag, PV is trusted to come to rest by itself, at a gain that nobody
-has seen: an unknown load is then worth a thousand times the noise, and the stem waits while PV goes.
+has seen: an unknown load then counts a thousand times the noise, and the stem waits while PV goes.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from compensator.prediction import LONGEST_DEAD_TIME, NoiseModel, Prediction
+from compensator.prediction import NoiseModel, Prediction
 from compensator.stem import StemTracker
 from compensator.tracker_settings import TrackerSettings
 from loop_model import ValveModel
@@ -88,7 +88,7 @@ class TrackerBank:
         noises: tuple[NoiseModel, ...],
     ) -> None:
         self._settings = settings
-        kinds = _possible_kinds(prediction, valve, settings)
+        kinds = _possible_kinds(valve, settings)
         self._kinds = [kind for kind in kinds for _ in noises]
         self.predictions = predictions = {k.late: _later(prediction, k.late) for k in kinds}
         self.trackers = [
@@ -148,9 +148,7 @@ def _later(prediction: Prediction, samples: int) -> Prediction:
     return Prediction.of(replace(process, dead_time=process.dead_time + samples), "input")
 
 
-def _possible_kinds(
-    prediction: Prediction, valve: ValveModel, settings: TrackerSettings
-) -> list[_Kind]:
+def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]:
     """Return what has trackers, the model itself first."""
     kinds = [
         _Kind(factor, 1.0, 0.0 if factor == 1.0 else settings.claim)
@@ -160,9 +158,4 @@ def _possible_kinds(
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
-    kinds += [
-        _Kind(1.0, 1.0, settings.late_claim, late)
-        for late in settings.late
-        if prediction.dead_time + late <= LONGEST_DEAD_TIME
-    ]
-    return kinds
+    return kinds + [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
