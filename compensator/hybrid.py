@@ -161,7 +161,7 @@ class HybridMpc:
         """Take in PV's deviation and the stem's travel per scan before compensation: a small share
         of the deviation is worth no move, and travel is saved where PV is good enough.
         """
-        self._prices.improve_on(deviation, travel, self.model.valve.stick_band, self.horizon)
+        self._prices.improve_on(deviation, travel, self.horizon)
 
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters; stem, state and disturbance are kept."""
@@ -194,9 +194,7 @@ class HybridMpc:
             return Action(self._op, ActionStatus.PV_BAD)
         tracker = self.tracker
         belief = tracker.best
-        self._prices.follow(
-            tracker, sp, self._way, in_reach=not self._limited, on_ramp=self._trend.is_ramp
-        )
+        self._prices.follow(tracker, sp, self._way, in_reach=not self._limited)
         plan = self.plan(sp)
         _, wanted = self.prediction.equilibrium(sp, 0.0)
         moves = self._moves()

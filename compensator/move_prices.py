@@ -33,26 +33,21 @@ class MovePrices:
         self._tolerated = 0.0
         self._thrift: Thrift | None = None
 
-    def improve_on(self, deviation: float, travel: float, stroke: float, horizon: int) -> None:
+    def improve_on(self, deviation: float, travel: float, horizon: int) -> None:
         """Take in what the loop was like before; see `HybridMpc.improve_on`."""
         s = self._settings
         share = s.tolerated_level if self._prediction.process.is_integrating else s.tolerated
         self._tolerated = share * deviation
-        self._thrift = Thrift(deviation, travel, horizon, s.thrift, stroke=stroke)
+        self._thrift = Thrift(deviation, travel, horizon, s.thrift)
 
-    def follow(
-        self, tracker: StemTracker, sp: float, way: float, *, in_reach: bool, on_ramp: bool
-    ) -> None:
-        """Take in a scan: belief, set-point, way of the stem, whether SP is in OP's reach and
-        whether it ramps.
-        """
+    def follow(self, tracker: StemTracker, sp: float, way: float, *, in_reach: bool) -> None:
+        """Take in a scan: belief, set-point, way of the stem, whether SP is in OP's reach."""
         if self._thrift is None:
             return
         if not in_reach:  # no travel brings PV there
             self._thrift.restart()
         else:
-            noise = tracker.carried_variance
-            self._thrift.push(float(tracker.best.state[0]), sp, way, noise, asked=on_ramp)
+            self._thrift.push(float(tracker.best.state[0]), sp, way, tracker.carried_variance)
 
     def of_move(self, tracker: StemTracker, smallest: float) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples.

@@ -31,12 +31,13 @@ def as_planned(process: ProcessModel, longest: float) -> ProcessModel:
     if math.isnan(slowest) or slowest <= math.exp(-1.0 / longest):
         return process
     quotient, others = 1.0, [1.0]
-    for a in process.a[:-1]:
-        quotient = a + slowest * quotient
+    for coefficient in process.a[:-1]:
+        quotient = coefficient + slowest * quotient
         others.append(quotient)
     # Multiplied by z - 1 instead of z - slowest.
-    a = [after - before for before, after in zip(others, [*others[1:], 0.0], strict=True)]
-    return replace(process, a=tuple(a), offset=-50.0 * sum(process.b))
+    pairs = zip(others, [*others[1:], 0.0], strict=True)
+    a = tuple(after - before for before, after in pairs)
+    return replace(process, a=a, offset=-50.0 * sum(process.b))
 
 
 def _slowest_pole(a: tuple[float, ...]) -> float:

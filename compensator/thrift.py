@@ -28,11 +28,6 @@ class ThriftSettings:
         promised: that half; PV above it, noise taken off, is worth travel that is left.
         noise: multiple of the variance that noise makes of PV which is taken off: a memory holds
             some ten values of a slow noise, and their variance is known to a factor of two.
-        over: share of the travel before above which travel has precedence over PV: a stem that goes
-            farther than it did, and PV no better, answers its own mistakes.
-        strokes: stick bands of travel in a memory that are never too much: a correction there and
-            back.
-        fastest: how many times as fast the price rises then at most.
         left: share of the travel before below which travel is left to spend: half of what needs no
             thrift.
         memory: scans at least over which travel and deviation are averaged, otherwise the
@@ -49,9 +44,6 @@ class ThriftSettings:
     deviation: float = 0.4
     promised: float = 0.5
     noise: float = 2.0
-    over: float = 1.2
-    strokes: float = 2.0
-    fastest: float = 6.0
     left: float = 0.3
     memory: int = 100
     rise: float = 1.4
@@ -67,8 +59,6 @@ class ThriftSettings:
             promised=self.promised,
             noise=self.noise,
             left=self.left,
-            over=self.over,
-            fastest=self.fastest,
             memory=self.memory,
             rise=self.rise,
             stepped=self.stepped,
@@ -91,27 +81,19 @@ class Thrift:
         travel: of the stem before, per scan.
         horizon: scans that a plan looks ahead; half of it is the way to a new set-point.
         settings: shares and rates.
-        stroke: way of a correction, a stick band.
 
     Attributes:
         price: factor of a move's price now.
     """
 
     def __init__(
-        self,
-        deviation: float,
-        travel: float,
-        horizon: int,
-        settings: ThriftSettings | None = None,
-        *,
-        stroke: float = 0.0,
+        self, deviation: float, travel: float, horizon: int, settings: ThriftSettings | None = None
     ) -> None:
         self.settings = settings or ThriftSettings()
         self._enough = (self.settings.deviation * deviation) ** 2
         self._promised = (self.settings.promised * deviation) ** 2
         self._budget, self._left = self.settings.travel * travel, self.settings.left * travel
         self._rate = 1.0 / max(self.settings.memory, horizon)
-        self._over = self.settings.over * travel + self.settings.strokes * stroke * self._rate
         self._step, self._settling = self.settings.stepped * deviation, horizon // 2
         self._sp, self._pause = math.nan, 0
         self.restart()
@@ -121,9 +103,7 @@ class Thrift:
         self.price = 1.0
         self._square, self._travel = 0.5 * self._enough, 0.5 * self._budget
 
-    def push(
-        self, pv: float, sp: float, way: float, noise: float = 0.0, *, asked: bool = False
-    ) -> None:
+    def push(self, pv: float, sp: float, way: float, noise: float = 0.0) -> None:
         """Take in a scan.
 
         Args:
@@ -131,7 +111,6 @@ class Thrift:
             sp: set-point.
             way: of the stem.
             noise: variance that noise alone makes of ``pv``.
-            asked: whether a ramp of the set-point asks for the travel.
         """
         s = self.settings
         if abs(sp - self._sp) > self._step:
@@ -145,9 +124,7 @@ class Thrift:
         self._travel += self._rate * (way - self._travel)
         # PV has precedence; where nothing is wrong the price goes back at leisure.
         least, most, speed = min(1.0, self.price), max(1.0, self.price), 2.0
-        if self._travel > self._over > 0.0 and not asked:
-            most, direction = s.most, min(self._travel / self._over, s.fastest)
-        elif self._square - s.noise * noise > self._promised and self._travel < self._left:
+        if self._square - s.noise * noise > self._promised and self._travel < self._left:
             least, direction = s.least, -speed
         elif self.price < 1.0:
             most, direction = 1.0, speed

@@ -9,7 +9,6 @@ from compensator import HybridMpc, PiController, PiSettings, Supervisor, Supervi
 from compensator.figures import LoopFigures, LoopRecord
 from compensator.loop_judge import LoopJudge
 from compensator.slow_lags import as_planned
-from compensator.thrift import Thrift
 from compensator.watch import WatchVerdict
 from fieldlink.lab.study.closed_loop import Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
@@ -74,17 +73,6 @@ def test_what_settles_or_swings_is_planned_as_it_is(a: tuple[float, ...]) -> Non
     """A lag of 100 samples, complex poles near and far, 0.85 and -0.35, none, a level, -0.9."""
     process = ProcessModel(a, (0.1,), 1, 0.0, 1.0)
     assert as_planned(process, 120) is process
-
-
-def test_a_stem_that_goes_farther_than_before_makes_its_moves_dearer_whatever_pv_does() -> None:
-    thrift = Thrift(deviation=1.0, travel=0.05, horizon=50, stroke=6.0)
-    for k in range(100):  # PV at its deviation before, ten times the travel
-        thrift.push(1.0, 0.0, 5.0 if k % 10 == 0 else 0.0)
-    assert thrift.price > 2.0
-    once = Thrift(deviation=1.0, travel=0.001, horizon=50, stroke=6.0)
-    for k in range(100):  # a correction there and back of a loop that was at rest
-        once.push(1.0, 0.0, 5.0 if k in (0, 2) else 0.0)
-    assert once.price <= 1.0
 
 
 def test_a_gain_far_too_large_does_not_widen_the_range_of_a_loop_that_moved() -> None:
