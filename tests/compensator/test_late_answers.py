@@ -40,13 +40,12 @@ def compensated(
     return supervisor, error, stem
 
 
-@pytest.mark.parametrize("seed", range(1, 5))
-def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves(seed: int) -> None:
+def test_a_dead_time_three_samples_too_short_does_not_chase_its_own_moves() -> None:
+    """Without a tracker of the later answer each of these loops was given back for its travel."""
     model = LoopModel(VALVE, ProcessModel(LAG.a, LAG.b, 7, 0.0, 1.0))
-    own = PiSettings(0.28, 12.0)
-    _, _, stem = compensated(LAG, model, own, 2.4, 0.1, seed)
-    # four moves there and back are 24; what chases its own moves travels beyond 60
-    assert np.abs(np.diff(stem[820:])).sum() < 40.0
+    runs = [compensated(LAG, model, PiSettings(0.28, 12.0), 2.4, 0.1, n) for n in range(1, 6)]
+    assert sum(supervisor.compensating for supervisor, _, _ in runs) >= 4
+    assert all(np.abs(np.diff(stem[820:])).sum() < 40.0 for _, _, stem in runs)
 
 
 @pytest.mark.parametrize("seed", range(1, 5))
