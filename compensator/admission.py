@@ -10,7 +10,7 @@ from compensator.figures import LoopFigures, Sample
 from compensator.given_up import GivenUpModels
 from compensator.record_check import seen_agreement, seen_friction
 from compensator.supervision import SupervisorSettings
-from loop_model import LoopModel, ValveModel
+from loop_model import LoopModel, ProcessModel, ValveModel
 
 __all__ = ["Admission"]
 
@@ -78,7 +78,9 @@ class Admission:
                 RefusalKind.WRONG_SIGN,
             )
 
-    def require_fine_enough(self, model: LoopModel, before: LoopFigures | None) -> None:
+    def require_fine_enough(
+        self, valve: ValveModel, process: ProcessModel, before: LoopFigures | None
+    ) -> None:
         """Raise `CompensatorError` for a level that the stem cannot set finely enough.
 
         A level is corrected by the least move of the stem and another one back, after the scans
@@ -86,11 +88,11 @@ class Admission:
         about the stem leave more than half of that deviation: of 30 such simulated runs none
         halved it.
         """
-        if before is None or not model.process.is_integrating:
+        if before is None or not process.is_integrating:
             return
-        s, valve = self._settings.hybrid, model.valve
+        s = self._settings.hybrid
         least = valve.slip_jump + s.slip_margin * valve.static_friction
-        shift = least * max(1, s.dwell) * abs(sum(model.process.b))
+        shift = least * max(1, s.dwell) * abs(sum(process.b))
         known = math.sqrt(before.mean_square)
         if shift > known:
             raise CompensatorError(

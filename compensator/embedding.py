@@ -20,6 +20,7 @@ optimisation alone. Needs CasADi: ``pip install "fieldlink[nlp]"``.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,8 @@ class EmbeddingMpc:
     def __init__(self, model: LoopModel, settings: EmbeddingSettings | None = None) -> None:
         self.settings = settings or EmbeddingSettings()
         s = self.settings
-        self.compensator = HybridMpc(model, s.estimator.with_limits(s.limits))
+        estimator = replace(s.estimator.with_limits(s.limits), late=())
+        self.compensator = HybridMpc(model, estimator)
         self._cost = CondensedCost.of(self.prediction, s.horizon, s.pv_weight, s.op_weight)
         weight = s.move_weight * self.prediction.scale**2
         self._program = EmbeddingProgram(self._cost, s, weight)

@@ -25,8 +25,9 @@ from compensator.friction import Uncertainty
 from compensator.hybrid_settings import HybridSettings
 from compensator.move_prices import MovePrices
 from compensator.moves import MovePlan, MovePlanner, Ramp
-from compensator.prediction import NoiseModel, Prediction
+from compensator.prediction import LONGEST_DEAD_TIME, NoiseModel, Prediction
 from compensator.setpoint_trend import SetpointTrend
+from compensator.slow_lags import as_planned
 from compensator.stem import StemTracker
 from compensator.sure_moves import SureMoves, plausible_stems
 from compensator.tracker_settings import TrackerSettings
@@ -57,24 +58,29 @@ class HybridMpc:
     ) -> None:
         self.settings = settings or HybridSettings()
         self._model = model
-        self._prediction = Prediction.of(model.process, "input")
+        process = as_planned(model.process, self.settings.level_horizon)
+        self._prediction = Prediction.of(process, "input")
         if 0 < self.settings.horizon <= self._prediction.dead_time:
             raise CompensatorError(
                 f"a horizon of {self.settings.horizon} samples ends before the dead time of "
                 f"{self._prediction.dead_time}; use 0, which chooses one"
             )
         s = self.settings
-        self.planner, self._ramp_planner = (
-            MovePlanner(self.prediction, s, on_ramp=on_ramp) for on_ramp in (False, True)
-        )
         noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
+        beyond = (s.horizon or LONGEST_DEAD_TIME + 1) - self._prediction.dead_time
         tracking = TrackerSettings(
             noises[0],
             friction=s.friction_prior(uncertainty or Uncertainty()),
             gain_spread=s.gain_spread,
             offset_memory=s.offset_memory,
+            late=tuple(samples for samples in s.late if samples < beyond),
         )
         self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
+        self._planners = {
+            p.dead_time: tuple(MovePlanner(p, s, on_ramp=on_ramp) for on_ramp in (False, True))
+            for p in self._bank.predictions.values()
+        }
+        self.planner = self._planners[self.prediction.dead_time][0]
         self._reach = self.require_reachable(model.valve)
         self._op = math.nan
         self._pv_bad = False
@@ -216,8 +222,9 @@ class HybridMpc:
         """Return the best plan from the present belief for the set-point ``sp``."""
         tracker, s = self.tracker, self.settings
         belief = tracker.best
-        ahead = self._trend.ahead(self.planner.points)
-        error = self.planner.held_pv(tracker.free(belief), tracker.drive(belief)) - (sp + ahead)
+        planner, ramp_planner = self._planners[tracker.prediction.dead_time]
+        ahead = self._trend.ahead(planner.points)
+        error = planner.held_pv(tracker.free(belief), tracker.drive(belief)) - (sp + ahead)
         moves = self._moves()
         least = moves.least()
         ramp = moves.strokes.ramp()
@@ -242,13 +249,13 @@ class HybridMpc:
             # What comes next tells whether a way there and back is needed.
             ramp = replace(ramp, opposite=self.horizon)
         if not self._trend.is_ramp or self.prediction.process.is_integrating:
-            return self.planner.plan(error, reach, least, move_cost, travel_cost, ramp)
+            return planner.plan(error, reach, least, move_cost, travel_cost, ramp)
         # The set-point passes by each position of the stem: a way there and back gains nothing.
         ramp = replace(ramp, opposite=self.horizon)
         step = moves.smallest * self.prediction.scale
-        dead_time, settling = self.prediction.dead_time, self.planner.settling
+        dead_time, settling = tracker.prediction.dead_time, planner.settling
         within = self._trend.window(dead_time, settling, step)
-        return self._ramp_planner.plan(error, reach, least, move_cost, travel_cost, ramp, within)
+        return ramp_planner.plan(error, reach, least, move_cost, travel_cost, ramp, within)
 
     def prices(self) -> tuple[float, float]:
         """Return the price of a move and of its size, in PV squared times samples."""
@@ -280,7 +287,7 @@ class HybridMpc:
 
     def _begins_at(self, ramp: Ramp, change: float) -> int:
         """Return the first move time of a plan that OP, set off now, can keep."""
-        times = self.planner.times
+        times = self._planners[self.tracker.prediction.dead_time][0].times
         first = int(np.searchsorted(times, ramp.up if change > 0.0 else ramp.down))
         return int(times[min(first, times.size - 1)])
 

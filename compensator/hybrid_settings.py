@@ -28,7 +28,7 @@ class HybridSettings:
         horizon: samples; 0 chooses it from the settling time.
         level_horizon: samples that a plan for a level looks ahead beyond the dead time. It settles
             nowhere by itself: seen over fewer, a position a part of J beside the balance looks as
-            good as the balance.
+            good as the balance. A lag longer than this is planned as a level.
         lasting: horizons that the error at a horizon's end counts for beyond it: an offset stays,
             noise passes.
         move_penalty: price of one move: the share of the noise's own variance by which it must
@@ -57,6 +57,8 @@ class HybridSettings:
         gain_spread: relative uncertainty of the process gain.
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
+        late: samples by which PV may answer later than the model has it; each is followed too
+            (`TrackerSettings.late`).
         trend: what makes a ramp of the set-point, and how far ahead it is planned.
         thrift: how travel is saved where PV is good enough.
         noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
@@ -84,6 +86,7 @@ class HybridSettings:
     dynamic_spread: float = 0.25
     gain_spread: float = 0.1
     offset_memory: float = 2.0
+    late: tuple[int, ...] = (3,)
     trend: SetpointTrendSettings = field(default_factory=SetpointTrendSettings)
     thrift: ThriftSettings = field(default_factory=ThriftSettings)
     noise: NoiseModel | None = None

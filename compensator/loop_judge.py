@@ -55,7 +55,7 @@ class LoopJudge:
                 horizon=candidate.horizon,
                 dead_time=candidate.prediction.dead_time,
                 stroke=candidate.model.valve.stick_band,
-                step=_step_of(candidate, before.period),
+                step=_step_of(candidate, before),
             )
         self._watch.restart(candidate.horizon // 2)
         self._own_scans = 0
@@ -124,12 +124,15 @@ class LoopJudge:
         return agrees < 0
 
 
-def _step_of(compensator: Compensator, period: float) -> float:
+def _step_of(compensator: Compensator, before: LoopFigures) -> float:
     """Return what a slip jump makes of PV before the next one: in half a period of the loop before.
 
     A slow process, as a level often is taken for, has made little of its gain by then. Of a level
-    it is what has been made when PV first shows it.
+    it is what has been made when PV first shows it. Where the stem moved before, what its slips
+    make is in the range that is known: a model that says more has too large a gain.
     """
     jump, prediction = compensator.model.valve.slip_jump, compensator.prediction
-    scans = 1 if prediction.process.is_integrating else math.ceil(0.5 * period)
-    return float(jump * abs(prediction.step_response(prediction.dead_time + scans)).max())
+    scans = 1 if prediction.process.is_integrating else math.ceil(0.5 * before.period)
+    step = float(jump * abs(prediction.step_response(prediction.dead_time + scans)).max())
+    moved = before.travel * before.period >= jump
+    return min(step, before.largest) if moved else step

@@ -154,7 +154,9 @@ class Supervisor:
                 return True
             compensator = self._build(model, stated)
             if len(self._record) >= self.settings.check.shortest:
-                self._admission.require_fine_enough(model, self._figures(compensator))
+                process = compensator.prediction.process
+                before = self._figures(compensator)
+                self._admission.require_fine_enough(model.valve, process, before)
         except CompensatorError as error:
             self.refusal, self.refused = str(error), error.kind
             if self._compensator is None and self._next is None:

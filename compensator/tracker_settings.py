@@ -58,6 +58,11 @@ class TrackerSettings:
             keeps their product, unless the block's interval of J makes it less likely than
             ``claim``. A limit cycle at one set-point shows the product alone, and a tracker covers
             some 30 % to either side of its own (`FrictionPrior.jump_spread_most`).
+        late: samples by which PV may answer later than the model has it, each with a tracker, which
+            covers ``delay_spread`` to either side. What answers sooner does so while the model
+            waits.
+        late_claim: log-odds against a later answer: one in thirty. Lags of a valve or a sensor that
+            a model lacks, and friction that is taken too large, end in the dead time.
         bank_memory: samples over which the densities that decide between trackers count: two
             stretches of ``memory``, because noise and friction vary less than positions.
         lead: log-odds by which another tracker must be ahead to take over: one in seven. With one
@@ -86,6 +91,8 @@ class TrackerSettings:
     frictions: tuple[float, ...] = (1.0, 1.3, 0.75)
     claim: float = 6.0
     jumps: tuple[float, ...] = (0.4, 0.65, 1.6)
+    late: tuple[int, ...] = (3,)
+    late_claim: float = 3.5
     bank_memory: float = 120.0
     lead: float = 2.0
     bank_learning: int = 60
@@ -97,6 +104,7 @@ class TrackerSettings:
             delay_spread=self.delay_spread,
             alike=self.alike,
             claim=self.claim,
+            late_claim=self.late_claim,
             lead=self.lead,
         )
         require_positive(
@@ -126,6 +134,8 @@ class TrackerSettings:
             raise CompensatorError(
                 f"TrackerSettings: jumps are factors above 0 other than 1; got {self.jumps!r}"
             )
+        for samples in self.late:
+            require_whole("TrackerSettings", 1, late=samples)
         require_whole(
             "TrackerSettings",
             1,

@@ -13,6 +13,10 @@ And of the slip jump. A limit cycle at one set-point shows the product of J and 
 that a block may state a J of 6 between 1 and 12 where it is 3, with half the gain. What one tracker
 can learn ends at some 30 %; beyond it trackers of other slip jumps, with the gain that keeps the
 product, stand ready as far as the block's interval reaches.
+
+And of the dead time. A controller that expects the answer of its move too early moves again before
+it comes, and a wrong dead time is what identification makes of lags that the model lacks. A tracker
+of a longer one makes it wait. One that is too long costs little: the answer comes while it waits.
 """
 
 from __future__ import annotations
@@ -42,17 +46,19 @@ def noise_kinds(prediction: Prediction) -> tuple[NoiseModel, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """A valve that the loop may have, by its difference from the model's.
+    """What the loop may be, by its difference from the model.
 
     Attributes:
         friction: factor of S and J.
         jump: factor of J alone; the gain is the larger by it.
         claim: log-odds against it.
+        late: samples by which PV answers later than the model has it.
     """
 
     friction: float
     jump: float
     claim: float
+    late: int = 0
 
     def of(self, valve: ValveModel) -> ValveModel:
         """Return the valve, given the model's."""
@@ -71,6 +77,7 @@ class TrackerBank:
 
     Attributes:
         trackers: of the model's own valve and every noise first.
+        predictions: of the process, by the samples that PV answers later than the model has it.
     """
 
     def __init__(
@@ -83,9 +90,10 @@ class TrackerBank:
         self._settings = settings
         kinds = _possible_kinds(valve, settings)
         self._kinds = [kind for kind in kinds for _ in noises]
+        self.predictions = predictions = {k.late: _later(prediction, k.late) for k in kinds}
         self.trackers = [
             StemTracker(
-                prediction,
+                predictions[kind.late],
                 kind.of(valve),
                 replace(settings, noise=noise, gain=settings.gain / kind.jump),
             )
@@ -132,8 +140,16 @@ class TrackerBank:
             self._chosen = best
 
 
+def _later(prediction: Prediction, samples: int) -> Prediction:
+    """Return the prediction of a process whose dead time is longer."""
+    if samples == 0:
+        return prediction
+    process = prediction.process
+    return Prediction.of(replace(process, dead_time=process.dead_time + samples), "input")
+
+
 def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]:
-    """Return the valves that have trackers, the model's own first."""
+    """Return what has trackers, the model itself first."""
     kinds = [
         _Kind(factor, 1.0, 0.0 if factor == 1.0 else settings.claim)
         for factor in settings.frictions
@@ -142,4 +158,4 @@ def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
-    return kinds
+    return kinds + [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
