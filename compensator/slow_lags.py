@@ -1,8 +1,9 @@
 """A lag so slow that a plan never sees it settle is a level, whatever an identification calls it.
 
 Within a window a level and a lag of many hundred samples look alike, and identification takes the
-one for the other. Planned as a lag, PV is trusted to come to rest by itself, at a gain that nobody
-has seen: an unknown load then counts a thousand times the noise, and the stem waits while PV goes.
+one for the other. Planned as a lag, PV is trusted to come to rest by itself, with a gain that the
+window never showed: an unknown load then counts a thousand times the noise, and the stem waits
+while PV drifts.
 """
 
 from __future__ import annotations
