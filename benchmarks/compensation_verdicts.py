@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.compensation_cases import SEGMENT, WARM, Case, segments
-from compensator.figures import oscillation_period
+from compensator.supervising.figures import oscillation_period
 from fieldlink.lab.study.closed_loop import Trace
 
 __all__ = ["PERIODS", "Judgement", "best_at", "dominated", "judge"]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from compensator.unaware import UnawareMpc
+from compensator.conventional.unaware import UnawareMpc
 from fieldlink.lab.study.closed_loop import Study, run
 from loop_model import ProcessModel, ValveModel
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.examples import EXAMPLES, Example
 from benchmarks.report import heading, keep, machine, table
-from compensator.unaware import UnawareMpc
+from compensator.conventional.unaware import UnawareMpc
 from estimator.processes.armax import ArmaxFit, ArmaxOrders, armax
 from fieldlink.lab.study.closed_loop import Study, held_stem_std, run
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from benchmarks.loops import Loop
 from benchmarks.plants import REST, open_loop_plant, process_of
 from compensator.action import Controller
-from compensator.pi import PiController, PiSettings
-from compensator.unaware import UnawareMpc
+from compensator.conventional.pi import PiController, PiSettings
+from compensator.conventional.unaware import UnawareMpc
 from loop_model import ProcessModel
 
 __all__ = ["Recording", "record"]

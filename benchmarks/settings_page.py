@@ -20,18 +20,18 @@ from typing import Any
 
 from benchmarks.report import table
 from compensator import HybridSettings, RetrySettings, SupervisorSettings, WatchSettings
-from compensator.cycles import CycleSettings
-from compensator.figures import FiguresSettings
-from compensator.friction import FrictionPrior
-from compensator.harm import HarmSettings
-from compensator.innovations import InnovationSettings
-from compensator.load_steps import LoadStepSettings
-from compensator.promise import PromiseSettings
-from compensator.record_check import RecordCheckSettings
-from compensator.setpoint_trend import SetpointTrendSettings
-from compensator.thrift import ThriftSettings
-from compensator.tracker_settings import TrackerSettings
-from compensator.tracking import NOISE_KINDS
+from compensator.hybrid.setpoint_trend import SetpointTrendSettings
+from compensator.hybrid.thrift import ThriftSettings
+from compensator.stem_tracking.friction import FrictionPrior
+from compensator.stem_tracking.innovations import InnovationSettings
+from compensator.stem_tracking.load_steps import LoadStepSettings
+from compensator.stem_tracking.tracker_settings import TrackerSettings
+from compensator.stem_tracking.tracking import NOISE_KINDS
+from compensator.supervising.cycles import CycleSettings
+from compensator.supervising.figures import FiguresSettings
+from compensator.supervising.harm import HarmSettings
+from compensator.supervising.promise import PromiseSettings
+from compensator.supervising.record_check import RecordCheckSettings
 from estimator.settings import SETTINGS
 
 __all__ = ["compensator_page", "entries_of", "main", "page"]

@@ -11,28 +11,28 @@ from compensator.action import (
     OpLimits,
     RefusalKind,
 )
-from compensator.embedding import EmbeddingMpc, EmbeddingSettings
-from compensator.figures import LoopFigures
-from compensator.followed import Followed
-from compensator.friction import Uncertainty
-from compensator.given_up import GivenUp, RetrySettings
-from compensator.hybrid import HybridMpc
-from compensator.hybrid_settings import HybridSettings
-from compensator.knocker import Knocker, KnockerSettings
-from compensator.moves import warm_up
-from compensator.pi import PiController, PiSettings
+from compensator.conventional.pi import PiController, PiSettings
+from compensator.conventional.unaware import MpcSettings, UnawareMpc
+from compensator.hybrid.controller import HybridMpc
+from compensator.hybrid.moves import warm_up
+from compensator.hybrid.settings import HybridSettings
 from compensator.prediction import NoiseModel, Prediction
-from compensator.supervision import (
+from compensator.published.embedding import EmbeddingMpc, EmbeddingSettings
+from compensator.published.knocker import Knocker, KnockerSettings
+from compensator.published.two_move import TwoMove, TwoMoveSettings
+from compensator.stem_tracking.friction import Uncertainty
+from compensator.supervising.figures import LoopFigures
+from compensator.supervising.followed import Followed
+from compensator.supervising.given_up import GivenUp, RetrySettings
+from compensator.supervising.supervision import (
     Compensator,
     LoopMemory,
     SupervisorSettings,
     SupervisorState,
     WithdrawReason,
 )
-from compensator.supervisor import Supervisor
-from compensator.two_move import TwoMove, TwoMoveSettings
-from compensator.unaware import MpcSettings, UnawareMpc
-from compensator.watch_settings import WatchSettings
+from compensator.supervising.supervisor import Supervisor
+from compensator.supervising.watch_settings import WatchSettings
 
 __all__ = [
     "Action",

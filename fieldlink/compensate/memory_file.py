@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from compensator import GivenUp, LoopFigures, LoopMemory, RefusalKind, Uncertainty
-from compensator.friction import FrictionPrior
+from compensator.stem_tracking.friction import FrictionPrior
 from fieldlink.errors import FieldlinkError
 from loop_model import LoopModel
 

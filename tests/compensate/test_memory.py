@@ -13,7 +13,7 @@ from compensator import (
     RefusalKind,
     Uncertainty,
 )
-from compensator.friction import FrictionPrior
+from compensator.stem_tracking.friction import FrictionPrior
 from fieldlink.compensate.memory_file import MemoryFileError, load_memory, save_memory
 from fieldlink.compensate.service import CompensateService
 from fieldlink.lab.plc.lockstep import LockstepLink

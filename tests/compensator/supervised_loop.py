@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from compensator import Action, Supervisor, SupervisorSettings, SupervisorState, UnawareMpc
-from compensator.record_check import RecordCheckSettings
+from compensator.supervising.record_check import RecordCheckSettings
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel
 

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from compensator import HybridSettings, OpLimits, Supervisor, SupervisorSettings, UnawareMpc
-from compensator.loop_judge import LoopJudge
-from compensator.record_check import RecordCheckSettings
-from compensator.watch import WatchVerdict
+from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.record_check import RecordCheckSettings
+from compensator.supervising.watch import WatchVerdict
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 

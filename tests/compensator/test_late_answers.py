@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from compensator import HybridMpc, PiController, PiSettings, Supervisor, SupervisorSettings
-from compensator.figures import LoopFigures, LoopRecord
-from compensator.loop_judge import LoopJudge
-from compensator.slow_lags import as_planned
-from compensator.watch import WatchVerdict
+from compensator.hybrid.slow_lags import as_planned
+from compensator.supervising.figures import LoopFigures, LoopRecord
+from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.watch import WatchVerdict
 from fieldlink.lab.study.closed_loop import Plant
 from loop_model import LoopModel, ProcessModel, ValveModel
 

@@ -5,10 +5,10 @@ import pytest
 
 from compensator import HybridMpc, LoopFigures, SupervisorSettings
 from compensator.action import CompensatorError
-from compensator.admission import Admission
-from compensator.figures import LoopRecord
-from compensator.loop_judge import LoopJudge
-from compensator.watch import WatchVerdict
+from compensator.supervising.admission import Admission
+from compensator.supervising.figures import LoopRecord
+from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.watch import WatchVerdict
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 VALVE = ValveModel(5.0, 2.5)

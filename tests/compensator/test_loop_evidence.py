@@ -16,14 +16,14 @@ from compensator import (
     Supervisor,
     WithdrawReason,
 )
-from compensator.fluctuation import RestFluctuation
-from compensator.moves import LeastMoves, MovePlanner
+from compensator.hybrid.moves import LeastMoves, MovePlanner
+from compensator.hybrid.setpoint_trend import SetpointTrend, SetpointTrendSettings
+from compensator.hybrid.thrift import Thrift, ThriftSettings
 from compensator.prediction import Prediction
-from compensator.record_check import RecordCheckSettings, seen_agreement, seen_friction
-from compensator.resolution import PvResolution
-from compensator.screen import PvScreen
-from compensator.setpoint_trend import SetpointTrend, SetpointTrendSettings
-from compensator.thrift import Thrift, ThriftSettings
+from compensator.stem_tracking.fluctuation import RestFluctuation
+from compensator.stem_tracking.resolution import PvResolution
+from compensator.supervising.record_check import RecordCheckSettings, seen_agreement, seen_friction
+from compensator.supervising.screen import PvScreen
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 LAG = ProcessModel((-0.9,), (0.1,), 3, 0.0, 1.0)

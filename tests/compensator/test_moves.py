@@ -7,8 +7,8 @@ import pytest
 from scipy import optimize
 
 from compensator import HybridSettings, Prediction
-from compensator.move_kernels import best_on_polygon
-from compensator.moves import LeastMoves, MovePlan, MovePlanner
+from compensator.hybrid.move_kernels import best_on_polygon
+from compensator.hybrid.moves import LeastMoves, MovePlan, MovePlanner
 from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import ProcessModel
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from compensator import HybridMpc, HybridSettings, MpcSettings, OpLimits, Prediction, UnawareMpc
-from compensator.moves import LeastMoves, MovePlanner, Ramp
+from compensator.hybrid.moves import LeastMoves, MovePlanner, Ramp
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Study, assess, run
 from loop_model import LoopModel, ProcessModel, ValveModel
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from compensator import HybridMpc
-from compensator.belief import Belief
-from compensator.stem_hypotheses import likely_ones
-from compensator.tracker_settings import TrackerSettings
-from compensator.tracking import NOISE_KINDS
+from compensator.stem_tracking.belief import Belief
+from compensator.stem_tracking.stem_hypotheses import likely_ones
+from compensator.stem_tracking.tracker_settings import TrackerSettings
+from compensator.stem_tracking.tracking import NOISE_KINDS
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 SETTINGS = TrackerSettings(NOISE_KINDS[0])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from compensator.prediction import Prediction
-from compensator.stem import StemTracker
-from compensator.tracker_settings import TrackerSettings
-from compensator.tracking import NOISE_KINDS, TrackerBank
+from compensator.stem_tracking.stem import StemTracker
+from compensator.stem_tracking.tracker_settings import TrackerSettings
+from compensator.stem_tracking.tracking import NOISE_KINDS, TrackerBank
 from loop_model import ProcessModel, ValveModel
 
 POLE = math.exp(-1.0 / 9.0)

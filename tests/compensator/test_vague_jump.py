@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from compensator import Uncertainty
-from compensator.friction import FrictionPrior
 from compensator.prediction import Prediction
-from compensator.tracker_settings import TrackerSettings
-from compensator.tracking import NOISE_KINDS, TrackerBank
+from compensator.stem_tracking.friction import FrictionPrior
+from compensator.stem_tracking.tracker_settings import TrackerSettings
+from compensator.stem_tracking.tracking import NOISE_KINDS, TrackerBank
 from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.compensator.supervised_loop import Loop

@@ -7,13 +7,13 @@ import pytest
 from scipy.signal import lfilter
 
 from compensator import HybridMpc, LoopFigures, SupervisorSettings
-from compensator.figures import LoopRecord, oscillation_period
-from compensator.harm import HarmWatch
-from compensator.loop_judge import LoopJudge
-from compensator.promise import PromiseSettings, PromiseWatch
-from compensator.record_check import RecordCheckSettings
-from compensator.watch import LoopWatch, Watched, WatchVerdict
-from compensator.watch_settings import WatchSettings
+from compensator.supervising.figures import LoopRecord, oscillation_period
+from compensator.supervising.harm import HarmWatch
+from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.promise import PromiseSettings, PromiseWatch
+from compensator.supervising.record_check import RecordCheckSettings
+from compensator.supervising.watch import LoopWatch, Watched, WatchVerdict
+from compensator.supervising.watch_settings import WatchSettings
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 QUICK = WatchSettings(promise=PromiseSettings(shortest=10**6))

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.loops import named_loop
 from benchmarks.recording import record
-from compensator.unaware import UnawareMpc
+from compensator.conventional.unaware import UnawareMpc
 from estimator import EstimatorError, Verdict, identify
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, EXAMPLE_2, Study, run
 from loop_model import LoopModel, ProcessModel, ValveModel

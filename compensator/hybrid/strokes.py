@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from compensator.hybrid_settings import HybridSettings
-from compensator.moves import Ramp
+from compensator.hybrid.moves import Ramp
+from compensator.hybrid.settings import HybridSettings
 from loop_model import ValveModel
 
 __all__ = ["Strokes"]

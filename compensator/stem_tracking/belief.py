@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.friction import FrictionPrior
 from compensator.kernels import weighted_moments
+from compensator.stem_tracking.friction import FrictionPrior
 
 __all__ = ["ERRORS", "FRICTION", "GAIN", "LOAD", "Belief", "chances_of", "merge_alike"]
 

@@ -20,11 +20,11 @@ from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
-from compensator.cycles import GrowingCycles
-from compensator.figures import LoopFigures
-from compensator.harm import HarmWatch
-from compensator.promise import PromiseWatch
-from compensator.watch_settings import WatchSettings
+from compensator.supervising.cycles import GrowingCycles
+from compensator.supervising.figures import LoopFigures
+from compensator.supervising.harm import HarmWatch
+from compensator.supervising.promise import PromiseWatch
+from compensator.supervising.watch_settings import WatchSettings
 
 __all__ = ["LoopWatch", "RunAway", "WatchVerdict", "Watched"]
 

@@ -27,16 +27,21 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.belief import FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
-from compensator.fluctuation import RestFluctuation, held_correlations
-from compensator.innovations import InnovationStatistics
 from compensator.kernels import coloured_power, multiplied
-from compensator.load_steps import LoadStepDetector
 from compensator.prediction import Prediction, settling_samples
-from compensator.resolution import PvResolution
-from compensator.shared_covariance import SharedCovariance
-from compensator.stem_hypotheses import first_beliefs, likely_ones, outcomes_of, recalled_ones
-from compensator.tracker_settings import TrackerSettings
+from compensator.stem_tracking.belief import FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
+from compensator.stem_tracking.fluctuation import RestFluctuation, held_correlations
+from compensator.stem_tracking.innovations import InnovationStatistics
+from compensator.stem_tracking.load_steps import LoadStepDetector
+from compensator.stem_tracking.resolution import PvResolution
+from compensator.stem_tracking.shared_covariance import SharedCovariance
+from compensator.stem_tracking.stem_hypotheses import (
+    first_beliefs,
+    likely_ones,
+    outcomes_of,
+    recalled_ones,
+)
+from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
 __all__ = ["Belief", "StemTracker"]

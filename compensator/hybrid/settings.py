@@ -11,10 +11,10 @@ from compensator.action import (
     require_positive,
     require_whole,
 )
-from compensator.friction import FrictionPrior, Uncertainty
+from compensator.hybrid.setpoint_trend import SetpointTrendSettings
+from compensator.hybrid.thrift import ThriftSettings
 from compensator.prediction import NoiseModel
-from compensator.setpoint_trend import SetpointTrendSettings
-from compensator.thrift import ThriftSettings
+from compensator.stem_tracking.friction import FrictionPrior, Uncertainty
 
 __all__ = ["HybridSettings"]
 

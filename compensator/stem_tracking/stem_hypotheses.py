@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from compensator.belief import Belief
 from compensator.prediction import Prediction
-from compensator.tracker_settings import TrackerSettings
+from compensator.stem_tracking.belief import Belief
+from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
 __all__ = ["first_beliefs", "likely_ones", "outcomes_of", "recalled_ones"]

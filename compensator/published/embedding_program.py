@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.action import CompensatorError
-from compensator.condensed import CondensedCost
-from compensator.embedding_settings import EmbeddingSettings
+from compensator.conventional.condensed import CondensedCost
+from compensator.published.embedding_settings import EmbeddingSettings
 from loop_model import ValveModel
 
 __all__ = ["EmbeddingProgram", "Problem"]

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, field
 
 from compensator.action import RefusalKind, require_not_negative, require_positive
-from compensator.friction import FrictionPrior, Uncertainty
+from compensator.stem_tracking.friction import FrictionPrior, Uncertainty
 from loop_model import LoopModel
 
 __all__ = ["GivenUp", "GivenUpModels", "RetrySettings"]

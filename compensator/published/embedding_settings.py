@@ -10,7 +10,7 @@ from compensator.action import (
     require_not_negative,
     require_positive,
 )
-from compensator.hybrid_settings import HybridSettings
+from compensator.hybrid.settings import HybridSettings
 
 __all__ = ["EmbeddingSettings"]
 

@@ -24,8 +24,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compensator.prediction import NoiseModel, Prediction
-from compensator.stem import StemTracker
-from compensator.tracker_settings import TrackerSettings
+from compensator.stem_tracking.stem import StemTracker
+from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
 __all__ = ["NOISE_KINDS", "TrackerBank", "noise_kinds"]

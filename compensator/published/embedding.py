@@ -30,12 +30,12 @@ from compensator.action import (
     ActionStatus,
     require_finite,
 )
-from compensator.belief import GAIN
-from compensator.condensed import CondensedCost
-from compensator.embedding_program import EmbeddingProgram, Problem
-from compensator.embedding_settings import EmbeddingSettings
-from compensator.hybrid import HybridMpc
+from compensator.conventional.condensed import CondensedCost
+from compensator.hybrid.controller import HybridMpc
 from compensator.prediction import Prediction
+from compensator.published.embedding_program import EmbeddingProgram, Problem
+from compensator.published.embedding_settings import EmbeddingSettings
+from compensator.stem_tracking.belief import GAIN
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["EmbeddingMpc", "EmbeddingSettings"]

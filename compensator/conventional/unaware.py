@@ -27,7 +27,7 @@ from compensator.action import (
     require_finite,
     require_positive,
 )
-from compensator.condensed import CondensedCost
+from compensator.conventional.condensed import CondensedCost
 from compensator.kernels import multiplied
 from compensator.prediction import (
     Disturbance,

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from compensator.belief import FRICTION, GAIN, Belief
-from compensator.hybrid_settings import HybridSettings
-from compensator.moves import LeastMoves
-from compensator.strokes import Strokes
+from compensator.hybrid.moves import LeastMoves
+from compensator.hybrid.settings import HybridSettings
+from compensator.hybrid.strokes import Strokes
+from compensator.stem_tracking.belief import FRICTION, GAIN, Belief
 from loop_model import ValveModel
 
 __all__ = ["SureMoves", "plausible_stems"]

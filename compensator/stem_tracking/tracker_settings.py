@@ -10,9 +10,9 @@ from compensator.action import (
     require_positive,
     require_whole,
 )
-from compensator.friction import FrictionPrior
-from compensator.innovations import InnovationSettings
 from compensator.prediction import NoiseModel
+from compensator.stem_tracking.friction import FrictionPrior
+from compensator.stem_tracking.innovations import InnovationSettings
 
 __all__ = ["TrackerSettings"]
 

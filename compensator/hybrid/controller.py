@@ -21,17 +21,17 @@ from compensator.action import (
     CompensatorError,
     require_finite,
 )
-from compensator.friction import Uncertainty
-from compensator.hybrid_settings import HybridSettings
-from compensator.move_prices import MovePrices
-from compensator.moves import MovePlan, MovePlanner, Ramp
+from compensator.hybrid.move_prices import MovePrices
+from compensator.hybrid.moves import MovePlan, MovePlanner, Ramp
+from compensator.hybrid.setpoint_trend import SetpointTrend
+from compensator.hybrid.settings import HybridSettings
+from compensator.hybrid.slow_lags import as_planned
+from compensator.hybrid.sure_moves import SureMoves, plausible_stems
 from compensator.prediction import LONGEST_DEAD_TIME, NoiseModel, Prediction
-from compensator.setpoint_trend import SetpointTrend
-from compensator.slow_lags import as_planned
-from compensator.stem import StemTracker
-from compensator.sure_moves import SureMoves, plausible_stems
-from compensator.tracker_settings import TrackerSettings
-from compensator.tracking import TrackerBank, noise_kinds
+from compensator.stem_tracking.friction import Uncertainty
+from compensator.stem_tracking.stem import StemTracker
+from compensator.stem_tracking.tracker_settings import TrackerSettings
+from compensator.stem_tracking.tracking import TrackerBank, noise_kinds
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["HybridMpc", "HybridSettings"]

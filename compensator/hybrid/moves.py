@@ -26,9 +26,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.hybrid_settings import HybridSettings
+from compensator.hybrid.move_kernels import best_moves
+from compensator.hybrid.settings import HybridSettings
 from compensator.kernels import correlate, gram_of, held_course, multiplied
-from compensator.move_kernels import best_moves
 from compensator.prediction import Prediction, settling_samples
 
 __all__ = ["LeastMoves", "MovePlan", "MovePlanner", "Ramp", "warm_up"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from compensator.action import CompensatorError, require_not_negative, require_positive
-from compensator.cycles import CycleSettings
-from compensator.harm import HarmSettings
-from compensator.promise import PromiseSettings
+from compensator.supervising.cycles import CycleSettings
+from compensator.supervising.harm import HarmSettings
+from compensator.supervising.promise import PromiseSettings
 
 __all__ = ["WatchSettings"]
 

@@ -13,12 +13,12 @@ from compensator.action import (
     require_positive,
     require_whole,
 )
-from compensator.figures import LoopFigures
-from compensator.given_up import GivenUp, RetrySettings
-from compensator.hybrid_settings import HybridSettings
+from compensator.hybrid.settings import HybridSettings
 from compensator.prediction import Prediction
-from compensator.record_check import RecordCheckSettings
-from compensator.watch_settings import WatchSettings
+from compensator.supervising.figures import LoopFigures
+from compensator.supervising.given_up import GivenUp, RetrySettings
+from compensator.supervising.record_check import RecordCheckSettings
+from compensator.supervising.watch_settings import WatchSettings
 from loop_model import LoopModel, ValveModel
 
 __all__ = [

@@ -6,10 +6,10 @@ compensation. `Thrift` changes the price where PV and travel can be bought with 
 
 from __future__ import annotations
 
-from compensator.hybrid_settings import HybridSettings
+from compensator.hybrid.settings import HybridSettings
+from compensator.hybrid.thrift import Thrift
 from compensator.prediction import Prediction
-from compensator.stem import StemTracker
-from compensator.thrift import Thrift
+from compensator.stem_tracking.stem import StemTracker
 
 __all__ = ["MovePrices"]
 

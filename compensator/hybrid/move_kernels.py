@@ -1,4 +1,4 @@
-"""The search for the best plan of two moves, compiled; `compensator.moves` states the problem."""
+"""The search for the best plan of two moves, compiled; `hybrid.moves` states the problem."""
 
 from __future__ import annotations
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.belief import ERRORS, FRICTION, GAIN, LOAD, Belief
 from compensator.kernels import carried_covariance, multiplied
-from compensator.load_steps import load_signature
 from compensator.prediction import Prediction
-from compensator.tracker_settings import TrackerSettings
+from compensator.stem_tracking.belief import ERRORS, FRICTION, GAIN, LOAD, Belief
+from compensator.stem_tracking.load_steps import load_signature
+from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
 __all__ = ["SharedCovariance"]

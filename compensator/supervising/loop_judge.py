@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from compensator.figures import LoopFigures, LoopRecord
-from compensator.record_check import seen_agreement
-from compensator.supervision import Compensator, SupervisorSettings
-from compensator.watch import LoopWatch, Watched, WatchVerdict
+from compensator.supervising.figures import LoopFigures, LoopRecord
+from compensator.supervising.record_check import seen_agreement
+from compensator.supervising.supervision import Compensator, SupervisorSettings
+from compensator.supervising.watch import LoopWatch, Watched, WatchVerdict
 
 __all__ = ["LoopJudge"]
 

@@ -27,20 +27,20 @@ from compensator.action import (
     RefusalKind,
     require_finite,
 )
-from compensator.admission import Admission
-from compensator.figures import LoopFigures, LoopRecord, Sample
-from compensator.friction import Uncertainty
-from compensator.hybrid import HybridMpc
-from compensator.loop_judge import LoopJudge
-from compensator.screen import PvScreen
-from compensator.supervision import (
+from compensator.hybrid.controller import HybridMpc
+from compensator.stem_tracking.friction import Uncertainty
+from compensator.supervising.admission import Admission
+from compensator.supervising.figures import LoopFigures, LoopRecord, Sample
+from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.screen import PvScreen
+from compensator.supervising.supervision import (
     Compensator,
     LoopMemory,
     SupervisorSettings,
     SupervisorState,
     WithdrawReason,
 )
-from compensator.watch import WatchVerdict
+from compensator.supervising.watch import WatchVerdict
 from loop_model import LoopModel, ValveModel
 
 __all__ = ["Supervisor"]

@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 
 from compensator.action import CompensatorError, RefusalKind
-from compensator.figures import LoopFigures, Sample
-from compensator.given_up import GivenUpModels
-from compensator.record_check import seen_agreement, seen_friction
-from compensator.supervision import SupervisorSettings
+from compensator.supervising.figures import LoopFigures, Sample
+from compensator.supervising.given_up import GivenUpModels
+from compensator.supervising.record_check import seen_agreement, seen_friction
+from compensator.supervising.supervision import SupervisorSettings
 from loop_model import LoopModel, ProcessModel, ValveModel
 
 __all__ = ["Admission"]

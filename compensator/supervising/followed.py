@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from compensator.action import Action, Controller
-from compensator.hybrid import HybridMpc, HybridSettings
+from compensator.hybrid.controller import HybridMpc, HybridSettings
 from compensator.prediction import Prediction
 from loop_model import LoopModel, ValveModel
 

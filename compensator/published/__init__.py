@@ -1,0 +1,1 @@
+"""Compensators of the literature: the paper's stiction-embedding MPC, two moves, the knocker."""
