@@ -18,7 +18,7 @@ from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import Limits, Sensor, limits_of, sensor_of, share_by_hand
+from estimator.diagnosis.facts import Limits, Sensor, by_hand_of, limits_of, sensor_of
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
@@ -93,24 +93,27 @@ def diagnose(
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
     error = record.error
-    by_hand = ~record.auto if record.auto is not None else np.zeros(record.op.size, dtype=bool)
     controller = read_controller(
         record.op, record.pv, record.sp, auto=record.auto, period=period, settings=settings.reading
     )
+    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts)
     limits = limits_of(record.op, error, controller, by_hand, settings.facts)
     sensor = sensor_of(record.pv, error, controller, record.good, settings.facts)
-    manual = share_by_hand(record.op, record.auto, error, settings.facts)
+    manual = float(np.mean(by_hand))
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
-    cut = explained_rows(_without_spikes(record, sensor, settings), swing, settings)
+    clean = _without_spikes(record, sensor, settings)
+    cut = explained_rows(clean, swing, settings)
+    free = explained_rows(replace(clean, good=clean.good & ~limits.where), swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
     standing = open_loop_swing(record, swing, by_hand | limits.where, settings)
     predictable = predictable_shares(record, swing, controller, limits, settings)
     calm = without_steady_wave(error, swing, period, settings)
-    removable = removable_share(calm, explained, loop, controller, period, settings)
+    known = _known_process(explained, swing, settings)
+    removable = removable_share(calm, known, controller, period, settings)
     gathered = Gathered(
         swing=swing,
         signal=signal,
@@ -134,7 +137,7 @@ def diagnose(
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,
-        headroom=headroom_of(cut, controller, swing, predictable, limits, removable, settings),
+        headroom=headroom_of(free, controller, swing, predictable, removable, settings),
     )
     proposal = None
     if advice and explained is not None and controller is not None:
@@ -212,6 +215,17 @@ def _explain(
         late=int(late), valve_is_healthy=valve_is_healthy, weighing=settings.weighing,
         advising=settings.advising,
     )  # fmt: skip
+
+
+def _known_process(
+    explained: Explained | None, swing: Oscillation, settings: DiagnosisSettings
+) -> ProcessModel | None:
+    """The process where it shows; beside a steady wave, which is taken for a resonance else."""
+    if explained is None or explained.process < settings.judging.threshold:
+        return None
+    if explained.beside_wave is not None and swing.regularity >= settings.judging.steady:
+        return explained.beside_wave
+    return explained.model
 
 
 def _closed(model: ProcessModel | None, controller: Controller | None) -> LinearLoop | None:
