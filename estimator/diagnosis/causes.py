@@ -243,8 +243,8 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
 def _is_surely_slow(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether headroom alone tells it: the integral time is too long for the error to last."""
     little = found.removable_where_known(settings) <= settings.judging.lasting
-    may_stick = found.explained is not None and found.explained.sticking > 0.0
-    return found.headroom >= settings.judging.surely and not (little or may_stick)
+    is_sure = found.headroom >= settings.judging.surely
+    return is_sure and not (little or _may_stick(found, settings))
 
 
 def _too_long(settings: DiagnosisSettings) -> float:

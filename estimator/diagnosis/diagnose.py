@@ -29,6 +29,7 @@ from estimator.diagnosis.loop_record import (
     loop_record,
     open_loop_swing,
     predictable_shares,
+    with_own_setpoint,
     without_setpoint_steps,
     without_steady_wave,
 )
@@ -92,11 +93,16 @@ def diagnose(
             rank_causes(gathered, settings), swing, signal, indices, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
-    error = record.error
     controller = read_controller(
         record.op, record.pv, record.sp, auto=record.auto, period=period, settings=settings.reading
     )
+    record = with_own_setpoint(record, controller, settings)
+    error = record.error
+    assert error is not None
     by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts)
+    recorded = record
+    if by_hand.any():
+        record = replace(record, auto=~by_hand)
     limits = limits_of(record.op, error, controller, by_hand, settings.facts)
     sensor = sensor_of(record.pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
@@ -148,7 +154,7 @@ def diagnose(
         causes=rank_causes(gathered, settings, proposal),
         oscillation=swing,
         oscillating=signal,
-        indices=_figures(record, gathered, proposal, settings) if figures else {},
+        indices=_figures(recorded, gathered, proposal, settings) if figures else {},
         controller=controller,
         tuning=None if proposal is None else proposal.to_dict(),
         samples=record.op.size,
@@ -268,7 +274,8 @@ def _advise(
     if explained.fitted is None:
         return None
     assert cut.pv is not None
-    sp = cut.sp if cut.sp is not None else np.full(cut.op.size, float(np.mean(cut.pv)))
+    assert cut.error is not None
+    sp = cut.sp if cut.sp is not None else np.full(cut.op.size, np.median(cut.pv + cut.error))
     valve = ValveModel(explained.band, min(explained.jump, explained.band))
     ends = (
         float(cut.op.min()) if limits.low else -math.inf,

@@ -12,7 +12,16 @@ from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller, at_limit
 from estimator.diagnosis.settings import Facts
 
-__all__ = ["Limits", "Sensor", "by_hand_of", "limits_of", "longest_run", "runs_of", "sensor_of"]
+__all__ = [
+    "Limits",
+    "Sensor",
+    "by_hand_of",
+    "in_long_runs",
+    "limits_of",
+    "longest_run",
+    "runs_of",
+    "sensor_of",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +83,7 @@ def by_hand_of(
     if np.ptp(error) == 0.0:
         return np.zeros(op.size, dtype=bool)
     # without an error a controller keeps still
-    still = _in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
+    still = in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
     still &= error != 0.0
     if np.ptp(op) == 0.0:
         return still
@@ -101,7 +110,7 @@ def longest_run(values: Array) -> int:
     return max((stop - start for start, stop in runs_of(np.diff(values) == 0.0)), default=0) + 1
 
 
-def _in_long_runs(values: Array, least: int) -> Mask:
+def in_long_runs(values: Array, least: int) -> Mask:
     """Samples that lie in a run of one value of at least ``least`` samples."""
     found = np.zeros(values.size, dtype=bool)
     for start, stop in runs_of(np.diff(values) == 0.0):
@@ -156,13 +165,13 @@ def sensor_of(
         return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable, np.zeros(pv.size, dtype=bool))
     e = error[usable]
     deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))
-    still = _in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
+    still = in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
     levels = np.unique(y)
     coarse = levels.size < settings.levels
     step = float(np.median(np.diff(levels))) if coarse and levels.size > 1 else 0.0
     if coarse and step > 0.0:
         # few levels explain runs of one value
-        still = _in_long_runs(y, max(settings.least_run, y.size // 4))
+        still = in_long_runs(y, max(settings.least_run, y.size // 4))
     smooth = median_filter(y, size=5, mode="nearest")
     rest = y - smooth
     size = float(np.median(np.abs(rest))) / 0.6745

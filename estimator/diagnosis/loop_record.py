@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.facts import Limits, runs_of
+from estimator.diagnosis.facts import Limits, in_long_runs, runs_of
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
 from estimator.diagnosis.oscillation import (
     Oscillation,
@@ -30,6 +30,7 @@ __all__ = [
     "loop_record",
     "open_loop_swing",
     "predictable_shares",
+    "with_own_setpoint",
     "without_setpoint_steps",
     "without_steady_wave",
 ]
@@ -111,6 +112,32 @@ def loop_record(
     mode = None if auto is None else np.asarray(auto, dtype=float) > 0.0
     error = (target if target is not None else float(np.mean(y))) - y
     return LoopRecord(u, y, target, mode, np.asarray(error), good, period)
+
+
+def with_own_setpoint(
+    record: LoopRecord, controller: Controller | None, settings: DiagnosisSettings
+) -> LoopRecord:
+    """The record with the error to the set-point that OP's own moves show, where none was recorded.
+
+    A controller moves OP by its integral rate times the error, so the mean of the moves tells the
+    mean error. The mean of PV tells it only as long as no limit and no hand holds OP.
+    """
+    if record.sp is not None or record.pv is None or record.error is None:
+        return record
+    if controller is None or not controller.integral_rate:
+        return record
+    free = record.good & ~in_long_runs(record.op, settings.facts.least_run)
+    if record.auto is not None:
+        free &= record.auto
+    rows = free[1:] & free[:-1]
+    if int(rows.sum()) < settings.facts.least_run:
+        return record
+    moves = np.diff(record.op) + controller.gain * np.diff(record.pv)
+    asked = float(np.mean(moves[rows])) / (controller.integral_rate * record.period)
+    target = float(np.mean(record.pv[1:][rows])) + asked
+    if not record.pv.min() <= target <= record.pv.max():
+        return record
+    return replace(record, error=target - record.pv)
 
 
 def explained_rows(
