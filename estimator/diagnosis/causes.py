@@ -105,12 +105,13 @@ def _saturation(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     limits = found.limits
     if limits.share < settings.facts.least_limit:
         return None
-    side = "highest" if limits.high else "lowest"
+    sides = [side for side, held in (("highest", limits.high), ("lowest", limits.low)) if held]
+    value = "" if len(sides) > 1 else f" ({limits.value:.4g})"
     return Cause(
         CauseName.SATURATION,
         max(limits.cost, 0.5 * limits.share),
         (
-            f"OP stands at its {side} value ({limits.value:.4g}) for {limits.share:.0%} of the "
+            f"OP stands at its {' or '.join(sides)} value{value} for {limits.share:.0%} of the "
             f"record while the error asks for more; {limits.cost:.0%} of the squared error falls "
             f"into that time",
         ),

@@ -97,14 +97,15 @@ def diagnose(
         record.op, record.pv, record.sp, auto=record.auto, period=period, settings=settings.reading
     )
     record = with_own_setpoint(record, controller, settings)
-    error = record.error
+    pv, error = record.pv, record.error
+    assert pv is not None
     assert error is not None
     by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts)
     recorded = record
     if by_hand.any():
         record = replace(record, auto=~by_hand)
     limits = limits_of(record.op, error, controller, by_hand, settings.facts)
-    sensor = sensor_of(record.pv, error, controller, record.good, settings.facts)
+    sensor = sensor_of(pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
