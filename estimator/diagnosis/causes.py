@@ -90,9 +90,12 @@ def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             f"{sensor.spikes:.2%} of the samples are spikes; they hold {sensor.spike_cost:.0%} of "
             f"the squared error"
         )
-    # what the oscillation leaves of the error
-    rest = 1.0 - (found.swing_share if found.swing.present else 0.0)
-    if sensor.noise_share > judging.noisy * rest and sensor.shaken > judging.shaken:
+    is_noisy = sensor.noise_share > judging.noisy and sensor.shaken > judging.shaken
+    if found.swing.present:
+        # most of what the oscillation leaves, also with the gain of a loop that does not swing
+        left = judging.noisy * (1.0 - found.swing_share)
+        is_noisy |= sensor.noise_share > left and sensor.shaken > judging.swung * judging.shaken
+    if is_noisy:
         weight = max(weight, sensor.noise_share)
         evidence.append(
             f"noise is {sensor.noise_share:.0%} of the error's variance and moves OP by "

@@ -263,6 +263,8 @@ class Judging:
         spikes: share of the squared error in spikes.
         shaken: share of OP's range by which noise moves the valve every sample: 0.5 % is what a
             positioner resolves.
+        swung: factor on it where the loop swings: a gain at the limit of stability is up to four
+            times a well-tuned one (gain margins of tuning rules are two to four).
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
         seen: share of the record beyond which an integral time is too long for the record to show
@@ -295,6 +297,7 @@ class Judging:
     step: float = 0.7
     spikes: float = 0.2
     shaken: float = 0.005
+    swung: float = 4.0
     noisy: float = 0.5
     frozen: float = 0.08
     seen: float = 0.2
