@@ -189,8 +189,8 @@ class Headroom:
         slower: factor by which SIMC's integral gain exceeds the running one's, from which a tuning
             is slow: the error after a load lasts as many times longer.
         seconds: second lag over the first, of processes that have two: a short one and an equal
-            one (tuning family: log loss of slow against well-tuned loops 0.74 to 0.44 of that of a
-            single lag with a load that may be as smooth as OP).
+            one (tuning family: with them, and without loads as smooth as OP, the log loss over
+            74 slow and well-tuned loops falls from 63 to 41 nats).
         swings: Ms beyond which the running loop would swing; such a loop is not judged here.
         corner: first corner time of the load, samples; noise: first variance of the noise over the
             load's.
