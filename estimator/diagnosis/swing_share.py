@@ -15,6 +15,8 @@ __all__ = ["local_share"]
 def local_share(power: Array, n: int, period: float, settings: Swinging) -> float:
     """Share of an oscillation, of any shape, in all that is not slower than a trend, 0 to 1.
 
+    White noise is no motion: its level, that of the fastest half of the spectrum, is taken off.
+
     Args:
         power: spectrum of ``n`` samples under a Hann window, ``(n // 2 + 1,)``.
         n: samples.
@@ -22,11 +24,17 @@ def local_share(power: Array, n: int, period: float, settings: Swinging) -> floa
         settings: see `estimator.diagnosis.settings`.
     """
     cycles = np.arange(power.size) / n * period
-    fast = float(power[cycles > 1.0 / settings.trend].sum())
+    # the powers of white noise are distributed exponentially
+    white = float(np.median(power[power.size // 2 :])) / math.log(2.0)
+    motion = power - white
+    is_fast = cycles > 1.0 / settings.trend
     half = 2.0**settings.local
-    near = float(power[(cycles > 1.0 / half) & (cycles < half)].sum())
+    near = float(motion[(cycles > 1.0 / half) & (cycles < half)].sum())
+    # no less than white noise leaves by chance
+    chance = settings.chance * white * math.sqrt(_OVERLAP * float(is_fast.sum()))
+    fast = max(float(motion[is_fast].sum()), near, chance)
     whole = near + _harmonic_power(power, cycles, settings)
-    return min(1.0, whole / fast) if fast > 0.0 else 0.0
+    return min(1.0, max(0.0, whole / fast)) if fast > 0.0 else 0.0
 
 
 _OVERLAP = 1.94
