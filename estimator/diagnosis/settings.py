@@ -50,6 +50,8 @@ class Swinging:
             one period is the limit of Miao and Seborg (1999).
         local, share: half-width in octaves and least share of the oscillation in all that moves
             as fast: one half, so that it is the main motion.
+        beside: octaves on each side of that band that tell how much of it is drift: 0.4 and 0.6
+            make a quarter fewer errors than none (`benchmarks.diagnosis_swings`).
         chance: standard errors by which the harmonics' power must exceed that between them: noise
             then passes for an oscillation no more often than without them.
         trend: what is slower than so many periods is a trend.
@@ -74,6 +76,7 @@ class Swinging:
     decay: float = 0.5
     local: float = 0.5
     share: float = 0.5
+    beside: float = 0.6
     chance: float = 2.0
     trend: float = 3.0
     around: float = 1.5
