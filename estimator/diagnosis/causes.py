@@ -90,7 +90,12 @@ def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             f"{sensor.spikes:.2%} of the samples are spikes; they hold {sensor.spike_cost:.0%} of "
             f"the squared error"
         )
-    if sensor.noise_share > judging.noisy and sensor.shaken > judging.shaken:
+    is_noisy = sensor.noise_share > judging.noisy and sensor.shaken > judging.shaken
+    if found.swing.present:
+        # most of what the oscillation leaves, also with the gain of a loop that does not swing
+        left = judging.noisy * (1.0 - found.swing_share)
+        is_noisy |= sensor.noise_share > left and sensor.shaken > judging.swung * judging.shaken
+    if is_noisy:
         weight = max(weight, sensor.noise_share)
         evidence.append(
             f"noise is {sensor.noise_share:.0%} of the error's variance and moves OP by "
@@ -103,12 +108,13 @@ def _saturation(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     limits = found.limits
     if limits.share < settings.facts.least_limit:
         return None
-    side = "highest" if limits.high else "lowest"
+    sides = [side for side, held in (("highest", limits.high), ("lowest", limits.low)) if held]
+    value = "" if len(sides) > 1 else f" ({limits.value:.4g})"
     return Cause(
         CauseName.SATURATION,
         max(limits.cost, 0.5 * limits.share),
         (
-            f"OP stands at its {side} value ({limits.value:.4g}) for {limits.share:.0%} of the "
+            f"OP stands at its {' or '.join(sides)} value{value} for {limits.share:.0%} of the "
             f"record while the error asks for more; {limits.cost:.0%} of the squared error falls "
             f"into that time",
         ),
@@ -220,6 +226,10 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
             f"settles within its integral time has no such error",
         ]
         weight = min(1.0, max(one, two))
+    elif find_outside(found, settings) is not None and _is_surely_slow(found, settings):
+        # beside what is known to come from outside the loop is slow or well tuned
+        evidence = []
+        weight = _too_long(settings)
     else:
         return None
     if found.headroom >= judging.likely:
@@ -232,6 +242,18 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
         evidence.append(f"robust settings would remove {removable:.0%} of the squared error")
     shared = found.limits.cost + (found.swing_share if found.swing.present else 0.0)
     return Cause(CauseName.SLOW_TUNING, weight * max(0.0, 1.0 - shared), tuple(evidence))
+
+
+def _is_surely_slow(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether headroom alone tells it: the integral time is too long for the error to last."""
+    little = found.removable_where_known(settings) <= settings.judging.lasting
+    is_sure = found.headroom >= settings.judging.surely
+    return is_sure and not (little or _may_stick(found, settings))
+
+
+def _too_long(settings: DiagnosisSettings) -> float:
+    """Share of an answer's time: with so much more integral gain it is over as much sooner."""
+    return 1.0 - 1.0 / settings.headroom.slower
 
 
 def _headroom_words(found: Gathered, settings: DiagnosisSettings) -> str:
@@ -264,12 +286,9 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
         may_stick = found.explained is not None and found.explained.sticking > 0.0
-        little = found.removable_where_known(settings) <= settings.judging.lasting
-        if found.headroom >= settings.judging.surely and not (may_stick or little):
-            # the integral time is too long for the error, or the record, to last beyond it; with so
-            # much more integral gain the answer to a load is over as much sooner
-            weight = 1.0 - 1.0 / settings.headroom.slower
-            return Cause(CauseName.SLOW_TUNING, weight, (_headroom_words(found, settings),))
+        if _is_surely_slow(found, settings):
+            words = (_headroom_words(found, settings),)
+            return Cause(CauseName.SLOW_TUNING, _too_long(settings), words)
         slow = 0.0 if found.controller is None else found.controller.integral_time_s
         if settings.judging.seen * found.duration_s < slow < math.inf:
             text = (

@@ -17,14 +17,14 @@ _TINY = 1e-300
 
 @kernel
 def fit_delays(
-    y: Array, u: Array, process: tuple[float, float], top: Array, bottom: Array, late: int,
+    y: Array, u: Array, process: tuple[float, float, float], top: Array, bottom: Array, late: int,
     first: int, drifts: bool,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Fit PV by OP behind a lag and each dead time, level (and straight line) left free.
 
     Args:
         y: PV, ``(n,)``; u: OP, ``(n,)``.
-        process: pole of the lag, and its first step's share of the gain.
+        process: pole of the lag, its first step's share of the gain, and a second lag's pole or 0.
         top, bottom: the filter that whitens what is left, both ``(m + 1,)``, 1 first.
         late: dead times, from 1 sample on.
         first: samples in which the filters settle, left out; at least ``late``.
@@ -36,7 +36,7 @@ def fit_delays(
     n = y.size
     signals = np.empty((3 + drifts, n))
     signals[0] = y - y[0]
-    signals[1] = respond_one(u, process[0], 0.0, 0.0, process[1])
+    signals[1] = respond_one(u, process[0], 0.0, process[2], process[1])
     signals[2] = 1.0
     if drifts:
         signals[3] = np.arange(n) / n

@@ -21,22 +21,24 @@ INSIDE = 1.0 - 2.0**-53
 
 @kernel
 def sensitivities(
-    gains: Array, dead_times: Index, lag: tuple[float, float], r: Array, t: Array, turns: Complex
-) -> Array:
+    gains: Array, dead_times: Index, lag: tuple[float, float, float], r: Array, t: Array,
+    turns: Complex,
+) -> Array:  # fmt: skip
     """Largest amplification Ms of each loop; infinite where the loop is not stable.
 
     Args:
         gains: of the process, ``(d, g)``.
         dead_times: of each row, samples of at least 1, rising, ``(d,)``.
-        lag: pole of the process, and its first step's share of the gain.
+        lag: pole of the process, its first step's share of the gain, and a second pole or 0.
         r, t: the controller from error to OP as polynomials in ``q^-1``.
         turns: ``q^-1`` at the frequencies at which Ms is read, ``(f,)``.
     """
-    pole, step = lag
+    pole, step, second = lag
+    step *= 1.0 - second
+    rest = np.convolve(t, np.convolve(np.array([1.0, -pole]), np.array([1.0, -second])))
     answer = np.empty(turns.size, dtype=np.complex128)
     for k in range(turns.size):
-        answer[k] = step * _value(r, turns[k]) / (_value(t, turns[k]) * (1.0 - pole * turns[k]))
-    rest = np.convolve(t, np.array([1.0, -pole]))
+        answer[k] = step * _value(r, turns[k]) / _value(rest, turns[k])
     found = np.empty(gains.shape)
     reached = 0
     for d in range(dead_times.size):

@@ -18,7 +18,7 @@ from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import Limits, Sensor, limits_of, sensor_of, share_by_hand
+from estimator.diagnosis.facts import Limits, Sensor, by_hand_of, limits_of, sensor_of
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
@@ -29,6 +29,7 @@ from estimator.diagnosis.loop_record import (
     loop_record,
     open_loop_swing,
     predictable_shares,
+    with_own_setpoint,
     without_setpoint_steps,
     without_steady_wave,
 )
@@ -92,25 +93,34 @@ def diagnose(
             rank_causes(gathered, settings), swing, signal, indices, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
-    error = record.error
-    by_hand = ~record.auto if record.auto is not None else np.zeros(record.op.size, dtype=bool)
     controller = read_controller(
         record.op, record.pv, record.sp, auto=record.auto, period=period, settings=settings.reading
     )
+    record = with_own_setpoint(record, controller, settings)
+    pv, error = record.pv, record.error
+    assert pv is not None
+    assert error is not None
+    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts)
+    recorded = record
+    if by_hand.any():
+        record = replace(record, auto=~by_hand)
     limits = limits_of(record.op, error, controller, by_hand, settings.facts)
-    sensor = sensor_of(record.pv, error, controller, record.good, settings.facts)
-    manual = share_by_hand(record.op, record.auto, error, settings.facts)
+    sensor = sensor_of(pv, error, controller, record.good, settings.facts)
+    manual = float(np.mean(by_hand))
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
-    cut = explained_rows(_without_spikes(record, sensor, settings), swing, settings)
+    clean = _without_spikes(record, sensor, settings)
+    cut = explained_rows(clean, swing, settings)
+    free = explained_rows(replace(clean, good=clean.good & ~limits.where), swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
     standing = open_loop_swing(record, swing, by_hand | limits.where, settings)
     predictable = predictable_shares(record, swing, controller, limits, settings)
     calm = without_steady_wave(error, swing, period, settings)
-    removable = removable_share(calm, explained, loop, controller, period, settings)
+    known = _known_process(explained, swing, settings)
+    removable = removable_share(calm, known, controller, period, settings)
     gathered = Gathered(
         swing=swing,
         signal=signal,
@@ -134,7 +144,7 @@ def diagnose(
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,
-        headroom=headroom_of(cut, controller, swing, predictable, limits, removable, settings),
+        headroom=headroom_of(free, controller, swing, predictable, removable, settings),
     )
     proposal = None
     if advice and explained is not None and controller is not None:
@@ -145,7 +155,7 @@ def diagnose(
         causes=rank_causes(gathered, settings, proposal),
         oscillation=swing,
         oscillating=signal,
-        indices=_figures(record, gathered, proposal, settings) if figures else {},
+        indices=_figures(recorded, gathered, proposal, settings) if figures else {},
         controller=controller,
         tuning=None if proposal is None else proposal.to_dict(),
         samples=record.op.size,
@@ -214,6 +224,17 @@ def _explain(
     )  # fmt: skip
 
 
+def _known_process(
+    explained: Explained | None, swing: Oscillation, settings: DiagnosisSettings
+) -> ProcessModel | None:
+    """The process where it shows; beside a steady wave, which is taken for a resonance else."""
+    if explained is None or explained.process < settings.judging.threshold:
+        return None
+    if explained.beside_wave is not None and swing.regularity >= settings.judging.steady:
+        return explained.beside_wave
+    return explained.model
+
+
 def _closed(model: ProcessModel | None, controller: Controller | None) -> LinearLoop | None:
     if model is None or controller is None:
         return None
@@ -254,7 +275,8 @@ def _advise(
     if explained.fitted is None:
         return None
     assert cut.pv is not None
-    sp = cut.sp if cut.sp is not None else np.full(cut.op.size, float(np.mean(cut.pv)))
+    assert cut.error is not None
+    sp = cut.sp if cut.sp is not None else np.full(cut.op.size, np.median(cut.pv + cut.error))
     valve = ValveModel(explained.band, min(explained.jump, explained.band))
     ends = (
         float(cut.op.min()) if limits.low else -math.inf,

@@ -12,7 +12,16 @@ from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller, at_limit
 from estimator.diagnosis.settings import Facts
 
-__all__ = ["Limits", "Sensor", "limits_of", "longest_run", "sensor_of", "share_by_hand"]
+__all__ = [
+    "Limits",
+    "Sensor",
+    "by_hand_of",
+    "in_long_runs",
+    "limits_of",
+    "longest_run",
+    "runs_of",
+    "sensor_of",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,33 +69,51 @@ class Sensor:
     spiked: Mask
 
 
-def share_by_hand(op: Array, auto: Mask | None, error: Array, settings: Facts) -> float:
-    """Share of the samples in manual; from OP alone where no mode was recorded.
+def by_hand_of(
+    op: Array, auto: Mask | None, error: Array, controller: Controller | None, settings: Facts
+) -> Mask:
+    """Samples in manual, ``(n,)``; from the signals where no mode was recorded.
 
-    Without a mode a controller is in manual where OP stands still for long while the error moves.
+    Without a mode a controller is in manual where OP stands still for long beside an error. A
+    limit holds OP as well, at its highest or lowest value, as long as the errors since it was
+    reached ask for more in sum; where they ask for less, a controller would have left it.
     """
     if auto is not None:
-        return float(np.mean(~auto))
+        return ~auto
     if np.ptp(error) == 0.0:
-        return 0.0
-    still = _in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
-    # a limit also holds OP still
-    return float(np.mean(still & ~at_limit(op))) if np.ptp(op) > 0.0 else float(np.mean(still))
+        return np.zeros(op.size, dtype=bool)
+    # without an error a controller keeps still
+    still = in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
+    still &= error != 0.0
+    if np.ptp(op) == 0.0:
+        return still
+    limited = still & at_limit(op)
+    found = still & ~limited
+    if controller is None or not controller.integral_rate:
+        return found
+    for start, stop in runs_of(limited):
+        outwards = (op[start] - 0.5 * (op.max() + op.min())) * controller.integral_rate
+        push = math.copysign(1.0, outwards) * error[start:stop]
+        if np.mean(np.cumsum(push) < 0.0) > 1.0 - settings.pushed:
+            found[start:stop] = True
+    return found
+
+
+def runs_of(where: Mask) -> list[tuple[int, int]]:
+    """First sample of each run of true samples, and the one behind its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def longest_run(values: Array) -> int:
     """Samples of the longest run of one value."""
-    same = np.concatenate([[False], np.diff(values) == 0.0, [False]])
-    edges = np.flatnonzero(same[1:] != same[:-1])
-    return int((edges[1::2] - edges[::2]).max()) + 1 if edges.size else 1
+    return max((stop - start for start, stop in runs_of(np.diff(values) == 0.0)), default=0) + 1
 
 
-def _in_long_runs(values: Array, least: int) -> Mask:
+def in_long_runs(values: Array, least: int) -> Mask:
     """Samples that lie in a run of one value of at least ``least`` samples."""
-    same = np.concatenate([[False], np.diff(values) == 0.0, [False]])
-    edges = np.flatnonzero(same[1:] != same[:-1])
     found = np.zeros(values.size, dtype=bool)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in runs_of(np.diff(values) == 0.0):
         if stop - start + 1 >= least:
             found[start : stop + 1] = True
     return found
@@ -138,13 +165,13 @@ def sensor_of(
         return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable, np.zeros(pv.size, dtype=bool))
     e = error[usable]
     deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))
-    still = _in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
+    still = in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
     levels = np.unique(y)
     coarse = levels.size < settings.levels
     step = float(np.median(np.diff(levels))) if coarse and levels.size > 1 else 0.0
     if coarse and step > 0.0:
         # few levels explain runs of one value
-        still = _in_long_runs(y, max(settings.least_run, y.size // 4))
+        still = in_long_runs(y, max(settings.least_run, y.size // 4))
     smooth = median_filter(y, size=5, mode="nearest")
     rest = y - smooth
     size = float(np.median(np.abs(rest))) / 0.6745

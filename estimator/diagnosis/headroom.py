@@ -4,8 +4,12 @@ A loop whose load is smooth and a slow loop whose load jumps give nearly one con
 differ in what the controller does to the noise of the transmitter and to fast loads: a fast loop
 shapes them after its dead time, a slow one leaves them as they are. That shows only where the noise
 model can be nothing but a load and a transmitter. Therefore a lag (or an integrator) with a dead
-time is fitted beside a load of one corner (one pole, or two equal ones), entering before or behind
-the process, and white noise on PV. Every structure and dead time counts by its likelihood.
+time is fitted beside a load of one corner, entering before or behind the process, and white noise
+on PV. Every structure and dead time counts by its likelihood.
+
+The process may have a second lag, the load behind it two equal ones. A load before the process has
+one: OP itself is as smooth as a load of two, and whatever the process is, a load that mirrors OP
+would explain the record.
 
 The fit is a prediction error method with the true noise structure, so feedback does not bias it
 (Ljung 1999, section 13.4). The innovations filter is the spectral factor of load plus noise.
@@ -15,7 +19,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
@@ -24,12 +27,11 @@ from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.delay_fits import fit_delays
 from estimator.diagnosis.delay_loops import sensitivities
-from estimator.diagnosis.facts import Limits
 from estimator.diagnosis.gathered import error_lasts
 from estimator.diagnosis.innovations import poles_product, whitening_numerator
 from estimator.diagnosis.linear_loop import TURNS, LinearLoop
-from estimator.diagnosis.loop_record import LoopRecord, without_steady_wave
-from estimator.diagnosis.oscillation import Oscillation
+from estimator.diagnosis.loop_record import LoopRecord, longest_stretch, without_steady_wave
+from estimator.diagnosis.oscillation import Oscillation, bridge
 from estimator.diagnosis.settings import DiagnosisSettings, Headroom
 from estimator.diagnosis.tuning_rules import HOLD, simc_lag
 from loop_model import ProcessModel
@@ -46,19 +48,25 @@ _GAIN_POINTS = np.array([-1.28, -0.52, 0.0, 0.52, 1.28])
 
 @dataclass(frozen=True, slots=True)
 class _Structure:
-    """``order`` poles of the load, ``behind`` the process or before it, and its kind."""
+    """``order`` poles of the load, ``behind`` the process or before it, and its kind.
+
+    A process that is not integrating has a second lag of ``second`` times the first.
+    """
 
     order: int
     behind: bool
     integrating: bool
+    second: float = 0.0
 
 
-_STRUCTURES = tuple(
-    _Structure(order, behind, integrating)
-    for order, behind, integrating in product((1, 2), (False, True), (False, True))
+def _structures(settings: Headroom) -> tuple[_Structure, ...]:
     # behind an integrator a load wanders like one before it
-    if not (behind and integrating)
-)
+    return (
+        *(_Structure(1, False, False, second) for second in (0.0, *settings.seconds)),
+        _Structure(1, False, True),
+        _Structure(1, True, False),
+        _Structure(2, True, False),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +83,6 @@ def headroom_of(
     controller: Controller | None,
     swing: Oscillation,
     predictable: tuple[float, float],
-    limits: Limits,
     removable: float,
     settings: DiagnosisSettings,
 ) -> float:
@@ -84,16 +91,18 @@ def headroom_of(
     It may where the error lasts, and where no process shows that other settings would remove
     little: an integral time may be so long that the error is over within it. A steady wave is taken
     out of OP and PV alike: the fitted load cannot make one.
+
+    The longest stretch counts in which the controller is in automatic and ``record.good``: samples
+    at a limit are none. Short holes are bridged.
     """
     may_be = error_lasts(predictable, settings) or not removable <= settings.judging.lasting
-    by_hand = record.auto is not None and not record.auto.all()
-    if controller is None or record.pv is None or not may_be or by_hand:
+    if controller is None or record.pv is None or not may_be:
         return math.nan
-    if not record.good.all() or limits.share >= settings.facts.least_limit:
+    stretch = longest_stretch(record, settings.scope.hole)
+    if stretch.stop - stretch.start < settings.headroom.least:
         return math.nan
-    op, pv = (
-        without_steady_wave(one, swing, record.period, settings) for one in (record.op, record.pv)
-    )
+    signals = (np.where(record.good, one, math.nan)[stretch] for one in (record.op, record.pv))
+    op, pv = (without_steady_wave(bridge(one), swing, record.period, settings) for one in signals)
     return probability_of_headroom(op, pv, controller, record.period, settings.headroom)
 
 
@@ -119,7 +128,7 @@ def probability_of_headroom(
     start = np.log([lag, settings.corner, settings.noise])
     moves = np.vstack([np.zeros(3), np.diag(settings.reach)])
     weights, ratios = [], []
-    for structure in _STRUCTURES:
+    for structure in _structures(settings):
         # an integrator has no lag
         free = int(structure.integrating)
         simplex = start[free:] + moves[[0, *range(free + 1, 4)], free:]
@@ -134,9 +143,8 @@ def probability_of_headroom(
         gains = size * (fitted.gains[:, None] + _GAIN_POINTS * fitted.deviations[:, None])
         # a scale that is not known: every octave of dead times is as likely before
         weights.append(-fitted.costs - np.log(1.0 + np.arange(fitted.costs.size)))
-        ratios.append(
-            _headrooms(gains, _process_poles(found, structure), controller, period, settings)
-        )
+        process = _process_poles(found, structure)
+        ratios.append(_headrooms(gains, process, controller, period, settings))
     return _share_of_slow(weights, ratios, settings)
 
 
@@ -155,7 +163,7 @@ def _share_of_slow(weights: list[Array], ratios: list[Array], settings: Headroom
 
 def _headrooms(
     gains: Array,
-    lag: tuple[float, float],
+    process: tuple[float, float, float],
     controller: Controller,
     period: float,
     settings: Headroom,
@@ -164,15 +172,17 @@ def _headrooms(
 
     Args:
         gains: of the process in PV per OP, at dead times of 1, 2, ... samples, ``(d, g)``.
-        lag: pole of the process, and its first step's share of the gain.
+        process: its pole, its first step's share of the gain, and its second pole.
         controller, period, settings: as above.
     """
-    pole, step = lag
+    pole, step, second = process
     late = np.array([controller.samples_late(1 + i) for i in range(gains.shape[0])])
     running = LinearLoop.of(ProcessModel((-pole,), (step,), 1, 0.0, period), controller)
-    amplified = sensitivities(gains, late, lag, running.r, running.t, TURNS)
-    time = math.inf if pole == 1.0 else -period / math.log(pole)
-    settled = [simc_lag(1.0, time, (one - HOLD) * period) for one in late]
+    amplified = sensitivities(gains, late, process, running.r, running.t, TURNS)
+    # SIMC's half rule: half of a second lag counts as lag, half as dead time
+    half = 0.5 * _time(second) * period
+    time = math.inf if pole == 1.0 else _time(pole) * period + half
+    settled = [simc_lag(1.0, time, (one - HOLD) * period + half) for one in late]
     rates = np.array([gain / integral_time for gain, integral_time in settled])
     slopes = gains * (step / period if pole == 1.0 else 1.0 / time)
     runs = (slopes * controller.gain > 0.0) & (amplified <= settings.swings)
@@ -181,12 +191,19 @@ def _headrooms(
     return ratios
 
 
-def _process_poles(numbers: Array, structure: _Structure) -> tuple[float, float]:
-    """The pole of the process, and its first step's share of the gain."""
+def _process_poles(numbers: Array, structure: _Structure) -> tuple[float, float, float]:
+    """The pole of the process, its first step's share of the gain, and a second pole or 0."""
     if structure.integrating:
-        return 1.0, 1.0
-    pole = _pole(float(numbers[0]))
-    return pole, 1.0 - pole
+        return 1.0, 1.0, 0.0
+    lag = float(numbers[0])
+    pole = _pole(lag)
+    second = _pole(lag + math.log(structure.second)) if structure.second > 0.0 else 0.0
+    return pole, 1.0 - pole, second
+
+
+def _time(pole: float) -> float:
+    """Time constant of a pole, samples; 0 where there is none."""
+    return -1.0 / math.log(pole) if pole > 0.0 else 0.0
 
 
 def _pole(time: float) -> float:
@@ -194,12 +211,15 @@ def _pole(time: float) -> float:
     return max(_LEAST_POLE, math.exp(-math.exp(-time)))
 
 
-def _innovations_filter(numbers: Array, structure: _Structure) -> tuple[Array, Array]:
+def _innovations_filter(
+    numbers: Array, structure: _Structure, process: tuple[float, float, float]
+) -> tuple[Array, Array]:
     """Numerator and denominator that whiten load plus noise."""
     corner, noise = (float(v) for v in numbers[-2:])
     poles = [_pole(corner)] * structure.order
     if not structure.behind:
-        poles.append(_process_poles(numbers, structure)[0])
+        pole, _, second = process
+        poles += [pole, second] if second > 0.0 else [pole]
     both = np.array(poles)
     return poles_product(both), whitening_numerator(both, math.exp(noise))
 
@@ -215,11 +235,10 @@ def _fit(
     """The gain at every dead time, level and straight line left free."""
     if np.abs(numbers).max() > settings.farthest:
         return None
-    top, bottom = _innovations_filter(numbers, structure)
-    pole, step = _process_poles(numbers, structure)
+    process = _process_poles(numbers, structure)
+    top, bottom = _innovations_filter(numbers, structure, process)
     squares, gains, powers = fit_delays(
-        y, u, (pole, step), top, bottom, settings.dead_times, settings.first,
-        structure.integrating,
-    )  # fmt: skip
+        y, u, process, top, bottom, settings.dead_times, settings.first, structure.integrating
+    )
     n = y.size - settings.first
     return _Fitted(0.5 * n * np.log(squares / n), gains, np.sqrt(squares / n / powers))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
 from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.facts import Limits
+from estimator.diagnosis.facts import Limits, in_long_runs, runs_of
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
 from estimator.diagnosis.oscillation import (
     Oscillation,
@@ -25,9 +26,11 @@ from estimator.window import carry_on
 __all__ = [
     "LoopRecord",
     "explained_rows",
+    "longest_stretch",
     "loop_record",
     "open_loop_swing",
     "predictable_shares",
+    "with_own_setpoint",
     "without_setpoint_steps",
     "without_steady_wave",
 ]
@@ -53,6 +56,33 @@ class LoopRecord:
     error: Array | None
     good: Mask
     period: float
+
+    def part(self, rows: slice) -> LoopRecord:
+        """These rows of the record."""
+
+        def cut(signal: Array | None) -> Array | None:
+            return None if signal is None else signal[rows]
+
+        return LoopRecord(
+            op=self.op[rows],
+            pv=cut(self.pv),
+            sp=cut(self.sp),
+            auto=None if self.auto is None else self.auto[rows],
+            error=cut(self.error),
+            good=self.good[rows],
+            period=self.period * (rows.step or 1),
+        )
+
+
+def longest_stretch(record: LoopRecord, hole: int) -> slice:
+    """The longest stretch in automatic in which no more than ``hole`` samples in a row are bad."""
+    bad = ~record.good
+    if record.auto is not None:
+        bad = bad | ~record.auto
+    holes = [(start, stop) for start, stop in runs_of(bad) if stop - start > hole]
+    ends = [(0, 0), *holes, (bad.size, bad.size)]
+    stretches = [slice(before[1], after[0]) for before, after in pairwise(ends)]
+    return max(stretches, key=lambda one: one.stop - one.start)
 
 
 def loop_record(
@@ -84,15 +114,43 @@ def loop_record(
     return LoopRecord(u, y, target, mode, np.asarray(error), good, period)
 
 
+def with_own_setpoint(
+    record: LoopRecord, controller: Controller | None, settings: DiagnosisSettings
+) -> LoopRecord:
+    """The record with the error to the set-point that OP's own moves show, where none was recorded.
+
+    A controller moves OP by its integral rate times the error, so the mean of the moves tells the
+    mean error. The mean of PV tells it only as long as no limit and no hand holds OP.
+    """
+    if record.sp is not None or record.pv is None or record.error is None:
+        return record
+    if controller is None or not controller.integral_rate:
+        return record
+    free = record.good & ~in_long_runs(record.op, settings.facts.least_run)
+    if record.auto is not None:
+        free &= record.auto
+    rows = free[1:] & free[:-1]
+    if int(rows.sum()) < settings.facts.least_run:
+        return record
+    moves = np.diff(record.op) + controller.gain * np.diff(record.pv)
+    asked = float(np.mean(moves[rows])) / (controller.integral_rate * record.period)
+    target = float(np.mean(record.pv[1:][rows])) + asked
+    if not record.pv.min() <= target <= record.pv.max():
+        return record
+    return replace(record, error=target - record.pv)
+
+
 def explained_rows(
     record: LoopRecord, swing: Oscillation, settings: DiagnosisSettings
 ) -> LoopRecord:
     """The rows that are explained: of bounded number, with enough samples and enough periods.
 
     A slow oscillation is thinned, so that a window holds its periods; a fast one is cut to the
-    last rows.
+    last rows. Of a record with more bad samples than can be explained the longest stretch counts.
     """
     scope = settings.scope
+    if record.good.mean() < 1.0 - scope.most_bad:
+        record = record.part(longest_stretch(record, scope.hole))
     size = record.op.size
     if swing.present:
         # no more than brings the whole record into the window
@@ -105,20 +163,7 @@ def explained_rows(
             every = max(1, size // scope.rows)
     else:
         every = max(1, size // (2 * scope.rows))
-    rows = slice(max(0, size - scope.rows * every), None, every)
-
-    def cut(signal: Array | None) -> Array | None:
-        return None if signal is None else signal[rows]
-
-    return LoopRecord(
-        op=record.op[rows],
-        pv=cut(record.pv),
-        sp=cut(record.sp),
-        auto=None if record.auto is None else record.auto[rows],
-        error=cut(record.error),
-        good=record.good[rows],
-        period=record.period * every,
-    )
+    return record.part(slice(max(0, size - scope.rows * every), None, every))
 
 
 def predictable_shares(
@@ -196,9 +241,7 @@ def open_loop_swing(
     """
     assert record.pv is not None
     assert record.error is not None
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]]).astype(int)))
-    runs = list(zip(edges[::2], edges[1::2], strict=True))
-    start, stop = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
+    start, stop = max(runs_of(is_open), key=lambda run: run[1] - run[0], default=(0, 0))
     steady, samples = settings.judging.steady, swing.period_s / record.period
     if swing.present and swing.regularity >= steady and stop - start >= _HELD * samples:
         band = band_of(record.error, 1.0 / samples, settings.swinging)

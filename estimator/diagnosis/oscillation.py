@@ -126,7 +126,14 @@ def detect_oscillations(
         )
         _merge(found, one, settings)
     judged = [replace(one, present=_is_present(one, settings)) for one in found]
-    judged.sort(key=lambda one: (not one.present, -one.amplitude * min(1.0, one.regularity)))
+    present = [one for one in judged if one.present]
+
+    def order(one: Oscillation) -> tuple[bool, bool, float]:
+        # the band around a harmonic may hold more of them than that around the fundamental
+        is_harmonic = any(_is_harmonic(one, other, settings) for other in present)
+        return not one.present, is_harmonic, -one.amplitude * min(1.0, one.regularity)
+
+    judged.sort(key=order)
     return tuple(replace(one, period_s=one.period_s * period) for one in judged)
 
 
@@ -172,6 +179,11 @@ def _is_present(one: Oscillation, settings: Swinging) -> bool:
         and one.share > settings.share
         and (stands_out or one.decay > settings.decay)
     )
+
+
+def _is_harmonic(one: Oscillation, of: Oscillation, settings: Swinging) -> bool:
+    ratio = of.period_s / one.period_s
+    return ratio > 1.5 and abs(ratio - round(ratio)) < settings.same
 
 
 def _merge(found: list[Oscillation], one: Oscillation, settings: Swinging) -> None:

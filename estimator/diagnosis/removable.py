@@ -13,18 +13,17 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.explanations import Explained
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.diagnosis.tuning_rules import largest_integral_gain
+from loop_model import ProcessModel
 
 __all__ = ["removable_share"]
 
 
 def removable_share(
     error: Array,
-    explained: Explained | None,
-    loop: LinearLoop | None,
+    process: ProcessModel | None,
     controller: Controller | None,
     period: float,
     settings: DiagnosisSettings,
@@ -33,23 +32,22 @@ def removable_share(
 
     Args:
         error: control error without holes, ``(n,)``.
-        explained, loop, controller: what was identified; None where it could not be.
+        process, controller: what was identified; None where it could not be.
         period: seconds between samples.
         settings: see `estimator.diagnosis.settings`.
     """
-    if explained is None or explained.model is None or loop is None or controller is None:
+    if process is None or controller is None or not controller.integral_rate:
         return math.nan
-    if explained.process < settings.judging.threshold or not controller.integral_rate:
-        return math.nan
-    better = largest_integral_gain(explained.model, controller, settings.advising.robustness)
+    better = largest_integral_gain(process, controller, settings.advising.robustness)
     if better is None or better.integral_rate * controller.integral_rate <= 0.0:
         return math.nan
     lines = np.fft.rfft((error - error.mean()) * np.hanning(error.size))
+    loop = LinearLoop.of(process, controller)
     # cycles a sample of the process's model; what is faster than its samples stays as it is
     f = np.asarray(np.fft.rfftfreq(error.size), dtype=np.float64) * loop.period / period
     known = (f > 0.0) & (f < 0.5)
     change = np.ones(f.size)
-    robust = LinearLoop.of(explained.model, better).sensitivity(f[known])
+    robust = LinearLoop.of(process, better).sensitivity(f[known])
     change[known] = np.abs(robust) / np.maximum(np.abs(loop.sensitivity(f[known])), 1e-9)
     whole = float(np.sum(np.abs(lines) ** 2))
     return 1.0 - float(np.sum(np.abs(lines * change) ** 2)) / whole if whole > 0.0 else math.nan

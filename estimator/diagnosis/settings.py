@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.grouping_settings import Grouping
+from estimator.settings import SETTINGS
 
 __all__ = [
     "DIAGNOSIS",
@@ -49,6 +50,8 @@ class Swinging:
             one period is the limit of Miao and Seborg (1999).
         local, share: half-width in octaves and least share of the oscillation in all that moves
             as fast: one half, so that it is the main motion.
+        beside: octaves on each side of that band that tell how much of it is drift: 0.4 and 0.6
+            make a quarter fewer errors than none (`benchmarks.diagnosis_swings`).
         chance: standard errors by which the harmonics' power must exceed that between them: noise
             then passes for an oscillation no more often than without them.
         trend: what is slower than so many periods is a trend.
@@ -73,6 +76,7 @@ class Swinging:
     decay: float = 0.5
     local: float = 0.5
     share: float = 0.5
+    beside: float = 0.6
     chance: float = 2.0
     trend: float = 3.0
     around: float = 1.5
@@ -169,10 +173,15 @@ class Scope:
         rows: rows of a window that is explained: the time grows with them, and 30 periods tell
             all that 300 do.
         per_period: samples of a period from which a slow oscillation is thinned.
+        most_bad: share of bad samples beyond which the longest stretch without a hole is
+            explained: the estimator's own limit.
+        hole: bad samples in a row that such a stretch may have: a straight line bridges them.
     """
 
     rows: int = 1800
     per_period: float = 60.0
+    most_bad: float = SETTINGS.screening.max_bad
+    hole: int = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +191,9 @@ class Headroom:
     Attributes:
         slower: factor by which SIMC's integral gain exceeds the running one's, from which a tuning
             is slow: the error after a load lasts as many times longer.
+        seconds: second lag over the first, of processes that have two: a short one and an equal
+            one (tuning family: with them, and without loads as smooth as OP, the log loss over
+            74 slow and well-tuned loops falls from 63 to 41 nats).
         swings: Ms beyond which the running loop would swing; such a loop is not judged here.
         corner: first corner time of the load, samples; noise: first variance of the noise over the
             load's.
@@ -190,9 +202,12 @@ class Headroom:
         tries: fits of a structure.
         dead_times: longest dead time, samples.
         first: samples in which the filters settle.
+        least: samples of a stretch in automatic and within limits from which it is asked: four
+            times those in which the filters settle.
     """
 
     slower: float = 3.0
+    seconds: tuple[float, ...] = (0.3, 1.0)
     swings: float = 2.2
     corner: float = 25.0
     noise: float = 0.02
@@ -201,6 +216,7 @@ class Headroom:
     tries: int = 120
     dead_times: int = 25
     first: int = 60
+    least: int = 240
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +266,8 @@ class Judging:
         spikes: share of the squared error in spikes.
         shaken: share of OP's range by which noise moves the valve every sample: 0.5 % is what a
             positioner resolves.
+        swung: factor on it where the loop swings: a gain at the limit of stability is up to four
+            times a well-tuned one (gain margins of tuning rules are two to four).
         noisy: share of the error's variance that is noise.
         frozen: share of samples in which PV stands still.
         seen: share of the record beyond which an integral time is too long for the record to show
@@ -282,6 +300,7 @@ class Judging:
     step: float = 0.7
     spikes: float = 0.2
     shaken: float = 0.005
+    swung: float = 4.0
     noisy: float = 0.5
     frozen: float = 0.08
     seen: float = 0.2

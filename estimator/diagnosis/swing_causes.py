@@ -129,10 +129,15 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
             ),
         )
     open_loop = found.open_swing
-    if open_loop is not None and found.open_share >= settings.judging.told and not found.is_sticky:
+    least = settings.judging.told
+    share = found.open_share
+    if open_loop is swing:
+        # what swings for the whole record is told however much a limit costs
+        share = max(share, least)
+    if open_loop is not None and share >= least and not found.is_sticky:
         return Cause(
             CauseName.EXTERNAL_OSCILLATION,
-            found.open_share,
+            share,
             (
                 f"PV oscillates with a period of {open_loop.period_s:.4g} s also while OP "
                 f"stands still: the loop does not make it",

@@ -10,15 +10,17 @@ from estimator.diagnosis.delay_fits import fit_delays
 from estimator.diagnosis.innovations import power_of_load
 
 
+@pytest.mark.parametrize("second", [0.0, 0.4])
 @pytest.mark.parametrize("drifts", [False, True])
-def test_gain_deviation_and_rest_are_those_of_least_squares(drifts: bool) -> None:
+def test_gain_deviation_and_rest_are_those_of_least_squares(drifts: bool, second: float) -> None:
     rng = np.random.default_rng(5)
     n, first, late = 300, 40, 6
     u = np.cumsum(rng.normal(size=n))
     y = 0.4 * lfilter([0.0, 0.0, 0.3], [1.0, -0.7], u) + rng.normal(size=n) + 0.01 * np.arange(n)
     top, bottom = np.array([1.0, -1.5, 0.56]), np.array([1.0, -0.9, 0.2])
-    found = fit_delays(y, u, (0.7, 0.3), top, bottom, late, first, drifts)
-    answer = lfilter(top, bottom, lfilter([0.3], [1.0, -0.7], u - u[0]))
+    found = fit_delays(y, u, (0.7, 0.3, second), top, bottom, late, first, drifts)
+    behind = lfilter([1.0 - second], [1.0, -second], lfilter([0.3], [1.0, -0.7], u - u[0]))
+    answer = lfilter(top, bottom, behind)
     levels = [np.ones(n), np.arange(n) / n][: 1 + drifts]
     for d in range(1, late + 1):
         columns = [answer[first - d : n - d]] + [lfilter(top, bottom, x)[first:] for x in levels]

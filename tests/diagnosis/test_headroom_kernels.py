@@ -61,8 +61,8 @@ def test_stability_is_that_of_the_roots() -> None:
 
 
 @pytest.mark.parametrize("delay", [0, 1])
-@pytest.mark.parametrize("pole", [0.95, 1.0])
-def test_sensitivities_are_those_of_the_linear_loop(pole: float, delay: int) -> None:
+@pytest.mark.parametrize(("pole", "second"), [(0.95, 0.0), (0.95, 0.6), (1.0, 0.0)])
+def test_sensitivities_are_those_of_the_linear_loop(pole: float, second: float, delay: int) -> None:
     controller = Controller("PI", 0.8, 12.0, 0.0, 0.8 / 12.0, 0.0, "error", delay, 1.0, True)
     step = 1.0 if pole == 1.0 else 1.0 - pole
     gains = np.array([[0.5, 1.0, 2.0], [0.5, 1.0, 2.0], [0.1, 1.0, 4.0]]) * (
@@ -70,11 +70,14 @@ def test_sensitivities_are_those_of_the_linear_loop(pole: float, delay: int) -> 
     )
     dead = (1, 2, 9)
     late = np.array([controller.samples_late(one) for one in dead])
-    loops = [
-        [LinearLoop.of(ProcessModel((-pole,), (step * k,), d, 0.0, 1.0), controller) for k in row]
-        for d, row in zip(dead, gains, strict=True)
-    ]
-    found = sensitivities(gains, late, (pole, step), loops[0][0].r, loops[0][0].t, TURNS)
+    poles = (-pole - second, pole * second)
+
+    def closed(gain: float, late: int) -> LinearLoop:
+        first = step * (1.0 - second) * gain
+        return LinearLoop.of(ProcessModel(poles, (first,), late, 0.0, 1.0), controller)
+
+    loops = [[closed(k, d) for k in row] for d, row in zip(dead, gains, strict=True)]
+    found = sensitivities(gains, late, (pole, step, second), loops[0][0].r, loops[0][0].t, TURNS)
     for row, of_row in zip(found, loops, strict=True):
         for one, loop in zip(row, of_row, strict=True):
             margins = loop.margins()

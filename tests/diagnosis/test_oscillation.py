@@ -27,6 +27,17 @@ def test_the_period_is_found_through_noise_and_drift(cycle: float, shape) -> Non
     assert found.amplitude == pytest.approx(1.0, rel=0.35)
 
 
+def test_white_noise_as_strong_as_a_wave_does_not_hide_it() -> None:
+    found = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        wave = np.sin(2.0 * np.pi * np.arange(1000) / 45.0)
+        found.append(detect_oscillation(wave + rng.standard_normal(wave.size)))
+    assert sum(one.present for one in found) >= 18
+    near = [abs(one.period_s / 45.0 - 1.0) < 0.05 for one in found if one.present]
+    assert np.mean(near) >= 0.9
+
+
 def test_bad_samples_are_bridged() -> None:
     k = np.arange(1500)
     values = np.sin(2.0 * np.pi * k / 40.0)
