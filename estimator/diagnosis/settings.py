@@ -1,9 +1,10 @@
 """Every number of the diagnosis that somebody chose: what it means, its unit, where it is from.
 
-The rule that finds an oscillation (its share in what moves as fast) took its form after a look at
-recorded OP signals; its limits are round numbers with a reason. Nothing else was chosen with
-recorded loops in view. "Tuning family" is ``benchmarks.diagnosis_families.tuning``. The numbers of
-groups and of proposed settings stand in `grouping_settings` and `advice_settings`.
+The rule that finds an oscillation (its share in what moves as fast, less what a drift has in its
+band) took its form after a look at recorded OP signals; its limits are round numbers with a reason.
+Nothing else was chosen with recorded loops in view. "Tuning family" is
+``benchmarks.diagnosis_families.tuning``. The numbers of groups and of proposed settings stand in
+`grouping_settings` and `advice_settings`.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fieldlink.diagnosis import detect_oscillation
 
@@ -51,6 +52,18 @@ def test_noise_and_walks_seldom_oscillate() -> None:
     walks = np.cumsum(rng.standard_normal((60, 1000)), axis=1)
     assert sum(detect_oscillation(row).present for row in white) <= 1
     assert sum(detect_oscillation(row).present for row in walks) <= 8
+
+
+@pytest.mark.parametrize("damping", [0.5, 0.6])
+def test_noise_behind_a_well_damped_resonance_seldom_oscillates(damping: float) -> None:
+    turn = 2.0 * np.pi / 40.0
+    size = np.exp(-damping * turn)
+    poles = [1.0, -2.0 * size * np.cos(turn * np.sqrt(1.0 - damping**2)), size**2]
+    found = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        found += detect_oscillation(lfilter([1.0], poles, rng.standard_normal(3000))[1000:]).present
+    assert found <= 8
 
 
 @pytest.mark.parametrize("seed", range(6))
