@@ -57,7 +57,8 @@ class Quality(Enum):
     )
     LATE = (
         10,
-        "polled so late that the value belongs to another slot: look at the lateness metric",
+        "polled or reported so late that the value belongs to another slot: look at the lateness "
+        "metric",
     )
     BAD_STATUS = (11, "the server gives no good status with the value: look at its diagnostics")
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")

@@ -3,7 +3,8 @@
 Every scan reads the nodes of each request at one time (``mode = "read"``), or takes what the server
 has reported (``mode = "subscribe"``). A value is good only with a good status, and only while the
 server is heard; what it said before it fell silent is never taken for new. Readings carry the times
-of this machine, so that they compare with those of other links; the server's clock may be wrong.
+of this machine, so that they compare with those of other links; the server's clock may be wrong, so
+its time stamps tell only which reports come later than usual.
 """
 
 from __future__ import annotations
@@ -261,6 +262,8 @@ def _reading(tag: Tag, found: NodeValue | None) -> tuple[float, Quality]:
         return math.nan, Quality.NOT_READ
     if found.refused:
         return math.nan, Quality.QUARANTINED
+    if found.late:
+        return math.nan, Quality.LATE
     if not found.good or not isinstance(found.value, bool | int | float):
         return math.nan, Quality.BAD_STATUS
     raw = float(found.value)

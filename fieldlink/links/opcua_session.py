@@ -10,6 +10,7 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from asyncua import Client, ua
@@ -18,7 +19,15 @@ from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
 from fieldlink.links.names import find_addresses
-from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
+from fieldlink.links.opcua_values import (
+    NOT_THERE,
+    NodeValue,
+    help_for,
+    node_value,
+    stamp_of,
+    status_of,
+)
+from fieldlink.links.usual_delay import UsualDelay
 
 if TYPE_CHECKING:
     from fieldlink.links.clock import Clock
@@ -68,6 +77,10 @@ class OpcuaSession:
         self._namespaces: list[str] = []
         self._subscription: Any = None
         self._latest: dict[str, NodeValue] = {}
+        self._delays, self._usual = UsualDelay(), 0.0
+        self._stamps: dict[str, float | None] = {}
+        self._late: set[str] = set()
+        self._published: float | None = None
         self._reported = asyncio.Event()
         self._period = 1.0
 
@@ -144,9 +157,31 @@ class OpcuaSession:
     def datachange_notification(self, node: Any, _: Any, data: Any) -> None:
         """Take a value that the server reports; called by asyncua."""
         key = self._text_of.get(node.nodeid)
-        if key is not None:
-            self._latest[key] = node_value(data.monitored_item.Value)
-            self._reported.set()
+        if key is None:
+            return
+        report = data.monitored_item.Value
+        self._note_delay(key, stamp_of(report))
+        self._latest[key] = node_value(report)
+        self._reported.set()
+
+    def _note_delay(self, node: str, stamp: float | None) -> None:
+        """Note whether a report is of a period ago: a server or a network that stood still.
+
+        Only stamps that advance tell it. The first of a node may be of any age, since many servers
+        stamp a value when it changes.
+        """
+        published = None if self._subscription is None else self._subscription.last_publish_at
+        before = self._stamps.get(node)
+        self._stamps[node] = stamp
+        if published is None or stamp is None or before is None or stamp <= before:
+            return
+        delay = published - stamp
+        if published != self._published:
+            self._published = published
+            self._late.clear()
+            self._usual = delay - self._delays.exceed(delay)
+        if delay - self._usual > self._period:
+            self._late.add(node)
 
     def status_change_notification(self, status: Any) -> None:  # noqa: ARG002
         """Note that the server has ended the subscription; called by asyncua."""
@@ -154,7 +189,8 @@ class OpcuaSession:
 
     def latest(self, node: str) -> NodeValue | None:
         """Return the newest reported value of a subscribed node; None before the first."""
-        return self._latest.get(node)
+        found = self._latest.get(node)
+        return found if found is None or node not in self._late else replace(found, late=True)
 
     def check_reports(self) -> None:
         """Raise when the server has not been heard since the scan before.
@@ -165,6 +201,9 @@ class OpcuaSession:
         """
         heard = None if self._subscription is None else self._subscription.last_publish_at
         silent = 0.0 if heard is None else self._clock.monotonic() - heard
+        if heard != self._published:
+            # what has not been reported again since has not changed since
+            self._late.clear()
         if self._subscription is not None and silent <= self._period:
             return
         what = f"{self._device.where} has reported nothing for {silent:.1f} s"

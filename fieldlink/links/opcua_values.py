@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC
 from typing import Any
 
 from asyncua import ua
 
-__all__ = ["NOT_THERE", "NodeValue", "help_for", "node_value", "status_of"]
+__all__ = ["NOT_THERE", "NodeValue", "help_for", "node_value", "stamp_of", "status_of"]
 
 _HELP = {
     "BadNodeIdUnknown": "check the node id, and that the server has loaded its project",
@@ -31,6 +32,9 @@ NOT_THERE = frozenset(
 )
 """Status codes that say that a node cannot be read, now or later, not that its value is bad."""
 
+_NO_STAMP_YEARS = (1970, 3000)
+"""Time stamps up to the one and from the other year are none: OPC UA's times begin in 1601."""
+
 
 @dataclass(frozen=True, slots=True)
 class NodeValue:
@@ -41,12 +45,26 @@ class NodeValue:
         status: name of the status code.
         good: whether the status is good.
         refused: whether the node cannot be read at all.
+        late: whether it was reported so late that it is a value of a period ago.
     """
 
     value: Any
     status: str
     good: bool
     refused: bool
+    late: bool = False
+
+
+def stamp_of(data: Any) -> float | None:
+    """Return the seconds at which the server took a value, by its own clock; None if it tells none.
+
+    Some servers fill the server's time with the first or the last moment that it can hold: then the
+    source's time counts.
+    """
+    for stamp in (data.ServerTimestamp, data.SourceTimestamp):
+        if stamp is not None and _NO_STAMP_YEARS[0] < stamp.year < _NO_STAMP_YEARS[1]:
+            return float(stamp.replace(tzinfo=UTC).timestamp())
+    return None
 
 
 def node_value(data: Any) -> NodeValue:

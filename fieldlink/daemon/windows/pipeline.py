@@ -11,9 +11,9 @@ from fieldlink.daemon.estimation.estimating import EstimateRequest
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.slot_placing import BeatPlacer, CounterPlacer, Place, Placed, Placer
 from fieldlink.daemon.windows.loop_counts import LoopCounts
-from fieldlink.daemon.windows.usual_delay import UsualDelay
 from fieldlink.daemon.windows.window import LoopSample, Window, WindowData
 from fieldlink.links import Quality, Reading, Scan
+from fieldlink.links.usual_delay import UsualDelay
 from fieldlink.registers import Tag
 from fieldlink.site import Loop, Site
 from fieldlink.store import SampleRecord

@@ -1,7 +1,8 @@
-"""How late a loop's values usually are read: what is always alike shifts no sample from another.
+"""How late values usually come: what is always alike shifts no sample from another.
 
 Devices that share a line take turns, so that a loop's turn may always come late in its period. A
-silent neighbour, on the other hand, delays a few of its samples by half a period or more.
+silent neighbour, on the other hand, delays a few of its samples by half a period or more. And a
+server's clock may differ from ours: only how much later than usual a report is can be told.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ several periods, delays less than half of them; a line that has changed is learn
 
 
 class UsualDelay:
-    """The latest delays of one loop."""
+    """The latest delays of one loop, or of one server's reports, in seconds."""
 
     def __init__(self) -> None:
         self._latest: deque[float] = deque(maxlen=REMEMBERED)
