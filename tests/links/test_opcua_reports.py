@@ -1,4 +1,4 @@
-"""What an OPC UA server reports late, by its own time stamps, is no value of this moment."""
+"""A value that an OPC UA server reports late, by its own time stamps, is a late sample."""
 
 from __future__ import annotations
 
