@@ -179,10 +179,11 @@ class Spreading:
             no law is quite that of a valve (tuning family: coverage per kind).
         temper: power of the likelihood; below 1 because slips of a real valve vary from stroke to
             stroke while the model's do not (tuning family: coverage per kind).
-        law, law_above, law_jump: standard deviations of S downwards, of S upwards and of J, as
-            shares of S, that the law leaves: where one law is far ahead of the others, and where
-            none is. Upwards more: bristles, and turns of OP that no sample shows, make a valve slip
-            earlier than its S says (tuning family: coverage per kind).
+        law: standard deviations of S, as shares of S, that the law leaves: where one law is far
+            ahead of the others; downwards where none is; upwards where none is. Upwards more:
+            bristles, and turns of OP that no sample shows, make a valve slip earlier than its S
+            says (tuning family: coverage per kind).
+        law_jump: those of J, as shares of S: where one law is far ahead, and where none is.
         lead: nats by which a law is ahead that make it e times surer; as many more as the mean
             square of its errors after the stem's turns is larger than elsewhere, squared (tuning
             family).
@@ -195,8 +196,7 @@ class Spreading:
     law_nats: float = 30.0
     law_temper: float = 0.05
     temper: float = 0.5
-    law: tuple[float, float] = (0.01, 0.08)
-    law_above: tuple[float, float] = (0.01, 0.2)
+    law: tuple[float, float, float] = (0.01, 0.08, 0.2)
     law_jump: tuple[float, float] = (0.07, 0.3)
     lead: float = 15.0
     gains: int = 16

@@ -134,8 +134,9 @@ def arx_estimate(
     weights *= density
     top = samples[int(order_of(all_costs)[0])]
     valve = Valve(float(top[0]), float(top[1]), float(top[2]), "he")
-    law = case.settings.spreading
-    below, jump, above = (valve.band * open_ for _, open_ in (law.law, law.law_jump, law.law_above))
+    _, down, up = case.settings.spreading.law
+    _, open_jump = case.settings.spreading.law_jump
+    below, jump, above = (valve.band * open_ for open_ in (down, open_jump, up))
     posterior = Posterior(samples, weights / weights.sum(), (below, jump), above)
     stem = case.stem(valve)
     orders = choose_orders(case, stem)

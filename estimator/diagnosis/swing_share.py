@@ -35,7 +35,7 @@ def local_share(power: Array, n: int, period: float, settings: Swinging) -> floa
     # no less than white noise leaves by chance
     chance = settings.chance * white * math.sqrt(_OVERLAP * float(is_fast.sum()))
     fast = max(float(motion[is_fast].sum()), near, chance)
-    beside = is_near.sum() * max(0.0, _level_beside(power, cycles, octaves, settings) - white)
+    beside = int(is_near.sum()) * max(0.0, _level_beside(power, cycles, octaves, settings) - white)
     whole = max(0.0, near - beside) + _harmonic_power(power, cycles, settings)
     return min(1.0, max(0.0, whole / fast)) if fast > 0.0 else 0.0
 

@@ -131,9 +131,10 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     late = _usual_step(case.rows.u) / math.sqrt(12.0)
     # a lead is worth less where the leading law's own errors follow the turns
     doubt = math.exp(-_lead_of_law(explanations) / (spreading.lead * uneven**2))
+    told, down, up = spreading.law
     below, above, jump = (
         math.hypot(late, best.valve.band * (known + doubt * (open_ - known)))
-        for known, open_ in (spreading.law, spreading.law_above, spreading.law_jump)
+        for known, open_ in ((told, down), (told, up), spreading.law_jump)
     )
     return Posterior(np.vstack(valves), weight / weight.sum(), (below, jump), above)
 

@@ -19,12 +19,12 @@ LEVEL = ProcessModel((-1.0,), (0.02,), 5, 0.0, 1.0)
 def test_a_level_is_refused_that_the_stem_cannot_set_finely_enough() -> None:
     admission, model = Admission(SupervisorSettings()), LoopModel(VALVE, LEVEL)
     # J and a fifth of fS, for two scans: 3.25 * 2 * 0.02.
-    admission.require_fine_enough(model, LoopFigures(0.14**2, 1.0, 40.0, 1.0))
+    admission.require_fine_enough(model.valve, model.process, LoopFigures(0.14**2, 1.0, 40.0, 1.0))
     restless = LoopFigures(0.12**2, 1.0, 40.0, 1.0)
     with pytest.raises(CompensatorError, match="cannot halve"):
-        admission.require_fine_enough(model, restless)
+        admission.require_fine_enough(model.valve, model.process, restless)
     # A process that settles needs no way back.
-    admission.require_fine_enough(LoopModel(VALVE, LAG), restless)
+    admission.require_fine_enough(VALVE, LAG, restless)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from compensator import (
     RefusalKind,
@@ -111,13 +112,20 @@ def test_a_valve_that_does_not_stick_is_refused() -> None:
     assert "stick band is 0" in loop.supervisor.refusal
 
 
-def test_a_valve_model_far_too_small_is_given_up_where_no_record_corrects_it() -> None:
-    loop = Loop(settings=UNCHECKED)
+@pytest.mark.parametrize("seed", range(5))
+def test_a_valve_model_far_too_small_ends_well_or_is_given_up_where_no_record_corrects_it(
+    seed: int,
+) -> None:
+    loop = Loop(seed, settings=UNCHECKED)
     loop.run(600)
     valve = EXAMPLE_1.valve
     wrong = ValveModel(0.3 * valve.stick_band, 0.3 * valve.slip_jump)
     assert loop.supervisor.offer(LoopModel(wrong, EXAMPLE_1.process))
     loop.run(1200)
+    if loop.supervisor.state is SupervisorState.COMPENSATING:
+        assert np.std(loop.pv[-600:]) <= 0.5 * np.std(loop.pv[300:600])
+        assert np.ptp(loop.stem[-600:]) == 0.0
+        return
     assert loop.supervisor.state is SupervisorState.BASE
     assert loop.supervisor.reason in {
         WithdrawReason.WORSE,

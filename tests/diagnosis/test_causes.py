@@ -103,7 +103,7 @@ def test_a_loop_tuned_too_slow_beside_a_wave_has_both() -> None:
     slow = {"gain": 0.08, "noise": 0.05}
     alone = found(run(load=load, **slow), advice=False)  # type: ignore[arg-type]
     assert alone.first.name == "slow_tuning"
-    both = found(run(load=load + WAVE, **slow), advice=False)  # type: ignore[arg-type]
+    both = found(run(load=load + 1.3 * WAVE, **slow), advice=False)  # type: ignore[arg-type]
     assert {cause.name for cause in both.causes} == {"external_oscillation", "slow_tuning"}
 
 
@@ -120,8 +120,9 @@ def test_an_oscillation_that_goes_on_in_manual_comes_from_outside() -> None:
     assert [cause.name for cause in answer.causes] == ["manual", "external_oscillation"]
 
 
-def test_noise_through_a_well_tuned_loop_is_no_oscillation() -> None:
-    answer = found(run(seed=35), advice=False)
+@pytest.mark.parametrize("seed", [101, 106, 126])
+def test_noise_that_swings_in_a_well_tuned_loop_is_quiet(seed: int) -> None:
+    answer = found(run(seed=seed), advice=False)
     assert answer.oscillation.present
     assert answer.first.name == "quiet"
 
