@@ -285,7 +285,6 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
-        may_stick = found.explained is not None and found.explained.sticking > 0.0
         if _is_surely_slow(found, settings):
             words = (_headroom_words(found, settings),)
             return Cause(CauseName.SLOW_TUNING, _too_long(settings), words)
@@ -298,7 +297,7 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
                 CauseName.UNDETERMINED, 0.0, (text,),
                 "Give a record of ten integral times and more: it shows whether the loop is slow.",
             )  # fmt: skip
-        if may_stick:
+        if found.explained is not None and found.explained.sticking > 0.0:
             # nothing is wrong that shows, but a valve that sticks is likelier than not
             return _unproven(found, settings)
         if _lingers(found, settings) is None:

@@ -149,10 +149,10 @@ def explained_rows(
     last rows. Of a record with more bad samples than can be explained the longest stretch counts.
     """
     scope = settings.scope
-    stretch = longest_stretch(record, scope.hole)
-    is_long = stretch.stop - stretch.start >= settings.swinging.least_samples
-    if is_long and record.good.mean() < 1.0 - scope.most_bad:
-        record = record.part(stretch)
+    if record.good.mean() < 1.0 - scope.most_bad:
+        stretch = longest_stretch(record, scope.hole)
+        if stretch.stop - stretch.start >= settings.swinging.least_samples:
+            record = record.part(stretch)
     size = record.op.size
     if swing.present:
         # no more than brings the whole record into the window

@@ -29,7 +29,7 @@ def local_share(power: Array, n: int, period: float, settings: Swinging) -> floa
     white = _noise_level(power[power.size // 2 :])
     motion = power - white
     is_fast = cycles > 1.0 / settings.trend
-    octaves = np.abs(np.log2(np.maximum(cycles, _TINY)))
+    octaves = np.abs(np.log2(np.maximum(cycles, np.finfo(np.float64).tiny)))
     is_near = octaves < settings.local
     near = float(motion[is_near].sum())
     # no less than white noise leaves by chance
@@ -43,9 +43,6 @@ def local_share(power: Array, n: int, period: float, settings: Swinging) -> floa
 _OVERLAP = 1.94
 """Variance of a sum of a Hann window's powers over that of independent ones: neighbours are alike
 (correlations of 4/9 and 1/36 on each side)."""
-
-
-_TINY = 1e-300
 
 
 def _noise_level(power: Array) -> float:

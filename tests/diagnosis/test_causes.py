@@ -98,12 +98,24 @@ def test_nothing_is_proposed_while_the_sensor_is_faulty() -> None:
     assert answer.tuning is None
 
 
-def test_a_loop_tuned_too_slow_beside_a_wave_has_both() -> None:
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param(
+            1.0,
+            marks=pytest.mark.xfail(
+                strict=True, reason="the wave's share of what moves is just below one half"
+            ),
+        ),
+        1.3,
+    ],
+)
+def test_a_loop_tuned_too_slow_beside_a_wave_has_both(size: float) -> None:
     load = np.repeat([0.0, 9.0, -6.0, 4.0, -9.0, 6.0], 250)
     slow = {"gain": 0.08, "noise": 0.05}
     alone = found(run(load=load, **slow), advice=False)  # type: ignore[arg-type]
     assert alone.first.name == "slow_tuning"
-    both = found(run(load=load + 1.3 * WAVE, **slow), advice=False)  # type: ignore[arg-type]
+    both = found(run(load=load + size * WAVE, **slow), advice=False)  # type: ignore[arg-type]
     assert {cause.name for cause in both.causes} == {"external_oscillation", "slow_tuning"}
 
 
@@ -118,6 +130,12 @@ def test_an_oscillation_that_goes_on_in_manual_comes_from_outside() -> None:
     loop = run(load=WAVE, gain=1e-9)
     answer = found(loop, auto=np.zeros(loop.op.size), advice=False)
     assert [cause.name for cause in answer.causes] == ["manual", "external_oscillation"]
+
+
+def test_noise_through_a_well_tuned_loop_is_no_oscillation() -> None:
+    answer = found(run(seed=35), advice=False)
+    assert not answer.oscillation.present
+    assert answer.first.name == "quiet"
 
 
 @pytest.mark.parametrize("seed", [101, 106, 126])
@@ -138,7 +156,7 @@ def test_a_load_behind_two_lags_is_no_sticky_valve(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("quiet", seed) for seed in (3, 6, 30)] + [("slow_tuning", seed) for seed in (1, 2, 55)],
+    [("quiet", seed) for seed in (3, 6, 15, 30)] + [("slow_tuning", seed) for seed in (1, 2, 55)],
 )
 def test_quiet_and_slow_loops_under_slow_loads(kind: str, seed: int) -> None:
     loop = draw_paced(kind, seed)

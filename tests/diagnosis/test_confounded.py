@@ -51,7 +51,19 @@ def test_an_integral_time_too_long_for_the_record_is_slow_where_the_room_is_sure
     assert "probability" in answer.first.evidence[0]
 
 
-@pytest.mark.parametrize("seed", [20004, 20046])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        20004,
+        pytest.param(
+            20007,
+            marks=pytest.mark.xfail(
+                strict=True, reason="a well-tuned loop that headroom of two lags calls slow"
+            ),
+        ),
+        20046,
+    ],
+)
 def test_an_error_that_lasts_where_no_room_is_likely_asks_for_a_step(seed: int) -> None:
     answer = found(draw_paced("quiet", seed))
     assert answer.first.name == "undetermined"

@@ -55,6 +55,12 @@ def test_a_slow_load_that_drives_op_to_its_limit_is_no_slow_tuning(seed: int) ->
     assert [cause.name for cause in answer.causes] == ["saturation"]
 
 
+def test_a_well_tuned_loop_behind_two_lags_is_quiet() -> None:
+    loop = draw_loop(("quiet",), 8303)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.first.name == "quiet"
+
+
 def test_where_neither_is_likely_a_set_point_step_is_asked_for() -> None:
     loop = draw_loop(("slow_tuning",), 8330)
     answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
