@@ -119,8 +119,9 @@ class LoopRecord:
     def figures(self, window: int, least: int, valve: ValveModel) -> LoopFigures | None:
         """Return the figures of the base controller, None if it had the loop too shortly.
 
-        The latest stretch without a change of set-point that is two windows long counts; else the
-        longest; else, where the set-point moves all the time, the longest stretch at all.
+        All stretches without a change of set-point that are two windows long count together: a
+        sticky valve may rest for a while by luck and cycle again after the next disturbance. Else
+        the longest counts; else, where the set-point moves all the time, the longest at all.
 
         Args:
             window: samples that a set-point change takes to settle, times two.
@@ -135,8 +136,7 @@ class LoopRecord:
         if not settled:
             return None
         long = [s for s in settled if len(s) >= 2 * window]
-        chosen = long[-1] if long else max(settled, key=len)
-        return _figures_of(chosen, window, least, valve)
+        return _figures_of(long or [max(settled, key=len)], window, least, valve)
 
     def _stretches(self, *, any_setpoint: bool) -> list[list[Sample]]:
         stretches: list[list[Sample]] = [[]]
@@ -152,16 +152,24 @@ class LoopRecord:
 
 
 def _figures_of(
-    samples: Sequence[Sample], window: int, least: int, valve: ValveModel
+    stretches: Sequence[Sequence[Sample]], window: int, least: int, valve: ValveModel
 ) -> LoopFigures | None:
-    errors = [s.pv - s.sp for s in samples if math.isfinite(s.pv)]
-    if len(errors) < least:
+    errors = [[s.pv - s.sp for s in stretch if math.isfinite(s.pv)] for stretch in stretches]
+    known = sum(map(len, errors))
+    if known < least:
         return None
-    stem = valve.simulate([s.op for s in samples], samples[0].op)
-    travel = math.fsum(abs(b - a) for a, b in itertools.pairwise(stem.tolist()))
+    squares = [math.fsum(e * e for e in part) for part in errors]
+    # The stretch with most of the deviation has the oscillation; one at rest has noise's period.
+    main = errors[squares.index(max(squares))]
     return LoopFigures(
-        math.fsum(e * e for e in errors) / len(errors),
-        travel / len(samples),
-        min(oscillation_period(errors, window), max(0.5 * len(errors), window)),
-        max(map(abs, errors)),
+        math.fsum(squares) / known,
+        math.fsum(_travel_in(stretch, valve) for stretch in stretches) / sum(map(len, stretches)),
+        min(oscillation_period(main, window), max(0.5 * len(main), window)),
+        max(abs(e) for part in errors for e in part),
     )
+
+
+def _travel_in(stretch: Sequence[Sample], valve: ValveModel) -> float:
+    """Return the way of the stem in a stretch, by the valve model."""
+    stem = valve.simulate([s.op for s in stretch], stretch[0].op)
+    return math.fsum(abs(b - a) for a, b in itertools.pairwise(stem.tolist()))

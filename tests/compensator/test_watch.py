@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from compensator import HybridMpc, LoopFigures, SupervisorSettings
-from compensator.supervising.figures import LoopRecord, oscillation_period
+from compensator.supervising.figures import LoopRecord, Sample, oscillation_period
 from compensator.supervising.harm import HarmWatch
 from compensator.supervising.loop_judge import LoopJudge
 from compensator.supervising.promise import PromiseSettings, PromiseWatch
@@ -49,6 +49,25 @@ def test_a_steady_oscillation_no_worse_than_before_is_let_be(amplitude: float) -
     for k in range(2000):
         error = amplitude * math.sin(2.0 * math.pi * k / 40.0) + noise[k]
         assert watch.push(Watched(error, 0.5, 0.01)) is WatchVerdict.FINE
+
+
+def test_a_loop_that_rests_for_a_while_is_still_one_that_swung() -> None:
+    # A cycle of 60 samples between two positions of the stem, then 300 samples at another
+    # set-point at which the stem happens to stand right.
+    record, valve = LoopRecord(1200), ValveModel(10.0, 5.0)
+    noise = np.random.default_rng(5).normal(0.0, 0.05, 900)
+    for k in range(600):
+        angle = 2.0 * math.pi * k / 60.0
+        record.push(Sample(math.sin(angle) + noise[k], 0.0, 50.0 + 9.0 * math.cos(angle), True))
+    for k in range(600, 900):
+        record.push(Sample(2.0 + noise[k], 2.0, 50.0, True))
+    before = record.figures(80, 160, valve)
+    assert before is not None
+    # 600 of 860 settled samples swing: 40 of the new set-point are the way to it.
+    assert before.mean_square == pytest.approx(600 / 860 * 0.5, rel=0.05)
+    # One slip of J in each half of the ten cycles, and what OP's first position takes.
+    assert before.travel * 860 == pytest.approx(10 * 2 * 5.0, rel=0.2)
+    assert before.period == pytest.approx(60.0, rel=0.05)
 
 
 def test_the_period_is_read_from_the_error() -> None:
