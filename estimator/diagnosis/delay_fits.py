@@ -7,7 +7,6 @@ import numpy as np
 from compiled import innermost, kernel
 from estimator.algebra import dot
 from estimator.arrays import Array
-from estimator.lanes import respond_one
 
 __all__ = ["fit_delays"]
 
@@ -38,8 +37,7 @@ def fit_delays(
     """
     n = y.size
     signals = np.empty((3 + drifts, n))
-    answer = respond_one(u, process[0], 0.0, process[2], process[1])
-    _whiten(y, answer, top, bottom, signals)
+    _whiten(y, u, process, top, bottom, signals)
     answer, kept = signals[0], signals[1:]
     target, levels = kept[0], kept[1:]
     for j in range(levels.shape[0]):
@@ -56,24 +54,25 @@ def fit_delays(
     return np.maximum(whole - along[0] ** 2 / powers, _TINY), along[0] / powers, powers
 
 
+Eight = tuple[float, float, float, float, float, float, float, float]
+
+
 @innermost
 def _add_rows(
-    sums: Array,
-    q: tuple[float, float, float, float],
-    p: tuple[float, float, float, float],
-    r0: Array,
-    r1: Array,
-    r2: Array,
-    r3: Array,
-    r4: Array,
-    r5: Array,
-    r6: Array,
-    r7: Array,
-) -> None:
-    """Add eight rows, one after the other, each times a factor: four of ``q``, four of ``p``."""
+    sums: Array, others: Array, q: Eight, p: Eight, r0: Array, r1: Array, r2: Array, r3: Array,
+    r4: Array, r5: Array, r6: Array, r7: Array,
+) -> None:  # fmt: skip
+    """Add eight rows, one after the other, to sums with factors ``q``, and to others with ``p``."""
     for i in range(sums.size):
         total = sums[i] + q[0] * r0[i] + q[1] * r1[i] + q[2] * r2[i] + q[3] * r3[i]
-        sums[i] = total + p[0] * r4[i] + p[1] * r5[i] + p[2] * r6[i] + p[3] * r7[i]
+        sums[i] = total + q[4] * r4[i] + q[5] * r5[i] + q[6] * r6[i] + q[7] * r7[i]
+        total = others[i] + p[0] * r0[i] + p[1] * r1[i] + p[2] * r2[i] + p[3] * r3[i]
+        others[i] = total + p[4] * r4[i] + p[5] * r5[i] + p[6] * r6[i] + p[7] * r7[i]
+
+
+@kernel
+def _eight(s: Array, k: int) -> Eight:
+    return s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4], s[k + 5], s[k + 6], s[k + 7]
 
 
 @kernel
@@ -85,15 +84,16 @@ def _products(signals: Array, answer: Array, first: int, late: int) -> Array:
     """
     count, n = signals.shape
     wide = min(first, _LANES * -(-late // _LANES))
-    sums = np.zeros((count, wide))
+    # one row more for an odd number of signals: they are taken in pairs
+    sums = np.zeros((count + count % 2, wide))
     k = first
     while k + 8 <= n:
         at = answer[k - wide :]
-        for j in range(count):
-            s = signals[j, k : k + 8]
-            q, p = (s[0], s[1], s[2], s[3]), (s[4], s[5], s[6], s[7])
+        for j in range(0, count, 2):
+            q, p = _eight(signals[j], k), _eight(signals[min(j + 1, count - 1)], k)
             _add_rows(
-                sums[j], q, p, at, at[1:], at[2:], at[3:], at[4:], at[5:], at[6:], at[7:]
+                sums[j], sums[j + 1], q, p, at, at[1:], at[2:], at[3:], at[4:], at[5:], at[6:],
+                at[7:],
             )  # fmt: skip
         k += 8
     while k < n:
@@ -103,7 +103,7 @@ def _products(signals: Array, answer: Array, first: int, late: int) -> Array:
             for i in range(wide):
                 now[i] += value * past[i]
         k += 1
-    return sums[:, ::-1][:, :late].copy()
+    return sums[:count, ::-1][:, :late].copy()
 
 
 @kernel
@@ -118,24 +118,28 @@ def _powers(answer: Array, first: int, late: int) -> Array:
 
 
 @kernel
-def _whiten(y: Array, answer: Array, top: Array, bottom: Array, out: Array) -> None:
-    """The answer, PV from its first value on, a level and a straight line, whitened: rows of
-    ``out`` ``(m, n)``; the line where there is room.
+def _whiten(
+    y: Array, u: Array, process: tuple[float, float, float], top: Array, bottom: Array, out: Array
+) -> None:
+    """OP behind the process, PV from its first value on, a level and a straight line, whitened.
 
-    The filter begins at rest. The signals go through it side by side: one alone would wait for
-    each of its own values.
+    They are the rows of ``out`` ``(m, n)``, the line where there is room. Process and filter begin
+    at rest. The signals go through side by side: one alone would wait for each of its own values.
     """
     n, order = y.size, top.size - 1
+    pole, step, second = process
     t1, b1 = top[1], bottom[1]
     t2, b2 = (top[2], bottom[2]) if order > 1 else (0.0, 0.0)
     t3, b3 = (top[3], bottom[3]) if order > 2 else (0.0, 0.0)
-    x1 = x2 = x3 = y1 = y2 = y3 = z1 = z2 = z3 = 0.0
+    v = x = x1 = x2 = x3 = y1 = y2 = y3 = z1 = z2 = z3 = 0.0
     for k in range(n):
-        x, v = answer[k], y[k] - y[0]
-        a, b, c = x + x1, v + y1, 1.0 + z1
-        x1, y1, z1 = x2 + t1 * x - b1 * a, y2 + t1 * v - b1 * b, z2 + t1 - b1 * c
-        x2, y2, z2 = x3 + t2 * x - b2 * a, y3 + t2 * v - b2 * b, z3 + t2 - b2 * c
-        x3, y3, z3 = t3 * x - b3 * a, t3 * v - b3 * b, t3 - b3 * c
+        v = pole * v + step * (u[k] - u[0])
+        x = second * x + (1.0 - second) * v
+        w = y[k] - y[0]
+        a, b, c = x + x1, w + y1, 1.0 + z1
+        x1, y1, z1 = x2 + t1 * x - b1 * a, y2 + t1 * w - b1 * b, z2 + t1 - b1 * c
+        x2, y2, z2 = x3 + t2 * x - b2 * a, y3 + t2 * w - b2 * b, z3 + t2 - b2 * c
+        x3, y3, z3 = t3 * x - b3 * a, t3 * w - b3 * b, t3 - b3 * c
         out[0, k], out[1, k], out[2, k] = a, b, c
     if out.shape[0] > 3:
         x1 = x2 = x3 = 0.0

@@ -138,7 +138,8 @@ def least_numbers(
                     costs[i] = _cost(simplex[i], kind, y, u, bounds)
                     tried += 1
         simplex, costs = _sorted(simplex, costs)
-    return simplex[0].copy()
+    found: Array = simplex[0].copy()
+    return found
 
 
 @kernel
