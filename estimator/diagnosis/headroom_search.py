@@ -138,8 +138,8 @@ def least_numbers(
                     costs[i] = _cost(simplex[i], kind, y, u, bounds)
                     tried += 1
         simplex, costs = _sorted(simplex, costs)
-    found: Array = simplex[0].copy()
-    return found
+    best: Array = simplex[0].copy()
+    return best
 
 
 @kernel

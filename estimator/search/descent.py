@@ -240,8 +240,7 @@ class Descent:
     def go_on(self, rounds: int) -> None:
         """So many rounds more, unless no sample works like a valve."""
         case, origin = self.case, self.origin
-        state = self.squares, self.late, self.best, self.middle, self.root
-        more, *state = _descended(
+        more, self.squares, self.late, self.best, self.middle, self.root = _descended(
             case.rows.u,
             (LAW_NUMBERS[self.law], self.valve),
             (SHAPE_NUMBERS[origin.shape], np.array([origin.slow, origin.fast, origin.third])),
@@ -249,9 +248,8 @@ class Descent:
             case.max_dead_time,
             case.works,
             _points_of_rounds(self.lanes, self.turn, rounds),
-            state,
+            (self.squares, self.late, self.best, self.middle, self.root),
         )
-        self.squares, self.late, self.best, self.middle, self.root = state
         self.turn += more
 
     @property
