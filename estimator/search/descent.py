@@ -24,7 +24,7 @@ from estimator.processes.poles import (
     moved_poles,
 )
 from estimator.search.processes import spread_points
-from estimator.valves.laws import LAW_NUMBERS, stems_of
+from estimator.valves.laws import LAWS
 
 __all__ = [
     "Descent",
@@ -45,9 +45,6 @@ _RIDGE = 1e-16
 _TIE = 1e-12
 """Relative gain below which two sums of squares are the same: rounding decides nothing."""
 
-State = tuple[float, int, Array, Array, Array]
-"""Least cost and its dead time, the steps to it, middle and root of the next round."""
-
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -66,14 +63,6 @@ def turned_points(count: int, dimensions: int, turn: int) -> Array:
     points = spread_points(count + 1, dimensions)[1:]
     shares = np.mod(ndtr(points) + ndtr(shift), 1.0)
     found: Array = ndtri(np.clip(shares, 1e-3, 1.0 - 1e-3))
-    return found
-
-
-@cache
-def _points_of_rounds(count: int, turn: int, rounds: int) -> Array:
-    """Points ``(rounds, count, 5)`` of so many rounds from a ``turn`` on."""
-    found = np.stack([turned_points(count, 5, turn + i) for i in range(rounds)])
-    found.flags.writeable = False
     return found
 
 
@@ -161,40 +150,6 @@ def _learn(
     return of_lane[top], top, late, moved, cholesky(covariance)
 
 
-@kernel
-def _descended(
-    op: Array,
-    valve: tuple[int, Array],
-    process: tuple[int, Array],
-    judged: Judged,
-    longest: int,
-    works: tuple[int, float],
-    points: Array,
-    state: State,
-) -> tuple[int, float, int, Array, Array, Array]:
-    """Rounds of a `Descent`, as many as ``points`` ``(k, m, 5)`` are given; the number and state.
-
-    ``valve`` and ``process`` are the number of the law or of the shape, and where the way began.
-    """
-    squares, least_late, best, middle, root = state
-    for turn in range(points.shape[0]):
-        table, valves, processes = _candidates(
-            points[turn], middle, root, best, valve[1], process[0], process[1]
-        )
-        stems = stems_of(valve[0], op, valves)
-        shortest = max(0, least_late - 1)
-        dead_times = shortest, min(3, longest + 1 - shortest)
-        least, top, late, middle_then, root_then = _learn(
-            stems, processes, judged, dead_times, works, table, middle, root
-        )
-        if not np.isfinite(least):
-            return turn, squares, least_late, best, middle, root
-        if least < squares * (1.0 - _TIE):
-            squares, best, least_late = least, table[top].copy(), shortest + late
-        middle, root = middle_then, root_then
-    return points.shape[0], squares, least_late, best, middle, root
-
-
 def descend(
     case: Case,
     design: Design,
@@ -239,18 +194,34 @@ class Descent:
 
     def go_on(self, rounds: int) -> None:
         """So many rounds more, unless no sample works like a valve."""
-        case, origin = self.case, self.origin
-        more, self.squares, self.late, self.best, self.middle, self.root = _descended(
-            case.rows.u,
-            (LAW_NUMBERS[self.law], self.valve),
-            (SHAPE_NUMBERS[origin.shape], np.array([origin.slow, origin.fast, origin.third])),
-            self.judged,
-            case.max_dead_time,
-            case.works,
-            _points_of_rounds(self.lanes, self.turn, rounds),
-            (self.squares, self.late, self.best, self.middle, self.root),
-        )
-        self.turn += more
+        case = self.case
+        shape = SHAPE_NUMBERS[self.origin.shape]
+        start = np.array([self.origin.slow, self.origin.fast, self.origin.third])
+        law, longest, works = LAWS[self.law], case.max_dead_time, case.works
+        for _ in range(rounds):
+            points = turned_points(self.lanes, 5, self.turn)
+            table, valves, processes = _candidates(
+                points, self.middle, self.root, self.best, self.valve, shape, start
+            )
+            stems = law(case.rows.u, valves)
+            shortest = max(0, self.late - 1)
+            count = min(3, longest + 1 - shortest)
+            least, top, late, middle, root = _learn(
+                stems,
+                processes,
+                self.judged,
+                (shortest, count),
+                works,
+                table,
+                self.middle,
+                self.root,
+            )
+            if not np.isfinite(least):
+                return
+            if least < self.squares * (1.0 - _TIE):
+                self.squares, self.best, self.late = least, table[top].copy(), shortest + late
+            self.middle, self.root = middle, root
+            self.turn += 1
 
     @property
     def found(self) -> Found:

@@ -16,7 +16,7 @@ differ in what comes after, with ``fS = (S + J) / 2`` and ``fD = (S - J) / 2``:
 In a record that is slower than the scan OP also turns between two samples, where the lines before
 and after meet, and the stem answers there: without these turns S comes out too small.
 
-A fifth law is one kernel with this signature, one line in :data:`LAWS` and one in `stems_of`.
+A fifth law is one kernel with this signature and one line in :data:`LAWS`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 from compiled import kernel
 from estimator.arrays import Array
 
-__all__ = ["BETWEEN", "LAWS", "LAW_NUMBERS", "NEEDS", "Law", "stem_of", "stems_of"]
+__all__ = ["BETWEEN", "LAWS", "NEEDS", "Law", "stem_of"]
 
 Law = Callable[[Array, Array], Array]
 """``law(op, valves)``: OP ``(n,)`` and valves ``(L, 3)`` (S, J, x_0) to stems ``(n, L)``."""
@@ -142,18 +142,6 @@ def sliding_between_stems(op: Array, valves: Array) -> Array:
     return sliding_stems(_with_turns(op), valves)[1::2].copy()
 
 
-@kernel
-def stems_of(law: int, op: Array, valves: Array) -> Array:
-    """Stems ``(n, L)`` of the law with that number in :data:`LAWS`, for kernels."""
-    if law == 0:
-        return he_stems(op, valves)
-    if law == 1:
-        return sliding_stems(op, valves)
-    if law == 2:
-        return step_stems(op, valves)
-    return sliding_between_stems(op, valves)
-
-
 LAWS: MappingProxyType[str, Law] = MappingProxyType(
     {
         "he": he_stems,
@@ -166,9 +154,6 @@ LAWS: MappingProxyType[str, Law] = MappingProxyType(
 
 BETWEEN = ("steps", "sliding-between")
 """Laws of a record that is slower than the scan: what OP did between two samples is a guess."""
-
-LAW_NUMBERS = {name: number for number, name in enumerate(LAWS)}
-"""The laws as kernels know them; see `stems_of`."""
 
 NEEDS: MappingProxyType[str, str] = MappingProxyType({"sliding-between": "steps"})
 """Laws that are tried only where another one, named here, explains the window nearly as well as the

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimator.valves.laws import LAW_NUMBERS, LAWS, stem_of, stems_of
+from estimator.valves.laws import LAWS, stem_of
 from loop_model import ValveModel
 
 Array = NDArray[np.float64]
@@ -142,13 +142,6 @@ def test_a_lane_has_the_same_bits_in_any_company(law: str) -> None:
     np.testing.assert_array_equal(LAWS[law](op, valves[turned].copy()), together[:, turned])
     for size in (1, 3, 8, 16):
         np.testing.assert_array_equal(LAWS[law](op, valves[:size].copy()), together[:, :size])
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_a_kernel_finds_every_law_by_its_number(law: str) -> None:
-    op = np.cumsum(np.random.default_rng(4).normal(size=200)) / 10.0
-    valves = np.array([[0.3, 0.1, 0.0], [0.2, 0.2, 0.1]])
-    np.testing.assert_array_equal(stems_of(LAW_NUMBERS[law], op, valves), LAWS[law](op, valves))
 
 
 def test_a_jump_as_wide_as_the_band_makes_sliding_and_he_catch_up_with_op_entirely() -> None:
