@@ -160,10 +160,19 @@ def whiten_lanes(signals: Array, taps: Array) -> Array:
     """Signals ``(n, L)`` through ``1 - taps_1 q^-1 - ...``; the first rows stay as they are."""
     n, lanes = signals.shape
     count = min(taps.size, n)
-    out = signals.copy()
+    out = np.empty((n, lanes))
+    out[:count] = signals[:count]
     # one run of numbers: a tap takes the number that stands so many rows before
     before = signals.reshape(n * lanes)
     now = out.reshape(n * lanes)[count * lanes :]
+    source = before[count * lanes :]
+    # the first pass takes the signals as they are, the others what the one before has left
+    if count == 0:
+        now[:] = source
+    elif count == 1:
+        tap = taps[0]
+        for j in range(now.size):
+            now[j] = source[j] - tap * before[j]
     i = 0
     while i + 1 < count:
         # a tap of zero where there are less than four: it takes nothing away
@@ -172,10 +181,14 @@ def whiten_lanes(signals: Array, taps: Array) -> Array:
         t2, t3 = taps[i2] if i + 2 < count else 0.0, taps[i3] if i + 3 < count else 0.0
         s0, s1 = before[(count - 1 - i) * lanes :], before[(count - 2 - i) * lanes :]
         s2, s3 = before[(count - 1 - i2) * lanes :], before[(count - 1 - i3) * lanes :]
-        for j in range(now.size):
-            now[j] = now[j] - t0 * s0[j] - t1 * s1[j] - t2 * s2[j] - t3 * s3[j]
+        if i == 0:
+            for j in range(now.size):
+                now[j] = source[j] - t0 * s0[j] - t1 * s1[j] - t2 * s2[j] - t3 * s3[j]
+        else:
+            for j in range(now.size):
+                now[j] = now[j] - t0 * s0[j] - t1 * s1[j] - t2 * s2[j] - t3 * s3[j]
         i += _AT_ONCE
-    while i < count:
+    while 0 < i < count:
         tap, one = taps[i], before[(count - 1 - i) * lanes :]
         for j in range(now.size):
             now[j] -= tap * one[j]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from compiled import kernel
+from compiled import innermost, kernel
 from estimator.algebra import is_stable
 from estimator.arrays import Array, Index
 
@@ -17,6 +17,8 @@ Complex = NDArray[np.complex128]
 
 INSIDE = 1.0 - 2.0**-53
 """Largest double below 1: a reflection coefficient up to it is that of a stable loop."""
+_SIDE_BY_SIDE = 32
+"""Frequencies that are looked at side by side: the least of them is the least in any order."""
 
 
 @kernel
@@ -39,6 +41,7 @@ def sensitivities(
     answer = np.empty(turns.size, dtype=np.complex128)
     for k in range(turns.size):
         answer[k] = step * _value(r, turns[k]) / _value(rest, turns[k])
+    real, imaginary = np.empty(turns.size), np.empty(turns.size)
     found = np.empty(gains.shape)
     reached = 0
     for d in range(dead_times.size):
@@ -46,8 +49,10 @@ def sensitivities(
             for k in range(turns.size):
                 answer[k] *= turns[k]
             reached += 1
+        for k in range(turns.size):
+            real[k], imaginary[k] = answer[k].real, answer[k].imag
         for g in range(gains.shape[1]):
-            found[d, g] = _largest(answer, gains[d, g])
+            found[d, g] = _largest(real, imaginary, gains[d, g])
             closed = np.zeros(max(rest.size, reached + r.size))
             closed[: rest.size] += rest
             closed[reached : reached + r.size] += gains[d, g] * step * r
@@ -65,10 +70,23 @@ def _value(polynomial: Array, q: complex) -> complex:
 
 
 @kernel
-def _largest(answer: Complex, gain: float) -> float:
-    """Largest ``1 / |1 + gain answer|``."""
-    least = math.inf
-    for k in range(answer.size):
-        real, imaginary = 1.0 + gain * answer[k].real, gain * answer[k].imag
-        least = min(least, real * real + imaginary * imaginary)
+def _largest(real: Array, imaginary: Array, gain: float) -> float:
+    """Largest ``1 / |1 + gain answer|`` of an answer given by its parts, ``(f,)`` each."""
+    side = _SIDE_BY_SIDE
+    squares = np.full(side, math.inf)
+    k = 0
+    while k + side <= real.size:
+        _least_squares(real[k : k + side], imaginary[k : k + side], gain, squares)
+        k += side
+    _least_squares(real[k:], imaginary[k:], gain, squares[: real.size - k])
+    least = squares.min()
     return 1.0 / math.sqrt(least) if least > 0.0 else math.inf
+
+
+@innermost
+def _least_squares(real: Array, imaginary: Array, gain: float, squares: Array) -> None:
+    """The lesser of each square so far and ``|1 + gain answer|^2``."""
+    for i in range(squares.size):
+        along, across = 1.0 + gain * real[i], gain * imaginary[i]
+        square = along * along + across * across
+        squares[i] = square if square < squares[i] else squares[i]

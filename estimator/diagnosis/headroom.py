@@ -21,14 +21,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.delay_fits import fit_delays
 from estimator.diagnosis.delay_loops import sensitivities
 from estimator.diagnosis.gathered import error_lasts
-from estimator.diagnosis.innovations import poles_product, whitening_numerator
+from estimator.diagnosis.headroom_search import (
+    Bounds,
+    Kind,
+    fit_numbers,
+    least_numbers,
+    process_poles,
+)
 from estimator.diagnosis.linear_loop import TURNS, LinearLoop
 from estimator.diagnosis.loop_record import LoopRecord, longest_stretch, without_steady_wave
 from estimator.diagnosis.oscillation import Oscillation, bridge
@@ -38,10 +42,6 @@ from loop_model import ProcessModel
 
 __all__ = ["headroom_of", "probability_of_headroom"]
 
-_IMPOSSIBLE = 1e12
-"""Cost of numbers that fit nothing: beyond what any record has, and finite for the search."""
-_LEAST_POLE = 1e-6
-"""A pole below it is that of no lag at all; smaller ones only overflow in the spectral factor."""
 _GAIN_POINTS = np.array([-1.28, -0.52, 0.0, 0.52, 1.28])
 """Five equally likely points of a normal distribution: the gain is spread by its deviation."""
 
@@ -57,6 +57,11 @@ class _Structure:
     behind: bool
     integrating: bool
     second: float = 0.0
+
+    @property
+    def kind(self) -> Kind:
+        """The same for the compiled search."""
+        return self.order, self.behind, self.integrating, self.second
 
 
 def _structures(settings: Headroom) -> tuple[_Structure, ...]:
@@ -132,20 +137,20 @@ def probability_of_headroom(
         # an integrator has no lag
         free = int(structure.integrating)
         simplex = start[free:] + moves[[0, *range(free + 1, 4)], free:]
-        found = minimize(
-            _cost, start[free:], (structure, y, u, settings), method="Nelder-Mead",
-            options={"maxfev": settings.tries, "initial_simplex": simplex,
-                     "xatol": 0.03, "fatol": 0.1},
-        ).x  # fmt: skip
+        found = least_numbers(simplex, structure.kind, y, u, _bounds(settings), settings.tries)
         fitted = _fit(found, structure, y, u, settings)
         if fitted is None:
             continue
         gains = size * (fitted.gains[:, None] + _GAIN_POINTS * fitted.deviations[:, None])
         # a scale that is not known: every octave of dead times is as likely before
         weights.append(-fitted.costs - np.log(1.0 + np.arange(fitted.costs.size)))
-        process = _process_poles(found, structure)
+        process = process_poles(found, structure.kind)
         ratios.append(_headrooms(gains, process, controller, period, settings))
     return _share_of_slow(weights, ratios, settings)
+
+
+def _bounds(settings: Headroom) -> Bounds:
+    return settings.dead_times, settings.first, settings.farthest
 
 
 def _share_of_slow(weights: list[Array], ratios: list[Array], settings: Headroom) -> float:
@@ -191,42 +196,9 @@ def _headrooms(
     return ratios
 
 
-def _process_poles(numbers: Array, structure: _Structure) -> tuple[float, float, float]:
-    """The pole of the process, its first step's share of the gain, and a second pole or 0."""
-    if structure.integrating:
-        return 1.0, 1.0, 0.0
-    lag = float(numbers[0])
-    pole = _pole(lag)
-    second = _pole(lag + math.log(structure.second)) if structure.second > 0.0 else 0.0
-    return pole, 1.0 - pole, second
-
-
 def _time(pole: float) -> float:
     """Time constant of a pole, samples; 0 where there is none."""
     return -1.0 / math.log(pole) if pole > 0.0 else 0.0
-
-
-def _pole(time: float) -> float:
-    """Pole of the time constant whose logarithm, in samples, is given."""
-    return max(_LEAST_POLE, math.exp(-math.exp(-time)))
-
-
-def _innovations_filter(
-    numbers: Array, structure: _Structure, process: tuple[float, float, float]
-) -> tuple[Array, Array]:
-    """Numerator and denominator that whiten load plus noise."""
-    corner, noise = (float(v) for v in numbers[-2:])
-    poles = [_pole(corner)] * structure.order
-    if not structure.behind:
-        pole, _, second = process
-        poles += [pole, second] if second > 0.0 else [pole]
-    both = np.array(poles)
-    return poles_product(both), whitening_numerator(both, math.exp(noise))
-
-
-def _cost(numbers: Array, structure: _Structure, y: Array, u: Array, settings: Headroom) -> float:
-    fitted = _fit(numbers, structure, y, u, settings)
-    return _IMPOSSIBLE if fitted is None else float(fitted.costs.min())
 
 
 def _fit(
@@ -235,10 +207,6 @@ def _fit(
     """The gain at every dead time, level and straight line left free."""
     if np.abs(numbers).max() > settings.farthest:
         return None
-    process = _process_poles(numbers, structure)
-    top, bottom = _innovations_filter(numbers, structure, process)
-    squares, gains, powers = fit_delays(
-        y, u, process, top, bottom, settings.dead_times, settings.first, structure.integrating
-    )
+    squares, gains, powers = fit_numbers(numbers, structure.kind, y, u, _bounds(settings))
     n = y.size - settings.first
     return _Fitted(0.5 * n * np.log(squares / n), gains, np.sqrt(squares / n / powers))
