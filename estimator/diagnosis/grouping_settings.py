@@ -38,9 +38,9 @@ class Grouping:
             (judged, not measured: a victim is seldom called sticky, more often tight).
         maybe: log odds of a loop whose cause is undetermined and that amplifies disturbances of the
             group's period as a tight one does: it may swing by itself.
-        steady: deviation of an oscillation's amplitude over its mean up to which no noise keeps it
-            going: a quarter of Rayleigh's 0.52 (tuning family: tight sources have 0.22 and more,
-            loops that an outside wave makes look tight 0.01 to 0.08, seldom more).
+        steady: deviation of the oscillation's amplitude over its mean, in the loop of a group where
+            it is least, up to which no noise keeps it going: a quarter of Rayleigh's 0.52 (tuning
+            family: groups of tight loops have 0.17 to 0.61, 86 of 92 outside waves 0.01 to 0.12).
         harmonics, strength: log odds of the loop with the most harmonics, and for each nat of the
             odds of the oscillation over the rest of the motion.
         nonlinear, bicoherent: log odds of a loop with a nonlinear oscillation, and the bicoherence

@@ -81,8 +81,11 @@ def rank_candidates(group: GroupMembers, settings: DiagnosisSettings) -> tuple[C
     """The members and the outside, each with its evidence, the likeliest first."""
     grouping = settings.grouping
     cases = {name: _Case(name) for name in group.names}
+    # loops that follow have the source's ups and downs, and noise of their own on top
+    spectra = (group.spectra[name] for name in group.names)
+    variation = min(variation_of(one, group.period_s, grouping.width) for one in spectra)
     for name, case in cases.items():
-        score, case.makes, text = _own_cause(name, group, settings)
+        score, case.makes, text = _own_cause(name, group, variation, settings)
         case.add(score, text, score > 0.0)
     _add_shape(group, cases, settings)
     _add_leads(group, cases, settings)
@@ -167,9 +170,12 @@ def _add_leads(
 
 
 def _own_cause(
-    loop: str, group: GroupMembers, settings: DiagnosisSettings
+    loop: str, group: GroupMembers, variation: float, settings: DiagnosisSettings
 ) -> tuple[float, bool, str]:
-    """Score, whether the loop makes the oscillation itself, and a sentence."""
+    """Score, whether the loop makes the oscillation itself, and a sentence.
+
+    ``variation`` is the deviation of the oscillation's amplitude over its mean.
+    """
     grouping, judging, period = settings.grouping, settings.judging, group.period_s
     diagnosis = group.diagnoses[loop]
     own = diagnosis.oscillation.period_s
@@ -182,13 +188,12 @@ def _own_cause(
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     is_unsure = diagnosis.first.name is CauseName.UNDETERMINED and amplified > judging.tight
     if same and (tight is not None or is_unsure):
-        variation = variation_of(group.spectra[loop], period, grouping.width)
         is_long = diagnosis.oscillation.cycles >= judging.lasting_periods
         # at a limit of OP a tight loop keeps its size as well
         if is_long and variation < grouping.steady and CauseName.SATURATION not in weights:
             return 0.0, False, (
-                f"its oscillation keeps its size (within {variation:.0%}): that of a tight loop, "
-                f"which noise keeps going, wanders"
+                f"the group's oscillation keeps its size (within {variation:.0%}): that of a tight "
+                f"loop, which noise keeps going, wanders"
             )  # fmt: skip
         if tight is not None:
             return grouping.tight, True, f"its tuning swings: {tight.evidence[0]}"
