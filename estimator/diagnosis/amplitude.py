@@ -12,12 +12,12 @@ import math
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.diagnosis.coherence import LoopSignals, spectrum_of
+from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, spectrum_of
 from estimator.diagnosis.loop_record import LoopRecord, without_setpoint_steps
 from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings
 
-__all__ = ["amplitude_variation", "swing_amplitude"]
+__all__ = ["amplitude_variation", "swing_amplitude", "variation_of"]
 
 _ENDS = 20
 """One part of so many is left out at each end of the record, where the band is cut."""
@@ -31,7 +31,11 @@ def amplitude_variation(signal: Array, period: float, width: float) -> float:
         period: samples.
         width: half of the band's width over its frequency.
     """
-    spectrum = spectrum_of(LoopSignals(signal, None, None, 1.0))
+    return variation_of(spectrum_of(LoopSignals(signal, None, None, 1.0)), period, width)
+
+
+def variation_of(spectrum: LoopSpectrum, period: float, width: float) -> float:
+    """The same of a loop's spectrum; ``period`` in seconds."""
     _, amplitudes = spectrum.amplitudes(1.0 / period, width / period)
     size = np.abs(amplitudes)
     size = size[size.size // _ENDS : size.size - size.size // _ENDS]

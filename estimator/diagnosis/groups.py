@@ -180,12 +180,21 @@ def _is_event(
     slave follows its master's and does not count.
     """
     return any(
-        _is_tight(cause, settings)
-        if cause.name is CauseName.TIGHT_TUNING
-        else cause.name not in _NO_PERIOD
+        _is_more_than_noise(cause, diagnoses[name], settings)
         for name in names
         for cause in diagnoses[name].causes
     )
+
+
+def _is_more_than_noise(cause: Cause, of: Diagnosis, settings: DiagnosisSettings) -> bool:
+    if cause.name is CauseName.TIGHT_TUNING:
+        return _is_tight(cause, settings)
+    if cause.name is not CauseName.UNDETERMINED:
+        return cause.name not in _NO_PERIOD
+    # as long as no wave from outside is refuted, or the loop may swing by itself
+    judging, figures = settings.judging, of.indices
+    is_refuted = figures.get("log_bayes_factor_outside", math.nan) <= -judging.threshold
+    return not (is_refuted and figures["amplification_at_period"] <= judging.tight)
 
 
 def _is_near(swing: _Swing, period: float, settings: DiagnosisSettings) -> bool:

@@ -6,6 +6,9 @@ loop shows the oscillation speak for nearness to the source (Thornhill 2005, "Fi
 nonlinearity in a process with plant-wide oscillation", IEEE Transactions on Control Systems
 Technology 13, 434-443), and so does a past that tells the others' future. Where no loop makes it,
 it comes from outside.
+
+A wave from outside hits many loops, and by itself each may look like a loop at its limit of
+stability. Noise keeps such a loop going, so its amplitude wanders; that of a machine does not.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from estimator.diagnosis.amplitude import variation_of
 from estimator.diagnosis.cascades import Cascade
 from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, harmonics_of, on_one_grid
 from estimator.diagnosis.leading import leads
@@ -57,10 +61,14 @@ class GroupMembers:
 
 @dataclass(slots=True)
 class _Case:
-    """What speaks for a loop, and against it; ``score`` in nats."""
+    """What speaks for a loop, and against it.
+
+    ``score`` in nats; ``makes`` where its valve or tuning makes the oscillation.
+    """
 
     loop: str
     score: float = 0.0
+    makes: bool = False
     evidence: list[str] = field(default_factory=list)
     against: list[str] = field(default_factory=list)
 
@@ -73,11 +81,12 @@ def rank_candidates(group: GroupMembers, settings: DiagnosisSettings) -> tuple[C
     """The members and the outside, each with its evidence, the likeliest first."""
     grouping = settings.grouping
     cases = {name: _Case(name) for name in group.names}
-    is_made = False
+    # loops that follow have the source's ups and downs, and noise of their own on top
+    spectra = (group.spectra[name] for name in group.names)
+    variation = min(variation_of(one, group.period_s, grouping.width) for one in spectra)
     for name, case in cases.items():
-        made, text = _makes(group.diagnoses[name], group.period_s, settings)
-        is_made |= made >= grouping.tight
-        case.add(made, text, made > 0.0)
+        score, case.makes, text = _own_cause(name, group, variation, settings)
+        case.add(score, text, score > 0.0)
     _add_shape(group, cases, settings)
     _add_leads(group, cases, settings)
     for cascade in group.cascades:
@@ -86,9 +95,14 @@ def rank_candidates(group: GroupMembers, settings: DiagnosisSettings) -> tuple[C
             f"its OP is the set-point of {cascade.slave}, which moves the valve",
             False,
         )
-    # where no loop makes the oscillation it comes from outside, whichever loop shows it most
-    most_likely = max(case.score for case in cases.values())
-    outside = grouping.outside if is_made else most_likely + grouping.unmade
+    # a loop that does not make the oscillation is no source, however much of it it shows
+    if any(case.makes for case in cases.values()):
+        outside = grouping.outside
+        for case in cases.values():
+            if not case.makes:
+                case.score = min(case.score, outside - grouping.unmade)
+    else:
+        outside = max(case.score for case in cases.values()) + grouping.unmade
     found = [(case.score, case.loop, tuple(case.evidence), tuple(case.against))
              for case in cases.values()]  # fmt: skip
     text = "no loop of the group must be its source: a machine, a batch or a loop not given may be"
@@ -155,24 +169,40 @@ def _add_leads(
         )
 
 
-def _makes(diagnosis: Diagnosis, period: float, settings: DiagnosisSettings) -> tuple[float, str]:
-    """Score and sentence: does the loop make the oscillation itself?"""
-    grouping = settings.grouping
+def _own_cause(
+    loop: str, group: GroupMembers, variation: float, settings: DiagnosisSettings
+) -> tuple[float, bool, str]:
+    """Score, whether the loop makes the oscillation itself, and a sentence.
+
+    ``variation`` is the deviation of the oscillation's amplitude over its mean.
+    """
+    grouping, judging, period = settings.grouping, settings.judging, group.period_s
+    diagnosis = group.diagnoses[loop]
     own = diagnosis.oscillation.period_s
-    same = math.isfinite(own) and abs(own / period - 1.0) < grouping.same
+    # a loop's own period is told less well than the group's: within the band is the same
+    same = math.isfinite(own) and abs(own / period - 1.0) < grouping.width
     weights = {cause.name: cause for cause in diagnosis.causes}
-    sticky = weights.get(CauseName.STICKY_VALVE)
+    sticky, tight = weights.get(CauseName.STICKY_VALVE), weights.get(CauseName.TIGHT_TUNING)
     if sticky is not None:
-        return grouping.sticky, f"its valve sticks: {sticky.evidence[0]}"
-    tight = weights.get(CauseName.TIGHT_TUNING)
-    if tight is not None and same:
-        return grouping.tight, f"its tuning swings: {tight.evidence[0]}"
+        return grouping.sticky, True, f"its valve sticks: {sticky.evidence[0]}"
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
-    if same and amplified > grouping.amplifies and diagnosis.first.name is CauseName.UNDETERMINED:
-        return grouping.maybe, (
+    is_unsure = diagnosis.first.name is CauseName.UNDETERMINED and amplified > judging.tight
+    if same and (tight is not None or is_unsure):
+        is_long = diagnosis.oscillation.cycles >= judging.lasting_periods
+        # at a limit of OP a tight loop keeps its size as well
+        if is_long and variation < grouping.steady and CauseName.SATURATION not in weights:
+            return 0.0, False, (
+                f"the group's oscillation keeps its size (within {variation:.0%}): that of a tight "
+                f"loop, which noise keeps going, wanders"
+            )  # fmt: skip
+        if tight is not None:
+            return grouping.tight, True, f"its tuning swings: {tight.evidence[0]}"
+        against_wave = -diagnosis.indices.get("log_bayes_factor_outside", math.nan)
+        return grouping.maybe, against_wave >= judging.threshold, (
             f"it amplifies disturbances of this period {amplified:.2g} times: it may swing itself"
-        )
+        )  # fmt: skip
     outside = weights.get(CauseName.EXTERNAL_OSCILLATION)
     if outside is not None and same:
-        return -grouping.external, f"it swings because of others: {outside.evidence[0]}"
-    return 0.0, f"its own diagnosis does not make it the source: {diagnosis.first.name.words}"
+        return -grouping.external, False, f"it swings because of others: {outside.evidence[0]}"
+    words = diagnosis.first.name.words
+    return 0.0, False, f"its own diagnosis does not make it the source: {words}"

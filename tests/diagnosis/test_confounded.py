@@ -76,6 +76,8 @@ def test_an_error_that_lasts_where_no_room_is_likely_asks_for_a_step(seed: int) 
         ("heat", 20000, ("LC101", "LC102", "LC106")),
         ("heat", 20021, ("LC103", "LC105")),
         ("recycle", 20009, ("LC104", "LC106")),
+        ("cascade", 5000, ("LC105", "LC107")),
+        ("header", 5005, ("LC102", "LC103")),
     ],
 )
 def test_amplified_noise_of_neighbours_is_no_event(
