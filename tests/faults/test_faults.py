@@ -90,10 +90,10 @@ async def suffer(framing: str, faults: Iterable[Any], folder: Path) -> Outcome:
     between = proxy.FaultProxy(faulty.port, on_wire, TIMEOUT, lambda: fine.requests)
     await between.start()
     async with AsyncExitStack() as lines:
-        port = between.port
-        if framing == "serial":
-            port = await lines.enter_async_context(line_to_port(between.port, folder))
         try:
+            port = between.port
+            if framing == "serial":
+                port = await lines.enter_async_context(line_to_port(between.port, folder))
             ports = {"faulty": (port, on_wire), "fine": (fine.port, "tcp")}
             return await endure(between, ports, faults, folder)
         finally:

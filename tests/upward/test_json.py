@@ -180,9 +180,6 @@ async def test_tls_user_and_password_come_from_files_and_are_shown_nowhere(
     ours.private_key_pem.write_to_path(tmp_path / "our.key")
     (tmp_path / "password").write_text("s3cret-word\n")
     (tmp_path / "users").touch(mode=0o600)
-    subprocess.run(
-        ["mosquitto_passwd", "-b", str(tmp_path / "users"), "edge", "s3cret-word"], check=True
-    )
     broker = Mosquitto(
         tmp_path,
         extra=f"password_file {tmp_path}/users",
@@ -190,6 +187,9 @@ async def test_tls_user_and_password_come_from_files_and_are_shown_nowhere(
             f"cafile {tmp_path}/ca.pem\ncertfile {tmp_path}/server.pem\n"
             f"keyfile {tmp_path}/server.key\nrequire_certificate true\n"
         ),
+    )
+    subprocess.run(
+        ["mosquitto_passwd", "-b", str(tmp_path / "users"), "edge", "s3cret-word"], check=True
     )
     await broker.start()
     extra = (
