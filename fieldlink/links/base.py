@@ -110,6 +110,7 @@ class Scan:
         utc: seconds since 1970 when the scan began.
         requests: how many requests it took.
         failures: the errors behind the readings that are not good, each once.
+        connected: whether a session had to be opened first, which is no usual delay.
     """
 
     readings: Mapping[str, Reading]
@@ -117,6 +118,7 @@ class Scan:
     utc: float
     requests: int = 0
     failures: tuple[LinkError, ...] = field(default=())
+    connected: bool = False
 
     def __getitem__(self, tag: str) -> Reading:
         """Return the reading of ``tag``; one of quality ``UNKNOWN_TAG`` where there is none."""

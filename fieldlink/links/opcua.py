@@ -2,9 +2,10 @@
 
 Every scan reads the nodes of each request at one time (``mode = "read"``), or takes what the server
 has reported (``mode = "subscribe"``). A value is good only with a good status, and only while the
-server is heard; what it said before it fell silent is never taken for new. Readings carry the times
-of this machine, so that they compare with those of other links; the server's clock may be wrong, so
-its time stamps tell only which reports come later than usual.
+server is heard; what it said before it fell silent is never taken for new. Reported values are good
+for three quarters of a period (`opcua_reports`). Readings carry the times of this machine, so that
+they compare with those of other links; the server's clock may be wrong, so its time stamps tell
+only which reports come later than usual.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import AccessRefusedError, LinkError, LinkUnreachableError
+from fieldlink.links.opcua_reports import SHARE
 from fieldlink.links.opcua_session import OpcuaSession, StatusError
 from fieldlink.links.opcua_values import NodeValue
 from fieldlink.links.writable import Ranges, find_writable
@@ -93,7 +95,7 @@ class OpcuaLink:
         readings: dict[str, Reading] = {}
         failures: list[LinkError] = []
         refused: list[str] = []
-        requests = 0
+        requests, connects = 0, self.connects
         beat = self._beat_at(began)
         for number, request in enumerate(self._plan):
             quality = Quality.NOT_READ
@@ -101,7 +103,7 @@ class OpcuaLink:
                 quality = Quality.NOT_DUE
             elif not failures or isinstance(failures[-1], StatusError):
                 try:
-                    values = await self._values(request)
+                    values = await self._values(request, began)
                 except LinkError as error:
                     failures.append(error)
                     await self._drop(error)
@@ -112,7 +114,8 @@ class OpcuaLink:
                     continue
             for tag in request.tags:
                 readings[tag.name] = Reading(math.nan, quality, began, began_utc)
-        scan = Scan(readings, began, began_utc, requests, tuple(failures))
+        connected = self.connects > connects
+        scan = Scan(readings, began, began_utc, requests, tuple(failures), connected)
         self._refused = tuple(refused)
         self.state = self._state_after(scan)
         return scan
@@ -170,11 +173,11 @@ class OpcuaLink:
                 f"allowed: {allowed or 'nothing (write-back is off)'}",
             )
 
-    async def _values(self, request: ReadRequest) -> list[NodeValue | None]:
+    async def _values(self, request: ReadRequest, began: float) -> list[NodeValue | None]:
         session = await self._opened()
         if self._device.opcua.mode == "read":
             return list(await session.read([tag.node for tag in request.tags]))
-        session.check_reports()
+        await session.check_reports(began + min(SHARE * self._period, self._device.timeout))
         return [session.latest(tag.node) for tag in request.tags]
 
     async def _opened(self) -> OpcuaSession:
@@ -197,7 +200,7 @@ class OpcuaLink:
         await session.open()
         if self._device.opcua.mode == "subscribe":
             nodes = dict.fromkeys(tag.node for request in self._plan for tag in request.tags)
-            await session.subscribe(list(nodes), self._beat or 1.0)
+            await session.subscribe(list(nodes), self._period)
         self.connects += 1
         self._backoff.succeeded()
         return session
@@ -242,6 +245,11 @@ class OpcuaLink:
         if not scan.answered:
             return LinkState.DEMOTED
         return LinkState.DEGRADED if scan.failures else LinkState.GOOD
+
+    @property
+    def _period(self) -> float:
+        """Seconds of our clock between two scans."""
+        return self._beat / self._device.speed if self._beat else 1.0
 
     def _beat_at(self, now: float) -> int:
         if self._began_first is None:

@@ -10,7 +10,6 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from asyncua import Client, ua
@@ -19,15 +18,8 @@ from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
 from fieldlink.links.names import find_addresses
-from fieldlink.links.opcua_values import (
-    NOT_THERE,
-    NodeValue,
-    help_for,
-    node_value,
-    stamp_of,
-    status_of,
-)
-from fieldlink.links.usual_delay import UsualDelay
+from fieldlink.links.opcua_reports import SHARE, Reports
+from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
 
 if TYPE_CHECKING:
     from fieldlink.links.clock import Clock
@@ -44,7 +36,10 @@ power must not use up the server's sessions for an hour."""
 
 PERIODS_SILENT = 3.0
 """Periods without a report, and a second more, after which a subscription is given up; the server
-sends a sign of life twice a period."""
+sends a sign of life four times a period."""
+
+LIFE_SHARE = 0.5
+"""Share of `SESSION_LIFE` for which a server keeps a subscription that nothing is fetched of."""
 
 # asyncua logs what it raises too; the daemon logs it once, with the remedy.
 for _name in ("asyncua", "asyncua.client", "asyncua.common"):
@@ -73,14 +68,8 @@ class OpcuaSession:
         self._client.name = self._client.description = "fieldlink"
         self._client.session_timeout = SESSION_LIFE
         self._nodes: dict[str, Any] = {}
-        self._text_of: dict[Any, str] = {}
         self._namespaces: list[str] = []
-        self._subscription: Any = None
-        self._latest: dict[str, NodeValue] = {}
-        self._delays, self._usual = UsualDelay(), 0.0
-        self._stamps: dict[str, float | None] = {}
-        self._late: set[str] = set()
-        self._published: float | None = None
+        self._reports = Reports(1.0)
         self._reported = asyncio.Event()
         self._period = 1.0
 
@@ -120,97 +109,107 @@ class OpcuaSession:
         return [node_value(value) for value in values]
 
     async def subscribe(self, nodes: Sequence[str], period: float) -> None:
-        """Have the server report values when they change, at most ``period`` seconds old."""
-        self._period = period
-        milliseconds = 500.0 * period
+        """Have the server report values when they change.
+
+        Args:
+            nodes: whose values.
+            period: seconds from one look at them to the next.
+        """
+        self._period, self._reports = period, Reports(period)
+        await self._ask("subscribing", self._begin_reports(nodes, 1000.0 * SHARE * period))
+        await self._wait_for_first(nodes)
+
+    async def _begin_reports(self, nodes: Sequence[str], milliseconds: float) -> None:
+        """Begin a subscription; asyncua's own hides intervals that the server makes longer."""
+        reports, session = self._reports, self._client.uaclient.session
         settings = ua.CreateSubscriptionParameters(
             RequestedPublishingInterval=milliseconds,
-            RequestedLifetimeCount=100,
+            RequestedLifetimeCount=max(100, round(LIFE_SHARE * SESSION_LIFE / milliseconds)),
             RequestedMaxKeepAliveCount=1,
             PublishingEnabled=True,
         )
-
-        async def begin() -> list[Any]:
-            self._subscription = await self._client.create_subscription(settings, self)
-            return list(
-                await self._subscription.subscribe_data_change(
-                    [self._node(node) for node in nodes],
-                    queuesize=1,
-                    sampling_interval=milliseconds,
+        begun = await session.create_subscription(settings, self._take)
+        granted: Any = begun
+        if begun.RevisedMaxKeepAliveCount > 1:
+            # A sign of life every so many rounds: the rounds have to be shorter for it.
+            rounds = int(begun.RevisedMaxKeepAliveCount)
+            granted = await session.update_subscription(
+                ua.ModifySubscriptionParameters(
+                    SubscriptionId=begun.SubscriptionId,
+                    RequestedPublishingInterval=milliseconds / rounds,
+                    RequestedLifetimeCount=rounds * settings.RequestedLifetimeCount,
+                    RequestedMaxKeepAliveCount=1,
                 )
             )
-
-        handles = await self._ask("subscribing", begin())
-        for node, handle in zip(nodes, handles, strict=True):
-            if isinstance(handle, ua.StatusCode):
-                self._latest[node] = NodeValue(None, handle.name, False, handle.name in NOT_THERE)
-        await self._wait_for_first(nodes)
+        reports.grant_publishing(granted)
+        items = ua.CreateMonitoredItemsParameters(
+            SubscriptionId=begun.SubscriptionId,
+            TimestampsToReturn=ua.TimestampsToReturn.Both,
+        )
+        for handle, node in enumerate(nodes):
+            items.ItemsToCreate.append(_item(handle, self._node(node).nodeid, milliseconds))
+            reports.expect(handle, node)
+        for node, item in zip(nodes, await session.create_monitored_items(items), strict=True):
+            if item.StatusCode.is_good():
+                reports.grant_sampling(item.RevisedSamplingInterval)
+            else:
+                status = str(item.StatusCode.name)
+                reports.refuse(node, status, refused=status in NOT_THERE)
 
     async def _wait_for_first(self, nodes: Sequence[str]) -> None:
         """Wait until the server has reported every node once, at most for a time-out."""
         with suppress(TimeoutError):
             async with asyncio.timeout(self._device.timeout):
-                while not all(node in self._latest for node in nodes):
+                while not all(self._reports.has(node) for node in nodes):
                     self._reported.clear()
                     await self._reported.wait()
 
-    def datachange_notification(self, node: Any, _: Any, data: Any) -> None:
-        """Take a value that the server reports; called by asyncua."""
-        key = self._text_of.get(node.nodeid)
-        if key is None:
-            return
-        report = data.monitored_item.Value
-        self._note_delay(key, stamp_of(report))
-        self._latest[key] = node_value(report)
+    def _take(self, result: Any) -> None:
+        """Take a message of the server; called by asyncua."""
+        self._reports.take(result, self._clock.monotonic())
         self._reported.set()
-
-    def _note_delay(self, node: str, stamp: float | None) -> None:
-        """Note whether a report is of a period ago: a server or a network that stood still.
-
-        Only stamps that advance tell it. The first of a node may be of any age, since many servers
-        stamp a value when it changes.
-        """
-        published = None if self._subscription is None else self._subscription.last_publish_at
-        before = self._stamps.get(node)
-        self._stamps[node] = stamp
-        if published is None or stamp is None or before is None or stamp <= before:
-            return
-        delay = published - stamp
-        if published != self._published:
-            self._published = published
-            self._late.clear()
-            self._usual = delay - self._delays.exceed(delay)
-        if delay - self._usual > self._period:
-            self._late.add(node)
-
-    def status_change_notification(self, status: Any) -> None:  # noqa: ARG002
-        """Note that the server has ended the subscription; called by asyncua."""
-        self._subscription = None
 
     def latest(self, node: str) -> NodeValue | None:
         """Return the newest reported value of a subscribed node; None before the first."""
-        found = self._latest.get(node)
-        return found if found is None or node not in self._late else replace(found, late=True)
+        return self._reports.latest(node)
 
-    def check_reports(self) -> None:
-        """Raise when the server has not been heard since the scan before.
+    async def check_reports(self, until: float) -> None:
+        """Raise when the reported values may be too old.
+
+        A message that has come while this process had no turn is still to be taken, and one that
+        is a little late is worth a wait.
+
+        Args:
+            until: the moment of our clock up to which a message is waited for.
 
         Raises:
-            StatusError: for a period; what it reported before may be old, the session goes on.
-            LinkTimeoutError: for so long that the session is given up.
+            StatusError: what it reported may be too old; the session goes on.
+            LinkTimeoutError: it has said nothing for so long that the session is given up.
         """
-        heard = None if self._subscription is None else self._subscription.last_publish_at
-        silent = 0.0 if heard is None else self._clock.monotonic() - heard
-        if heard != self._published:
-            # what has not been reported again since has not changed since
-            self._late.clear()
-        if self._subscription is not None and silent <= self._period:
+        reports, clock = self._reports, self._clock
+        while (
+            not reports.ended and not self._is_known() and (left := until - clock.monotonic()) > 0
+        ):
+            self._reported.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(left):
+                    await self._reported.wait()
+        if self._is_known() and not reports.ended:
             return
-        what = f"{self._device.where} has reported nothing for {silent:.1f} s"
+        silent, where = reports.silence(clock.monotonic()), self._device.where
+        what = f"{where} has reported nothing for {silent:.1f} s"
+        if reports.ended:
+            what = f"{where} reports no more: status {reports.ended}"
+        elif silent <= reports.limit - reports.sampling:
+            what = f"what {where} has reported may be of before a pause or a delay"
         advice = "look at the server; the values it reported before are not used"
-        if self._subscription is None or silent > PERIODS_SILENT * self._period + 1.0:
+        if reports.ended or silent > PERIODS_SILENT * max(self._period, reports.limit) + 1.0:
             raise LinkTimeoutError(self._name, what, advice)
         raise StatusError(self._name, what, advice)
+
+    def _is_known(self) -> bool:
+        age = self._reports.age(self._clock.monotonic())
+        return age is not None and age <= self._reports.limit
 
     async def read_words(self, node: str, first: int, count: int) -> list[int]:
         """Read a part of an array of UInt16."""
@@ -290,7 +289,6 @@ class OpcuaSession:
         node = self._nodes.get(text)
         if node is None:
             node = self._nodes[text] = self._client.get_node(self._numbered(text))
-            self._text_of[node.nodeid] = text
         return node
 
     def _numbered(self, text: str) -> str:
@@ -314,6 +312,17 @@ class OpcuaSession:
             f"no session with {self._device.where}: {why}",
             "check that the server runs, its address, its certificates and its limit of sessions",
         )
+
+
+def _item(handle: int, node: Any, milliseconds: float) -> Any:
+    """Return the request to sample a node's value; of several samples the newest counts."""
+    return ua.MonitoredItemCreateRequest(
+        ItemToMonitor=ua.ReadValueId(NodeId=node, AttributeId=ua.AttributeIds.Value),
+        MonitoringMode=ua.MonitoringMode.Reporting,
+        RequestedParameters=ua.MonitoringParameters(
+            ClientHandle=handle, SamplingInterval=milliseconds, QueueSize=1, DiscardOldest=True
+        ),
+    )
 
 
 def _status_of_words(value: NodeValue, count: int) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC
+from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
 
-__all__ = ["NOT_THERE", "NodeValue", "help_for", "node_value", "stamp_of", "status_of"]
+__all__ = ["NOT_THERE", "NodeValue", "help_for", "node_value", "second_of", "stamp_of", "status_of"]
 
 _HELP = {
     "BadNodeIdUnknown": "check the node id, and that the server has loaded its project",
@@ -61,10 +61,15 @@ def stamp_of(data: Any) -> float | None:
     Some servers fill the server's time with the first or the last moment that it can hold: then the
     source's time counts.
     """
-    for stamp in (data.ServerTimestamp, data.SourceTimestamp):
-        if stamp is not None and _NO_STAMP_YEARS[0] < stamp.year < _NO_STAMP_YEARS[1]:
-            return float(stamp.replace(tzinfo=UTC).timestamp())
-    return None
+    server = second_of(data.ServerTimestamp)
+    return second_of(data.SourceTimestamp) if server is None else server
+
+
+def second_of(stamp: datetime | None) -> float | None:
+    """Return a time stamp of OPC UA in seconds since 1970; None where it holds none."""
+    if stamp is None or not _NO_STAMP_YEARS[0] < stamp.year < _NO_STAMP_YEARS[1]:
+        return None
+    return stamp.replace(tzinfo=UTC).timestamp()
 
 
 def node_value(data: Any) -> NodeValue:

@@ -208,13 +208,16 @@ def take(
     count: float | None,
     began: float | None = None,
     read: float | None = None,
+    *,
+    connected: bool = False,
 ) -> Any:
     """A scan due at plant second ``now``, begun and answered when given; None is no answer."""
     quality = Quality.NOT_READ if count is None else Quality.GOOD
     at = now if began is None else began
     answered = at if read is None else read
     reading = Reading(math.nan if count is None else count, quality, answered, 1e9 + answered)
-    return loop.take(Scan(dict.fromkeys(("OP", "PV", "SCAN"), reading), at, 1e9 + at), now, now)
+    readings = dict.fromkeys(("OP", "PV", "SCAN"), reading)
+    return loop.take(Scan(readings, at, 1e9 + at, connected=connected), now, now)
 
 
 def test_slots_run_with_the_clock_and_are_counted_once() -> None:
@@ -279,6 +282,17 @@ def test_a_turn_that_always_comes_late_in_the_period_shifts_no_sample(share: flo
     loop = pipeline()
     for slot in range(40):
         assert take(loop, 2.0 * slot, 5.0, read=2.0 * (slot + share)).quality == 0
+
+
+@pytest.mark.parametrize(("share", "good"), [(0.0, True), (0.2, True), (0.3, False), (0.9, False)])
+def test_what_is_read_after_connecting_is_good_only_near_its_slot(share: float, good: bool) -> None:
+    """Connecting takes its time, and nothing before the first sample tells what is usual."""
+    loop = pipeline()
+    for slot in (0, 1, 2, 3):
+        connects = slot in (0, 2)
+        read = 2.0 * (slot + (share if connects else 0.0))
+        record = take(loop, 2.0 * slot, 5.0, read=read, connected=connects)
+        assert record.quality == (Quality.LATE.code if connects and not good else 0)
 
 
 def test_a_value_read_half_a_period_later_than_usual_is_not_good_in_its_slot() -> None:

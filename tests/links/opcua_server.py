@@ -72,7 +72,14 @@ class OpcuaServer:
 
 
 def write_site(
-    folder: Path, port: int, *, opcua: str = "", loop: str = "", rows: str = "", loops: int = 3
+    folder: Path,
+    port: int,
+    *,
+    opcua: str = "",
+    loop: str = "",
+    rows: str = "",
+    loops: int = 3,
+    period: float = 0.2,
 ) -> Site:
     """Write and load a site whose loops are those of the server."""
     names = "".join(f"L{n}.OP,ns=1;s=L{n}.OP\nL{n}.PV,ns=1;s=L{n}.PV\n" for n in range(loops))
@@ -83,7 +90,7 @@ def write_site(
         f"[devices.plc.opcua]\n{opcua}\n"
     ]
     parts += [
-        f'[loops.L{n}]\ndevice = "plc"\nop = "L{n}.OP"\npv = "L{n}.PV"\nperiod = 0.2\n{loop}\n'
+        f'[loops.L{n}]\ndevice = "plc"\nop = "L{n}.OP"\npv = "L{n}.PV"\nperiod = {period}\n{loop}\n'
         for n in range(loops)
     ]
     (folder / "site.toml").write_text("\n".join(parts))

@@ -1,8 +1,9 @@
-"""A value that an OPC UA server reports late, by its own time stamps, is a late sample."""
+"""No value of before counts as good: not one that a server reports late, nor one that it keeps."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -12,7 +13,10 @@ import pytest_asyncio
 from asyncua import Server, ua
 
 from fieldlink.links import Quality, SystemClock, open_link
+from fieldlink.links.opcua import OpcuaLink
+from fieldlink.links.opcua_reports import SHARE, Reports
 from fieldlink.site import Site
+from tests.links.opcua_server import OpcuaServer
 from tests.upward.mosquitto import free_port
 
 
@@ -73,7 +77,7 @@ async def test_a_clock_that_stands_still_makes_no_value_late(
 async def test_a_value_of_a_second_ago_is_late_until_the_server_is_heard_again(
     server: StampingServer, make_opcua_site: Callable[..., Site]
 ) -> None:
-    site = make_opcua_site(server.port, opcua='mode = "subscribe"', loops=1)
+    site = make_opcua_site(server.port, opcua='mode = "subscribe"', loops=1, period=0.8)
     link = open_link(site, "plc", SystemClock())
     seen: list[tuple[float, Quality]] = []
 
@@ -102,3 +106,169 @@ async def test_a_value_of_a_second_ago_is_late_until_the_server_is_heard_again(
         assert {quality for _, quality in await look(0.7)} == {Quality.GOOD}
     finally:
         await link.close()
+
+
+@pytest_asyncio.fixture
+async def foreign() -> AsyncIterator[OpcuaServer]:
+    running = OpcuaServer(loops=1)
+    await running.start()
+    yield running
+    await running.kill()
+
+
+@pytest.mark.asyncio
+async def test_a_server_that_stands_still_is_believed_for_three_quarters_of_a_period(
+    foreign: OpcuaServer, make_opcua_site: Callable[..., Site]
+) -> None:
+    period = 2.0
+    site = make_opcua_site(foreign.port, opcua='mode = "subscribe"', loops=1, period=period)
+    link = open_link(site, "plc", SystemClock())
+    good: list[float] = []
+    try:
+        await foreign.tell(step=7)
+        while (await link.scan())["L0.OP"].value != 7.0:
+            await asyncio.sleep(0.02)
+        # a new value has just been reported: the server stops as soon as it may
+        foreign.pause()
+        paused = time.monotonic()
+        while True:
+            scan = await link.scan()
+            if scan["L0.OP"].quality is Quality.GOOD:
+                good.append(scan.monotonic)
+            elif scan.monotonic > paused + period:
+                break
+            await asyncio.sleep(0.02)
+    finally:
+        foreign.resume()
+        await link.close()
+    assert max(good, default=paused) - paused < 3.0 * SHARE * period
+
+
+@pytest.mark.asyncio
+@pytest.mark.parametrize("period", [1.0, 4.0])
+async def test_a_server_is_asked_until_it_shows_life_four_times_a_period(
+    foreign: OpcuaServer, make_opcua_site: Callable[..., Site], period: float
+) -> None:
+    """node-opcua makes a sign of life every second round of what is asked for as every round."""
+    site = make_opcua_site(foreign.port, opcua='mode = "subscribe"', loops=1, period=period)
+    link = open_link(site, "plc", SystemClock())
+    assert isinstance(link, OpcuaLink)
+    try:
+        await link.scan()
+        assert link._session is not None
+        reports = link._session._reports
+        assert (reports.sampling, reports.publishing) == (SHARE * period, SHARE * period)
+        assert reports.limit == 3.0 * SHARE * period
+    finally:
+        await link.close()
+
+
+@pytest.mark.asyncio
+@pytest.mark.parametrize("mode", ["read", "subscribe"])
+async def test_a_scan_tells_that_it_had_to_connect(
+    foreign: OpcuaServer, make_opcua_site: Callable[..., Site], mode: str
+) -> None:
+    site = make_opcua_site(foreign.port, opcua=f'mode = "{mode}"', loops=1)
+    link = open_link(site, "plc", SystemClock())
+    try:
+        assert [(await link.scan()).connected for _ in range(3)] == [True, False, False]
+    finally:
+        await link.close()
+
+
+def message(
+    sent: float | None, value: float | None = None, *, stamp: float = 0.0, more: bool = False
+) -> ua.PublishResult:
+    """A server's message of second ``sent`` of its clock; without a value a sign of life."""
+    result = ua.PublishResult(MoreNotifications=more)
+    origin = datetime(2026, 1, 1, tzinfo=UTC)
+    result.NotificationMessage.PublishTime = (
+        datetime(1601, 1, 1, tzinfo=UTC) if sent is None else origin + timedelta(seconds=sent)
+    )
+    if value is not None:
+        data = ua.DataValue(ua.Variant(value), ServerTimestamp=origin + timedelta(seconds=stamp))
+        item = ua.MonitoredItemNotification(ClientHandle=0, Value=data)
+        result.NotificationMessage.NotificationData = [ua.DataChangeNotification([item])]
+    return result
+
+
+def begin_reports(until: float = 10.0) -> Reports:
+    """Reports at 4 s, with a message a second up to second ``until``; the first has a value."""
+    reports = Reports(4.0)
+    reports.expect(0, "PV")
+    reports.take(message(0.0, 5.0), 0.0)
+    for second in range(1, round(until) + 1):
+        reports.take(message(float(second)), float(second))
+    return reports
+
+
+def test_values_are_as_old_as_the_last_message_and_a_sample() -> None:
+    reports = begin_reports()
+    assert reports.latest("PV") is not None
+    assert (reports.age(10.0), reports.age(12.0), reports.limit) == (1.0, 3.0, 3.0)
+
+
+def test_a_message_that_was_long_under_way_makes_nothing_newer() -> None:
+    reports = begin_reports()
+    reports.take(message(11.0), 14.0)
+    assert reports.age(14.0) == 4.0
+    # the server's clock is a day ahead or behind: only what is later than usual counts
+    for ahead in (-86400.0, 86400.0):
+        other = Reports(4.0)
+        for second in range(10):
+            other.take(message(second + ahead), float(second))
+        assert other.age(9.0) == 1.0
+
+
+def test_after_a_pause_of_the_server_the_second_message_counts() -> None:
+    """The first may hold what was sampled before the pause, with a stamp of after it."""
+    reports = begin_reports()
+    reports.take(message(15.0), 15.0)
+    assert reports.age(15.0) == 6.0
+    reports.take(message(16.0), 16.0)
+    assert reports.age(16.0) == 1.0
+
+
+def test_messages_that_come_in_a_burst_are_no_pause_of_the_server() -> None:
+    reports = begin_reports()
+    for second in (11.0, 12.0, 13.0, 14.0):
+        reports.take(message(second), 14.0)
+    assert reports.age(14.0) == 1.0
+
+
+def test_a_server_without_a_clock_is_timed_by_ours() -> None:
+    reports = Reports(4.0)
+    for second in range(5):
+        reports.take(message(None), float(second))
+    assert reports.age(4.0) == 1.0
+    reports.take(message(None), 9.0)
+    assert reports.age(9.0) == 6.0
+    reports.take(message(None), 10.0)
+    assert reports.age(10.0) == 1.0
+
+
+def test_the_first_part_of_a_report_makes_nothing_newer() -> None:
+    reports = begin_reports()
+    reports.take(message(11.0, 6.0, stamp=11.0, more=True), 11.0)
+    assert reports.age(11.0) == 2.0
+    reports.take(message(11.0), 11.0)
+    assert reports.age(11.0) == 1.0
+
+
+def test_longer_intervals_of_the_server_make_older_values_good() -> None:
+    reports = Reports(1.0)
+    reports.grant_publishing(
+        ua.CreateSubscriptionResult(RevisedPublishingInterval=500.0, RevisedMaxKeepAliveCount=3)
+    )
+    reports.grant_sampling(1000.0)
+    reports.grant_sampling(100.0)
+    assert (reports.publishing, reports.sampling, reports.limit) == (1.5, 1.0, 2.75)
+
+
+def test_a_subscription_that_ends_tells_its_status() -> None:
+    reports = begin_reports()
+    result = message(11.0)
+    status = ua.StatusCode(ua.StatusCodes.BadTimeout)
+    result.NotificationMessage.NotificationData = [ua.StatusChangeNotification(status)]
+    reports.take(result, 11.0)
+    assert (reports.ended, reports.age(11.0)) == ("BadTimeout", 2.0)

@@ -26,7 +26,7 @@ LATE_SHARE = 0.1
 LATEST_START = 0.25
 """Share of a period by which a poll may begin late, or a value be read later than usual, where
 samples are placed by the clock: what is read then is three times nearer to its own slot than to the
-next. Later it is marked bad."""
+next. Later it is marked bad. What is read once a session has been opened is never usual."""
 
 GRACE = 3.0
 """Periods without a sample after which its open slots count as missed: a controller whose cycles
@@ -155,7 +155,9 @@ class LoopPipeline:
         belated = False
         if due is not None and counter is None:
             read = max(op.monotonic, pv.monotonic) - due
-            belated = self._is_belated(scan.monotonic - due, read + placed.behind / self._speed)
+            read += placed.behind / self._speed
+            later = read if scan.connected else self._usual.exceed(read)
+            belated = max(later, scan.monotonic - due) > self._latest_start
         sample = self._sample(scan, op, pv, self._worst(op, pv, placed.place, belated))
         # What the clock has counted as missed already is not counted again.
         self._missed += max(0, self._window.put(placed.slot, sample) - self._open)
@@ -248,15 +250,6 @@ class LoopPipeline:
             self._duplicates += 1
             return None
         return placed
-
-    def _is_belated(self, begun: float, read: float) -> bool:
-        """Whether values are of another moment than their slot's.
-
-        Args:
-            begun: seconds by which the poll began late.
-            read: seconds from the slot's own moment to the reply.
-        """
-        return max(self._usual.exceed(read), begun) > self._latest_start
 
     def _worst(self, op: Reading, pv: Reading, place: Place, belated: bool) -> int:
         """Return the code of the sample's quality.
