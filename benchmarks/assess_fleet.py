@@ -85,7 +85,6 @@ def _cluster() -> Iterator[tuple[str, Callable[[], None], Callable[[], None]]]:
     dask = str(Path(sys.executable).parent / "dask")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    port = 18_786
     address = f"tcp://127.0.0.1:{port}"
     running: dict[str, subprocess.Popen[bytes]] = {}
     everything: list[subprocess.Popen[bytes]] = []

@@ -59,8 +59,14 @@ def stepped(costs: Array) -> Array:
 @kernel
 def dot(a: Array, b: Array) -> float:
     """Sum of products, in many sums side by side: the same bits on every processor."""
-    n, side = a.size, _SIDE_BY_SIDE
-    sums = np.zeros(side)
+    return dot_in(np.empty(_SIDE_BY_SIDE), a, b)
+
+
+@kernel
+def dot_in(sums: Array, a: Array, b: Array) -> float:
+    """The same with room ``(32,)`` for its sums: asking for that at every product costs more."""
+    n, side = a.size, sums.size
+    sums[:] = 0.0
     k = 0
     while k + 4 * side <= n:
         a0, a1, a2, a3 = a[k : k + side], a[k + side :], a[k + 2 * side :], a[k + 3 * side :]
@@ -154,19 +160,19 @@ def is_stable(taps: Array, largest: float) -> bool:
 def orthonormal(rows: Array) -> Array:
     """Orthonormal rows of the same span, in order; what others span is left out (Gram-Schmidt)."""
     m, n = rows.shape
-    basis = np.empty((m, n))
+    basis, room = np.empty((m, n)), np.empty(_SIDE_BY_SIDE)
     count = 0
     for r in range(m):
         v = rows[r].copy()
-        whole = dot(v, v)
+        whole = dot_in(room, v, v)
         if not whole > 0.0:
             continue
         for _ in range(2):
             for c in range(count):
-                share = dot(basis[c], v)
+                share = dot_in(room, basis[c], v)
                 for k in range(n):
                     v[k] -= share * basis[c, k]
-        left = dot(v, v)
+        left = dot_in(room, v, v)
         if left > _SPANNED * whole:
             scale = 1.0 / math.sqrt(left)
             for k in range(n):
@@ -178,9 +184,9 @@ def orthonormal(rows: Array) -> Array:
 @kernel
 def project_out(signal: Array, basis: Array) -> Array:
     """What orthonormal rows ``(m, n)`` leave of a signal ``(n,)``."""
-    left = signal.copy()
+    left, room = signal.copy(), np.empty(_SIDE_BY_SIDE)
     for c in range(basis.shape[0]):
-        share = dot(basis[c], left)
+        share = dot_in(room, basis[c], left)
         for k in range(left.size):
             left[k] -= share * basis[c, k]
     return left
@@ -242,11 +248,11 @@ def solve_spd(matrix: Array, right: Array) -> Array:
 def normal_equations(design: Array, target: Array) -> tuple[Array, Array]:
     """Products of the rows ``(m, n)`` with each other and with the target ``(n,)``."""
     m = design.shape[0]
-    gram, right = np.empty((m, m)), np.empty(m)
+    gram, right, room = np.empty((m, m)), np.empty(m), np.empty(_SIDE_BY_SIDE)
     for i in range(m):
-        right[i] = dot(design[i], target)
+        right[i] = dot_in(room, design[i], target)
         for j in range(i + 1):
-            gram[i, j] = dot(design[i], design[j])
+            gram[i, j] = dot_in(room, design[i], design[j])
             gram[j, i] = gram[i, j]
     return gram, right
 
