@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.evidence.growing import add_best, fit_waves
+from estimator.evidence.triangles import fit_triangular_load
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.noise import DRIFT, WHITE
 from estimator.processes.poles import COARSE
@@ -81,6 +82,21 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         if joint is not None:
             grown_healthy = _likelier(grown_healthy, _grown(case, joint, sticky))
     grown_sticky = _grown(case, sticky, healthy)
+    alone = sticky
+    healthy, sticky = _exchanged(case, grown_healthy, sticky, grown_sticky)
+    if sticky.likelihood - healthy.likelihood > _CLEAR:
+        loaded = fit_triangular_load(case, (healthy, sticky, alone))
+        if loaded is not None and loaded.likelihood > healthy.likelihood + _PAYS:
+            healthy, sticky = _exchanged(case, _grown(case, loaded, sticky), sticky, sticky)
+    if sticky.likelihood - healthy.likelihood > _CLEAR:
+        sticky = _with_any_process(case, sweep_valves(case, sticky))
+    return healthy, sticky
+
+
+def _exchanged(
+    case: Case, grown_healthy: Hypothesis, sticky: Hypothesis, grown_sticky: Hypothesis
+) -> tuple[Hypothesis, Hypothesis]:
+    """Both hypotheses, each with what the other has found, if that makes it likelier."""
     if grown_healthy.nuisances:
         clear = grown_sticky.likelihood > grown_healthy.likelihood + case.settings.searching.ahead
         again = find_valves(case, grown_healthy, grown_healthy.nuisances, by_simulation=not clear)
@@ -102,8 +118,6 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     healthy, sticky = grown_healthy, grown_sticky
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
-    if sticky.likelihood - healthy.likelihood > _CLEAR:
-        sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
 
 

@@ -91,8 +91,8 @@ class Hypothesis:
 
     @property
     def disturbances(self) -> int:
-        """Oscillations from outside that it needs."""
-        return sum(isinstance(one, Sinusoid) for one in self.nuisances)
+        """Oscillations from outside that it needs, a triangular load among them."""
+        return sum(not isinstance(one, Characteristic) for one in self.nuisances)
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class Case:
             if isinstance(one, Characteristic):
                 square, cube = (float(v) for v in fit.columns[place : place + 2])
                 return one.is_monotonic(stem, float(fit.gains.sum()), square, cube)
-            place += 2 * len(one.harmonics) if isinstance(one, Sinusoid) else 0
+            place += 2 * len(one.harmonics) if isinstance(one, Sinusoid) else 1
         return True
 
     def evidence_of_process(self, hypothesis: Hypothesis) -> float:
@@ -266,7 +266,7 @@ class Case:
         The same disturbances and a noise model of its own for both. Nothing is paid for the process
         here: the question is whether its gain differs from zero.
         """
-        waves = tuple(one for one in hypothesis.nuisances if isinstance(one, Sinusoid))
+        waves = tuple(one for one in hypothesis.nuisances if not isinstance(one, Characteristic))
         columns = self.columns(waves, hypothesis.stem, hypothesis.poles, hypothesis.dead_time)
         nothing = np.zeros(self.rows.size)
         taps = hypothesis.taps
@@ -281,7 +281,7 @@ class Case:
 
 def _of_stem(nuisances: tuple[Nuisance, ...]) -> bool:
     """Whether a nuisance's columns hang on stem and process."""
-    return any(not isinstance(one, Sinusoid) for one in nuisances)
+    return any(isinstance(one, Characteristic) for one in nuisances)
 
 
 def _kept(kept: dict[Hashable, _Made], key: Hashable, made: Callable[[], _Made]) -> _Made:

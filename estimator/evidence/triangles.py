@@ -1,0 +1,171 @@
+"""A triangular load, looked for beside a healthy valve.
+
+Seen from OP and PV it is the closest thing to a sticky valve: OP answers it with lines, PV with
+arcs. A process that was fitted without it is wrong, so that it is looked for with several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from compiled import kernel
+from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.arrays import Array
+from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.linear_fit import delay
+from estimator.hypotheses.nuisances import Sinusoid, spectral_peaks
+from estimator.hypotheses.triangle import TriangularLoad, triangular_response
+from estimator.search.processes import polish
+
+__all__ = ["fit_triangular_load"]
+
+_FEWEST_CYCLES = 3.0
+"""Cycles in the window below which it is not looked for: what repeats once fits the two strokes of
+a sticky valve as well (tuning family, few strokes)."""
+_PERIODS = 2
+"""Periods that are tried: that of a wave which pays, then that of PV or OP."""
+_SAME_PERIOD = 0.3
+"""Cycles within which two periods are one: the search moves as far."""
+_BEGINS = 16
+"""Begins of the wave, evenly over a cycle, from which the search starts: half of them where it
+rises as long as it falls, because the size may be negative."""
+_RISES = (0.25, 0.5)
+"""Rises from which it starts; with the size negative the first is 0.75."""
+_LEAST_RISE = 0.03
+"""Shortest rise, and fall, in cycles: a saw-tooth."""
+_STEPS = np.array([0.1, 0.05, 0.02, 0.01])
+"""Steps in cycles, of which begin and rise take `_SHARES`; each until it gains no more."""
+_SHARES = np.array([1.0, 0.4, 1.0])
+_MOST_MOVES = 6
+"""Moves with one step."""
+_TURNS = 3
+"""Load and process are fitted in turn, at most so often."""
+_GAINED = 0.5
+"""Nats of a turn below which it was the last."""
+_TIE = 1e-9
+"""Relative gain below which two sums of squares are the same: rounding decides nothing."""
+_ALIKE = 1e-6
+"""The same for likelihoods, in nats."""
+
+
+def fit_triangular_load(case: Case, starts: tuple[Hypothesis, ...]) -> Hypothesis | None:
+    """The healthy valve with a triangular load, the likeliest from some processes and periods.
+
+    ``starts`` are hypotheses whose processes and waves it begins from. None where nothing swings.
+    """
+    best: Hypothesis | None = None
+    for cycles in _periods(case, starts):
+        for start in starts:
+            found = _fitted(case, start, cycles)
+            if best is None or found.likelihood > best.likelihood + _ALIKE:
+                best = found
+    return best
+
+
+def _periods(case: Case, starts: tuple[Hypothesis, ...]) -> list[float]:
+    """Cycles in the window that are tried."""
+
+    def known() -> Iterator[float]:
+        for one in starts:
+            yield from (wave.cycles for wave in one.nuisances if isinstance(wave, Sinusoid))
+        if case.own_cycles is not None:
+            yield case.own_cycles
+        yield from spectral_peaks(case.rows.u * case.rows.weight, 1)
+
+    found: list[float] = []
+    for cycles in known():
+        is_new = all(abs(cycles - one) > _SAME_PERIOD for one in found)
+        if cycles >= _FEWEST_CYCLES and is_new:
+            found.append(cycles)
+    return found[:_PERIODS]
+
+
+def _fitted(case: Case, start: Hypothesis, cycles: float) -> Hypothesis:
+    """Load and process fitted in turn from the process of one hypothesis."""
+    at = replace(start, valve=None, stem=case.rows.u)
+    best: Hypothesis | None = None
+    for turn in range(_TURNS):
+        load = _best_load(case, at, cycles)
+        found = polish(case, None, at, (load,), at.taps, wide=turn == 0)
+        if best is not None and found.likelihood <= best.likelihood + _GAINED:
+            break
+        best, at, cycles = found, found, load.cycles
+    assert best is not None
+    return best
+
+
+def _best_load(case: Case, of: Hypothesis, cycles: float) -> TriangularLoad:
+    """The load that takes most from PV with this process and noise model."""
+    rows = case.rows
+    response = of.poles.response(of.stem)
+    known = np.vstack(
+        [
+            case.columns((), of.stem, of.poles, of.dead_time),
+            *(delay(response, of.dead_time + late)[None] for late in (0, 1)),
+        ]
+    )
+    basis = orthonormal(filter_rows(known, of.taps, rows.weight))
+    left = project_out(filter_rows(rows.y[None], of.taps, rows.weight)[0], basis)
+    wave = _best_wave(cycles, of.poles.coefficients, of.taps, rows.weight, basis, left)
+    cycles, begin, rise = (float(one) for one in wave)
+    return TriangularLoad(cycles, begin, rise, of.poles)
+
+
+@kernel
+def _best_wave(
+    cycles: float,
+    process: tuple[float, float, float, float],
+    taps: Array,
+    weight: Array,
+    basis: Array,
+    left: Array,
+) -> Array:
+    """Cycles, begin and rise ``(3,)`` of the wave that takes most; see `_taken`."""
+    best, most = np.array([cycles, 0.0, 0.5]), 0.0
+    for rise in _RISES:
+        for i in range(_BEGINS // 2 if rise == 0.5 else _BEGINS):
+            tried = np.array([cycles, i / _BEGINS, rise])
+            more = _taken(tried, process, taps, weight, basis, left)
+            if more > most * (1.0 + _TIE):
+                best, most = tried, more
+    for step in _STEPS:
+        for _ in range(_MOST_MOVES):
+            before = most
+            for c in range(3):
+                for side in (-1.0, 1.0):
+                    tried = best.copy()
+                    tried[c] += side * step * _SHARES[c]
+                    if c == 0:
+                        # the middle of the window keeps its place in the cycle
+                        tried[1] -= 0.5 * side * step
+                    tried[2] = min(max(tried[2], _LEAST_RISE), 1.0 - _LEAST_RISE)
+                    more = _taken(tried, process, taps, weight, basis, left)
+                    if more > most * (1.0 + _TIE):
+                        best, most = tried, more
+            if most == before:
+                break
+    return best
+
+
+@kernel
+def _taken(
+    wave: Array,
+    process: tuple[float, float, float, float],
+    taps: Array,
+    weight: Array,
+    basis: Array,
+    left: Array,
+) -> float:
+    """Sum of squares that a load takes away.
+
+    Of what an orthonormal ``basis`` ``(m, n)`` leaves of PV, ``left`` ``(n,)``, both under the
+    noise model of ``taps``.
+    """
+    signal = np.empty((1, left.size))
+    signal[0] = triangular_response((wave[0], wave[1], wave[2]), process, left.size)
+    mine = project_out(filter_rows(signal, taps, weight)[0], basis)
+    size = dot(mine, mine)
+    return dot(mine, left) ** 2 / size if size > 0.0 else 0.0
