@@ -44,8 +44,8 @@ def triangular_response(
 class TriangularLoad:
     """A load of that shape at the valve, of unknown size.
 
-    Its many harmonics hang together: paid for one by one they would never pay, and a sticky valve,
-    whose stem moves along such lines, would be taken for it.
+    Its many harmonics hang together. Paid for one by one they never pay, and the load is taken for
+    a sticky valve.
 
     Attributes:
         cycles, begin, rise: the wave; see `triangular_response`.
