@@ -88,9 +88,16 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         loaded = fit_triangular_load(case, (healthy, sticky, alone))
         if loaded is not None and loaded.likelihood > healthy.likelihood + _PAYS:
             healthy, sticky = _exchanged(case, _grown(case, loaded, sticky), sticky, sticky)
+            sticky = _likelier(sticky, _grown_anew(case, sticky, healthy))
     if sticky.likelihood - healthy.likelihood > _CLEAR:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
+
+
+def _grown_anew(case: Case, sticky: Hypothesis, healthy: Hypothesis) -> Hypothesis:
+    """The valve with what pays beside it, from nothing: it was found beside another's load."""
+    alone = polish(case, sticky.valve, sticky, (), sticky.taps, wide=False)
+    return _grown(case, refine_valve(case, alone), healthy)
 
 
 def _exchanged(
