@@ -31,8 +31,6 @@ from estimator.evidence.records import informed_share
 from estimator.evidence.sign import controller_action
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
-from estimator.hypotheses.nuisances import Sinusoid
-from estimator.hypotheses.triangle import TriangularLoad
 from estimator.outcomes import Reason
 from estimator.rows import rows_of
 from estimator.search.processes import polish, settle
@@ -182,7 +180,7 @@ def explain(
 
 def _wave_beside(case: Case, sticky: Hypothesis, period: float) -> OutsideWave | None:
     """The wave that the sticky valve's explanation holds, if there is evidence for it."""
-    waves = [one for one in sticky.nuisances if isinstance(one, Sinusoid | TriangularLoad)]
+    waves = sticky.waves
     if not waves:
         return None
     rest = tuple(one for one in sticky.nuisances if one not in waves)

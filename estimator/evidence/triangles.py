@@ -14,9 +14,9 @@ import numpy as np
 from compiled import kernel
 from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.linear_fit import delay
-from estimator.hypotheses.nuisances import Sinusoid, spectral_peaks
+from estimator.hypotheses.nuisances import spectral_peaks
 from estimator.hypotheses.triangle import TriangularLoad, triangular_response
 from estimator.search.processes import polish
 
@@ -47,8 +47,6 @@ _GAINED = 0.5
 """Nats of a turn below which it was the last."""
 _TIE = 1e-9
 """Relative gain below which two sums of squares are the same: rounding decides nothing."""
-_ALIKE = 1e-6
-"""The same for likelihoods, in nats."""
 
 
 def fit_triangular_load(case: Case, starts: tuple[Hypothesis, ...]) -> Hypothesis | None:
@@ -60,8 +58,7 @@ def fit_triangular_load(case: Case, starts: tuple[Hypothesis, ...]) -> Hypothesi
     for cycles in _periods(case, starts):
         for start in starts:
             found = _fitted(case, start, cycles)
-            if best is None or found.likelihood > best.likelihood + _ALIKE:
-                best = found
+            best = found if best is None else likelier(best, found)
     return best
 
 
@@ -70,7 +67,7 @@ def _periods(case: Case, starts: tuple[Hypothesis, ...]) -> list[float]:
 
     def known() -> Iterator[float]:
         for one in starts:
-            yield from (wave.cycles for wave in one.nuisances if isinstance(wave, Sinusoid))
+            yield from (wave.cycles for wave in one.waves)
         if case.own_cycles is not None:
             yield case.own_cycles
         yield from spectral_peaks(case.rows.u * case.rows.weight, 1)

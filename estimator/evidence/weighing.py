@@ -12,8 +12,9 @@ import numpy as np
 
 from estimator.evidence.growing import add_best, fit_waves
 from estimator.evidence.triangles import fit_triangular_load
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.noise import DRIFT, WHITE
+from estimator.hypotheses.triangle import TriangularLoad
 from estimator.processes.poles import COARSE
 from estimator.search.descent import refine_valve
 from estimator.search.effort import wider
@@ -28,8 +29,6 @@ _PAYS = 0.5
 """Nats that a nuisance must gain beyond its price."""
 _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
-
-
 _ANOTHER = 0.05
 """Stick bands that differ by more, as a share, are different valves."""
 
@@ -80,7 +79,7 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     if sticky.likelihood - grown_healthy.likelihood > _CLEAR:
         joint = fit_waves(case, healthy)
         if joint is not None:
-            grown_healthy = _likelier(grown_healthy, _grown(case, joint, sticky))
+            grown_healthy = likelier(grown_healthy, _grown(case, joint, sticky))
     grown_sticky = _grown(case, sticky, healthy)
     alone = sticky
     healthy, sticky = _exchanged(case, grown_healthy, sticky, grown_sticky)
@@ -88,7 +87,8 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         loaded = fit_triangular_load(case, (healthy, sticky, alone))
         if loaded is not None and loaded.likelihood > healthy.likelihood + _PAYS:
             healthy, sticky = _exchanged(case, _grown(case, loaded, sticky), sticky, sticky)
-            sticky = _likelier(sticky, _grown_anew(case, sticky, healthy))
+            if any(isinstance(one, TriangularLoad) for one in sticky.nuisances):
+                sticky = likelier(sticky, _grown_anew(case, sticky, healthy))
     if sticky.likelihood - healthy.likelihood > _CLEAR:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
@@ -108,7 +108,7 @@ def _exchanged(
         clear = grown_sticky.likelihood > grown_healthy.likelihood + case.settings.searching.ahead
         again = find_valves(case, grown_healthy, grown_healthy.nuisances, by_simulation=not clear)
         if again:
-            grown_sticky = _likelier(grown_sticky, again[0])
+            grown_sticky = likelier(grown_sticky, again[0])
         exchanged = polish(
             case,
             sticky.valve,
@@ -117,11 +117,11 @@ def _exchanged(
             grown_healthy.taps,
             wide=False,
         )
-        grown_sticky = _likelier(grown_sticky, refine_valve(case, exchanged))
+        grown_sticky = likelier(grown_sticky, refine_valve(case, exchanged))
     exchanged = polish(
         case, None, grown_sticky, grown_sticky.nuisances, grown_sticky.taps, passes=3, wide=True
     )
-    grown_healthy = _likelier(grown_healthy, exchanged)
+    grown_healthy = likelier(grown_healthy, exchanged)
     healthy, sticky = grown_healthy, grown_sticky
     if healthy.nuisances or sticky.nuisances:
         healthy, sticky = _settled(case, healthy, sticky)
@@ -151,12 +151,7 @@ def _looked_again(
     if not valves:
         return healthy, sticky
     other, better = _weighed(again, plain, valves[0])
-    return _likelier(healthy, other), _likelier(sticky, better)
-
-
-def _likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
-    """The likelier one; the first in a tie, so that rounding decides nothing."""
-    return other if other.likelihood > one.likelihood + 1e-6 else one
+    return likelier(healthy, other), likelier(sticky, better)
 
 
 def fit_healthy(case: Case) -> Hypothesis:
@@ -164,7 +159,7 @@ def fit_healthy(case: Case) -> Hypothesis:
     first, second = (
         polish(case, None, (COARSE[3], 1), (), taps, passes=2) for taps in (WHITE, DRIFT)
     )
-    return _likelier(first, second)
+    return likelier(first, second)
 
 
 def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypothesis, Hypothesis]:
@@ -172,7 +167,7 @@ def _settled(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     sticky = refine_valve(case, settle(case, sticky), 0.02)
     healthy = settle(case, healthy)
     exchanged = polish(case, None, sticky, sticky.nuisances, sticky.taps, passes=2, wide=False)
-    return _likelier(healthy, exchanged), sticky
+    return likelier(healthy, exchanged), sticky
 
 
 def _with_any_process(case: Case, sticky: Hypothesis) -> Hypothesis:

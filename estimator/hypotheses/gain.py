@@ -11,7 +11,6 @@ from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.hypotheses.linear_fit import delay
-from estimator.hypotheses.nuisances import Characteristic
 from estimator.processes.poles import Poles, Shape
 
 __all__ = ["NUDGE", "gain_deviations", "gain_variance", "pole_derivatives", "straightened"]
@@ -40,11 +39,10 @@ def straightened(case: Case, of: Hypothesis) -> Hypothesis:
 
     A controller's model has one gain; the columns of the curve hold part of it, and of the offset.
     """
-    straight = tuple(one for one in of.nuisances if not isinstance(one, Characteristic))
-    if straight == of.nuisances:
+    if of.waves == of.nuisances:
         return of
     return case.fit(
-        of.valve, of.poles, of.dead_time, straight, of.taps, refit_noise=False, stem=of.stem
+        of.valve, of.poles, of.dead_time, of.waves, of.taps, refit_noise=False, stem=of.stem
     )
 
 

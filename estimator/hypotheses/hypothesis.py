@@ -22,6 +22,7 @@ from estimator.hypotheses.nuisances import (
     price_of,
     spectral_peaks,
 )
+from estimator.hypotheses.triangle import TriangularLoad
 from estimator.hypotheses.turns import fit_in_turn
 from estimator.lanes import tells
 from estimator.processes.poles import SHAPE_NUMBERS, Poles, Shape, pole_prices
@@ -29,7 +30,7 @@ from estimator.rows import Rows
 from estimator.settings import Settings
 from estimator.valves.laws import stem_of
 
-__all__ = ["Case", "Hypothesis", "Valve"]
+__all__ = ["Case", "Hypothesis", "Valve", "likelier"]
 
 _KEPT = 8
 """Columns and designs of a window that are kept: those of the hypotheses that are refined now."""
@@ -90,9 +91,23 @@ class Hypothesis:
         return float(self.gains.sum())
 
     @property
+    def waves(self) -> tuple[Sinusoid | TriangularLoad, ...]:
+        """What it needs from outside."""
+        return tuple(one for one in self.nuisances if isinstance(one, Sinusoid | TriangularLoad))
+
+    @property
     def disturbances(self) -> int:
-        """Oscillations from outside that it needs, a triangular load among them."""
-        return sum(not isinstance(one, Characteristic) for one in self.nuisances)
+        """How many oscillations it needs from outside, a triangular load among them."""
+        return len(self.waves)
+
+
+_ALIKE = 1e-6
+"""Nats within which two hypotheses are as likely: rounding decides nothing."""
+
+
+def likelier(one: Hypothesis, other: Hypothesis) -> Hypothesis:
+    """The likelier one; the first in a tie."""
+    return other if other.likelihood > one.likelihood + _ALIKE else one
 
 
 @dataclass(frozen=True)
@@ -266,8 +281,9 @@ class Case:
         The same disturbances and a noise model of its own for both. Nothing is paid for the process
         here: the question is whether its gain differs from zero.
         """
-        waves = tuple(one for one in hypothesis.nuisances if not isinstance(one, Characteristic))
-        columns = self.columns(waves, hypothesis.stem, hypothesis.poles, hypothesis.dead_time)
+        columns = self.columns(
+            hypothesis.waves, hypothesis.stem, hypothesis.poles, hypothesis.dead_time
+        )
         nothing = np.zeros(self.rows.size)
         taps = hypothesis.taps
         for _ in range(2):
