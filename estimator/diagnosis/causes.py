@@ -19,6 +19,7 @@ __all__ = ["rank_causes"]
 _INFERRED = 0.9
 """Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
 tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
+_STEP_SETPOINT = "Step the set-point once: the answer shows whether the loop is slow."
 
 
 def rank_causes(
@@ -272,7 +273,19 @@ def _slow_or_not(found: Gathered) -> Cause:
             f"nothing oscillates; {one:.0%} of the control error can be predicted one integral "
             f"time ahead: by a slow tuning (probability {found.headroom:.0%}) or a smooth load",
         ),
-        "Step the set-point once: the answer shows whether the loop is slow.",
+        _STEP_SETPOINT,
+    )
+
+
+def _may_be_slow(found: Gathered, settings: DiagnosisSettings) -> Cause:
+    return Cause(
+        CauseName.UNDETERMINED,
+        0.0,
+        (
+            "nothing oscillates, and the record does not show that the control error lasts",
+            _headroom_words(found, settings),
+        ),
+        _STEP_SETPOINT,
     )
 
 
@@ -302,6 +315,8 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
             return _unproven(found, settings)
         if _lingers(found, settings) is None:
             return _slow_or_not(found)
+        if found.headroom >= settings.judging.probable:
+            return _may_be_slow(found, settings)
         evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
         if swing.present:
             evidence = [

@@ -144,7 +144,7 @@ def diagnose(
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,
-        headroom=headroom_of(free, controller, swing, predictable, removable, settings),
+        ask_headroom=lambda: headroom_of(free, controller, swing, settings),
     )
     proposal = None
     if advice and explained is not None and controller is not None:

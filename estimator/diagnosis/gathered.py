@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -49,8 +50,7 @@ class Gathered:
             manual or at a limit, and its share of the error's variance; None without one.
         removable: share of the squared error that robust settings would remove, by the identified
             process; NaN where no such settings can be found.
-        headroom: probability that robust settings have far more integral gain, over processes and
-            loads; NaN where it was not asked for or cannot be told.
+        ask_headroom: finds `headroom`, which costs more than most of the others.
         samples: of the window that was explained.
         duration_s: of the whole record.
     """
@@ -75,7 +75,7 @@ class Gathered:
     open_swing: Oscillation | None = None
     open_share: float = 0.0
     removable: float = math.nan
-    headroom: float = math.nan
+    ask_headroom: Callable[[], float] = lambda: math.nan
     samples: int = 0
     duration_s: float = math.inf
 
@@ -84,6 +84,14 @@ class Gathered:
         one = self.explained
         known = one is not None and one.process >= settings.judging.threshold
         return self.removable if known else math.nan
+
+    @cached_property
+    def headroom(self) -> float:
+        """Probability that robust settings have far more integral gain, over processes and loads.
+
+        NaN where it cannot be told.
+        """
+        return self.ask_headroom()
 
     def amplification(self) -> tuple[float, float]:
         """How the loop amplifies a disturbance at the oscillation's period, and Ms."""

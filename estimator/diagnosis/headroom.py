@@ -25,7 +25,6 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.diagnosis.controller import Controller
 from estimator.diagnosis.delay_loops import sensitivities
-from estimator.diagnosis.gathered import error_lasts
 from estimator.diagnosis.headroom_search import (
     Bounds,
     Kind,
@@ -87,21 +86,16 @@ def headroom_of(
     record: LoopRecord,
     controller: Controller | None,
     swing: Oscillation,
-    predictable: tuple[float, float],
-    removable: float,
     settings: DiagnosisSettings,
 ) -> float:
-    """The probability where slow tuning may be why the loop suffers; else NaN.
+    """The probability by a record; NaN where it is too short, or has no controller.
 
-    It may where the error lasts, and where no process shows that other settings would remove
-    little: an integral time may be so long that the error is over within it. A steady wave is taken
-    out of OP and PV alike: the fitted load cannot make one.
+    A steady wave is taken out of OP and PV alike: the fitted load cannot make one.
 
     The longest stretch counts in which the controller is in automatic and ``record.good``: samples
     at a limit are none. Short holes are bridged.
     """
-    may_be = error_lasts(predictable, settings) or not removable <= settings.judging.lasting
-    if controller is None or record.pv is None or not may_be:
+    if controller is None or record.pv is None:
         return math.nan
     stretch = longest_stretch(record, settings.scope.hole)
     if stretch.stop - stretch.start < settings.headroom.least:

@@ -258,8 +258,9 @@ class Judging:
         lasts: the same sum from which it is slow whatever the loads may be: between the two the
             probability of headroom tells.
         likely, unlikely: that probability from which it is slow, and up to which it is not: odds of
-            two to one; between them neither is told. surely: the same where the error is over
-            within an integral time and no other cause is told: odds of fifty to one.
+            two to one; between them neither is told. surely, probable: the same where the error is
+            over within an integral time and no other cause is told: odds of fifty and of nine to
+            one (tuning family: as many slow loops as well-tuned ones lie between).
         removable: share of the squared error that robust settings must remove, where the process
             shows, for a tuning to be slow; lasting: the same where the record is too short for its
             integral time, so that nothing else tells.
@@ -296,6 +297,7 @@ class Judging:
     likely: float = 0.67
     unlikely: float = 0.33
     surely: float = 0.98
+    probable: float = 0.9
     removable: float = 0.25
     lasting: float = 0.5
     step: float = 0.7

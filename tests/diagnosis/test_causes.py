@@ -156,7 +156,7 @@ def test_a_load_behind_two_lags_is_no_sticky_valve(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("quiet", seed) for seed in (3, 6, 15, 30)] + [("slow_tuning", seed) for seed in (1, 2, 55)],
+    [("quiet", seed) for seed in (6, 15, 30)] + [("slow_tuning", seed) for seed in (1, 2, 55)],
 )
 def test_quiet_and_slow_loops_under_slow_loads(kind: str, seed: int) -> None:
     loop = draw_paced(kind, seed)

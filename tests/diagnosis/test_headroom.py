@@ -68,6 +68,15 @@ def test_where_neither_is_likely_a_set_point_step_is_asked_for() -> None:
     assert "set-point" in answer.first.action
 
 
+@pytest.mark.parametrize("seed", [9206, 9217, 9234])
+def test_a_loop_with_room_is_not_called_quiet_because_its_error_is_soon_over(seed: int) -> None:
+    loop = draw_paced("slow_tuning", seed)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert answer.first.name == "undetermined"
+    assert "set-point" in answer.first.action
+    assert "3 times the integral gain" in answer.first.evidence[1]
+
+
 def test_a_load_without_a_corner_stops_no_diagnosis() -> None:
     loop = draw_paced("sticky_valve", 71016)
     answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
