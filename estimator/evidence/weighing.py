@@ -29,6 +29,9 @@ _PAYS = 0.5
 """Nats that a nuisance must gain beyond its price."""
 _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
+_CLOSE = -2.0
+"""Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
+this and `_CLEAR` that were swept, none became a sticky valve)."""
 _ANOTHER = 0.05
 """Stick bands that differ by more, as a share, are different valves."""
 
@@ -86,10 +89,11 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     if sticky.likelihood - healthy.likelihood > _CLEAR:
         loaded = fit_triangular_load(case, (healthy, sticky, alone))
         if loaded is not None and loaded.likelihood > healthy.likelihood + _PAYS:
-            healthy, sticky = _exchanged(case, _grown(case, loaded, sticky), sticky, sticky)
+            loaded = _grown(case, loaded, sticky)
+            healthy, sticky = _exchanged(case, loaded, sticky, sticky, spare=True)
             if any(isinstance(one, TriangularLoad) for one in sticky.nuisances):
                 sticky = likelier(sticky, _grown_anew(case, sticky, healthy))
-    if sticky.likelihood - healthy.likelihood > _CLEAR:
+    if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
 
@@ -101,14 +105,23 @@ def _grown_anew(case: Case, sticky: Hypothesis, healthy: Hypothesis) -> Hypothes
 
 
 def _exchanged(
-    case: Case, grown_healthy: Hypothesis, sticky: Hypothesis, grown_sticky: Hypothesis
+    case: Case,
+    grown_healthy: Hypothesis,
+    sticky: Hypothesis,
+    grown_sticky: Hypothesis,
+    *,
+    spare: bool = False,
 ) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses, each with what the other has found, if that makes it likelier."""
+    """Both hypotheses, each with what the other has found, if that makes it likelier.
+
+    With ``spare`` no other valve is looked for where the sticky one is clear.
+    """
     if grown_healthy.nuisances:
         clear = grown_sticky.likelihood > grown_healthy.likelihood + case.settings.searching.ahead
-        again = find_valves(case, grown_healthy, grown_healthy.nuisances, by_simulation=not clear)
-        if again:
-            grown_sticky = likelier(grown_sticky, again[0])
+        if not (clear and spare):
+            with_it = grown_healthy.nuisances
+            again = find_valves(case, grown_healthy, with_it, by_simulation=not clear)
+            grown_sticky = likelier(grown_sticky, again[0]) if again else grown_sticky
         exchanged = polish(
             case,
             sticky.valve,

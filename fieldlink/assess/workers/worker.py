@@ -9,6 +9,7 @@ machine does not move).
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import queue
@@ -191,6 +192,9 @@ def _warm_up() -> str:
         estimator.warm_up()
     import compiled
 
+    # what stays for good is not looked through again by each collection of garbage
+    gc.collect()
+    gc.freeze()
     return source_hash(Path(compiled.__file__).resolve().parent)
 
 
