@@ -28,6 +28,11 @@ def error_lasts(predictable: tuple[float, float], settings: DiagnosisSettings) -
     return bool(two > settings.judging.slow or one + two > settings.judging.lingering)
 
 
+def _unknown() -> float:
+    """NaN: nothing was asked."""
+    return math.nan
+
+
 @dataclass(frozen=True)
 class Gathered:
     """Everything that was found about a loop.
@@ -75,7 +80,7 @@ class Gathered:
     open_swing: Oscillation | None = None
     open_share: float = 0.0
     removable: float = math.nan
-    ask_headroom: Callable[[], float] = lambda: math.nan
+    ask_headroom: Callable[[], float] = _unknown
     samples: int = 0
     duration_s: float = math.inf
 
