@@ -19,7 +19,10 @@ class Grouping:
         width, wide: half-width of the band, as a share of the frequency: narrow for an oscillation,
             wide for the irregular motion of a sticky valve.
         delays: periods by which loops follow such a motion: a band that wide tells them apart.
-        chance: probability that a plant shows one group by chance.
+        chance: probability that a plant shows one group by chance (tuning family: at 0.005 waves
+            from outside are lost).
+        led: the same for a loop whose valve or tuning moves others by its past alone: less, because
+            no period speaks for it (tuning family: down to 0.002 no source is lost).
         made: weight of tight tuning, the share of its loop's motion that it makes, from which the
             loop may move others: most of it (tuning family: sources have 0.73 and more, loops of
             plants without an event up to 0.41).
@@ -58,7 +61,8 @@ class Grouping:
     width: float = 0.2
     wide: float = 0.5
     delays: tuple[float, ...] = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
-    chance: float = 0.02
+    chance: float = 0.01
+    led: float = 0.005
     made: float = 0.5
     regular: float = 3.0
     range: float = 3.0

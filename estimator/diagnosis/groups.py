@@ -214,7 +214,9 @@ def _members(
     motions = sum(one.loop == seed.loop for one in swings)
     least, tried = math.log(grouping.chance), math.log(len(spectra) * motions)
     driven = _driven(seed, signals, spectra, settings) if seed.made else {}
-    follow = {one for one, at in driven.items() if at + tried < least}
+    # every motion of every loop that makes its own could have led
+    asked = math.log(len(spectra) * max(1, sum(one.made for one in swings)))
+    follow = {one for one, at in driven.items() if at + asked < math.log(grouping.led)}
     if seed.irregular:
         # motions without a period that look alike may have a cause in common
         return {seed.loop, *follow}
