@@ -116,20 +116,13 @@ def _exchanged(
 
     With ``spare`` no other valve is looked for where the sticky one is clear.
     """
-    if grown_healthy.nuisances:
+    known = grown_healthy.nuisances
+    if known:
         clear = grown_sticky.likelihood > grown_healthy.likelihood + case.settings.searching.ahead
         if not (clear and spare):
-            with_it = grown_healthy.nuisances
-            again = find_valves(case, grown_healthy, with_it, by_simulation=not clear)
+            again = find_valves(case, grown_healthy, known, by_simulation=not clear)
             grown_sticky = likelier(grown_sticky, again[0]) if again else grown_sticky
-        exchanged = polish(
-            case,
-            sticky.valve,
-            sticky,
-            grown_healthy.nuisances,
-            grown_healthy.taps,
-            wide=False,
-        )
+        exchanged = polish(case, sticky.valve, sticky, known, grown_healthy.taps, wide=False)
         grown_sticky = likelier(grown_sticky, refine_valve(case, exchanged))
     exchanged = polish(
         case, None, grown_sticky, grown_sticky.nuisances, grown_sticky.taps, passes=3, wide=True
