@@ -19,7 +19,6 @@ __all__ = ["rank_causes"]
 _INFERRED = 0.9
 """Weight of what is inferred beside what shows itself, at the most, as a share of its weight: slow
 tuning beside a sticky valve or a wave from outside, a curved characteristic beside a limit."""
-_STEP_SETPOINT = "Step the set-point once: the answer shows whether the loop is slow."
 
 
 def rank_causes(
@@ -248,8 +247,9 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
 def _is_surely_slow(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether headroom alone tells it: the integral time is too long for the error to last."""
     little = found.removable_where_known(settings) <= settings.judging.lasting
-    is_sure = found.headroom >= settings.judging.surely
-    return is_sure and not (little or _may_stick(found, settings))
+    if little or _may_stick(found, settings):
+        return False
+    return found.headroom >= settings.judging.surely
 
 
 def _too_long(settings: DiagnosisSettings) -> float:
@@ -264,28 +264,27 @@ def _headroom_words(found: Gathered, settings: DiagnosisSettings) -> str:
     )
 
 
-def _slow_or_not(found: Gathered) -> Cause:
-    one, _ = found.predictable
-    return Cause(
-        CauseName.UNDETERMINED,
-        0.0,
-        (
+def _slow_or_not(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
+    """What is told where the record shows neither a slow tuning nor a well-tuned loop."""
+    evidence: tuple[str, ...]
+    if _lingers(found, settings) is None:
+        one, _ = found.predictable
+        evidence = (
             f"nothing oscillates; {one:.0%} of the control error can be predicted one integral "
             f"time ahead: by a slow tuning (probability {found.headroom:.0%}) or a smooth load",
-        ),
-        _STEP_SETPOINT,
-    )
-
-
-def _may_be_slow(found: Gathered, settings: DiagnosisSettings) -> Cause:
+        )
+    elif found.headroom >= settings.judging.probable:
+        evidence = (
+            "nothing oscillates, and the record does not show that the control error lasts",
+            _headroom_words(found, settings),
+        )
+    else:
+        return None
     return Cause(
         CauseName.UNDETERMINED,
         0.0,
-        (
-            "nothing oscillates, and the record does not show that the control error lasts",
-            _headroom_words(found, settings),
-        ),
-        _STEP_SETPOINT,
+        evidence,
+        "Step the set-point once: the answer shows whether the loop is slow.",
     )
 
 
@@ -313,10 +312,9 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if found.explained is not None and found.explained.sticking > 0.0:
             # nothing is wrong that shows, but a valve that sticks is likelier than not
             return _unproven(found, settings)
-        if _lingers(found, settings) is None:
-            return _slow_or_not(found)
-        if found.headroom >= settings.judging.probable:
-            return _may_be_slow(found, settings)
+        unclear = _slow_or_not(found, settings)
+        if unclear is not None:
+            return unclear
         evidence = ["nothing oscillates, and no cause explains a twentieth of the control error"]
         if swing.present:
             evidence = [

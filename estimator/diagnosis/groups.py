@@ -213,10 +213,7 @@ def _members(
     # coupled loops follow by the same chance: each must be sure by itself
     motions = sum(one.loop == seed.loop for one in swings)
     least, tried = math.log(grouping.chance), math.log(len(spectra) * motions)
-    driven = _driven(seed, signals, spectra, settings) if seed.made else {}
-    # every motion of every loop that makes its own could have led
-    asked = math.log(len(spectra) * max(1, sum(one.made for one in swings)))
-    follow = {one for one, at in driven.items() if at + asked < math.log(grouping.led)}
+    follow = _driven(seed, signals, spectra, swings, settings) if seed.made else set()
     if seed.irregular:
         # motions without a period that look alike may have a cause in common
         return {seed.loop, *follow}
@@ -254,11 +251,14 @@ def _driven(
     seed: _Swing,
     signals: Mapping[str, LoopSignals],
     spectra: Mapping[str, LoopSpectrum],
+    swings: list[_Swing],
     settings: DiagnosisSettings,
-) -> dict[str, float]:
-    """By loop that the seed seems to move, the log probability that it does so by chance."""
+) -> set[str]:
+    """Loops that the seed, which makes its own motion, moves: surer than by chance."""
     grouping, period = settings.grouping, seed.found.period_s
-    found = {}
+    # every motion of every loop that makes its own could have led
+    tried = math.log(len(spectra) * sum(one.made for one in swings))
+    found = set()
     for name, other in _others(seed, spectra):
         if other.share(period, grouping.wide) < grouping.share:
             continue
@@ -268,7 +268,9 @@ def _driven(
         if alike.coherence < grouping.driven:
             continue
         both = on_one_grid((seed.loop, name), signals, period, grouping)
-        found[name] = chance_of_lead(both[seed.loop], both[name], grouping)
+        at = chance_of_lead(both[seed.loop], both[name], grouping)
+        if at + tried < math.log(grouping.led):
+            found.add(name)
     return found
 
 

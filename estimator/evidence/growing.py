@@ -10,7 +10,7 @@ import numpy as np
 from compiled import kernel
 from estimator.algebra import dot, filter_rows, orthonormal, project_out
 from estimator.arrays import Array
-from estimator.hypotheses.hypothesis import Case, Hypothesis
+from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.linear_fit import delay
 from estimator.hypotheses.noise import DRIFT, DRIFT_AND_NOISE
 from estimator.hypotheses.nuisances import (
@@ -33,8 +33,6 @@ _ROUGH_STEPS = (0.1, 0.05)
 """The same before it where the frequency is only that of a peak."""
 _RESOLVED = 0.4
 """Highest frequency of a harmonic over the sampling frequency; one half is the limit (Nyquist)."""
-_TIE = 1e-6
-"""Nats by which noise models must differ: rounding decides nothing."""
 _SHARPENED, _FOLLOWED = 3, 2
 """Waves of PV's own oscillation, of five, whose frequency is refined, and whose process then is
 fitted once more."""
@@ -80,7 +78,8 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
 
     noises = DRIFT, DRIFT_AND_NOISE
     starts = [start(simple, taps) for taps in noises]
-    likely = noises[0 if starts[0][0].likelihood > starts[1][0].likelihood - _TIE else 1]
+    first, second = (one for one, _ in starts)
+    likely = noises[0 if likelier(first, second) is first else 1]
     starts += [start(wave, likely) for wave in shaped]
     starts.sort(key=lambda one: -round(one[0].likelihood, 6))
     found = []

@@ -77,6 +77,12 @@ def test_a_loop_with_room_is_not_called_quiet_because_its_error_is_soon_over(see
     assert "3 times the integral gain" in answer.first.evidence[1]
 
 
+def test_a_well_tuned_loop_that_seems_to_have_room_is_undetermined_and_not_slow() -> None:
+    loop = draw_paced("quiet", 3)
+    answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
+    assert [cause.name for cause in answer.causes] == ["undetermined"]
+
+
 def test_a_load_without_a_corner_stops_no_diagnosis() -> None:
     loop = draw_paced("sticky_valve", 71016)
     answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)

@@ -60,6 +60,14 @@ def test_a_healthy_valve_under_it_is_not_accused(
     assert not result.uncertain
 
 
+def test_the_interval_of_a_sticky_valve_under_it_holds_the_truth() -> None:
+    wave = sawtooth(2.0 * np.pi * np.arange(900) / 150, 0.3)
+    record = run(load=5.0 * wave, n=900, band=6.0, jump=4.0, noise=0.03, seed=2)
+    result = identify(record.op, record.pv, sp=record.sp)
+    assert result.verdict is Verdict.STICTION
+    assert result.stick_band.low <= 6.0 <= result.stick_band.high
+
+
 @pytest.mark.parametrize("seed", range(1, 11))
 def test_a_sticky_valve_under_it_is_found(seed: int) -> None:
     wave = sawtooth(2.0 * np.pi * (np.arange(900) / 150 + 0.17 * seed), 0.3)
