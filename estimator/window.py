@@ -12,7 +12,7 @@ from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.settings import Screening
 
-__all__ = ["Window", "carry_on", "harmonise", "screen"]
+__all__ = ["Window", "bridge", "carry_on", "harmonise", "screen"]
 
 _TINY = 1e-9
 """Span or deviation, as a share of the value, that is rounding."""
@@ -109,6 +109,24 @@ def harmonise(
         period=float(period),
         automatic=float(in_auto.mean()),
     )
+
+
+def bridge(values: ArrayLike) -> Array:
+    """The samples with straight lines across the bad ones.
+
+    Raises:
+        EstimatorError: not a row of samples, or none is finite.
+    """
+    x = np.asarray(values, dtype=np.float64)
+    if x.ndim != 1:
+        raise EstimatorError(f"the signal has shape {x.shape}: give one row of samples, shape (n,)")
+    good = np.isfinite(x)
+    if not good.any():
+        raise EstimatorError("the signal has no finite sample: map the right tag or column")
+    if good.all():
+        return x
+    k = np.arange(x.size)
+    return np.interp(k, k[good], x[good])
 
 
 def carry_on(sp: ArrayLike) -> Array | None:

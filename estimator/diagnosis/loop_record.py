@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
-from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.facts import Limits, in_long_runs, runs_of
+from estimator.controller.reading import Controller
+from estimator.diagnosis.facts import Limits, in_long_runs
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
 from estimator.diagnosis.oscillation import (
     Oscillation,
     band_of,
-    bridge,
     detect_oscillation,
 )
 from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.faults import runs_of
 from estimator.outcomes import EstimatorError
-from estimator.window import carry_on
+from estimator.window import bridge, carry_on
 
 __all__ = [
     "LoopRecord",
