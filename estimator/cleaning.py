@@ -43,9 +43,9 @@ class Cleaned:
         """That PV was moved; empty where it was not."""
         if self.late == 0:
             return ()
+        by = "1 sample" if self.late == 1 else f"{self.late} samples"
         return (
-            f"PV is recorded {self.late} sample{'s' * (self.late > 1)} after the OP that answers it: it "
-            f"is judged as if it had come so much earlier",
+            f"PV is recorded {by} after the OP that answers it: it is judged as if {by} earlier",
         )
 
 

@@ -41,7 +41,7 @@ but steps."""
 _JUMP = 3.0
 """Usual steps by which PV leaves a value at which it stood still: nothing moves it so far in one
 sample."""
-_SELDOM, _LEAST_RUN = 0.1, 8
+_SELDOM, _LEAST_RUN = 0.02, 8
 """Share of its samples after which a record stays at a value, below which it stays there seldom;
 repeats in a row that are a fault in such a record."""
 _CHANCE = 1e-3
@@ -98,14 +98,16 @@ def find_standing(values: Array) -> Mask:
     usual = float(np.median(steps[~same])) if (~same).any() else 0.0
     leaves = np.where(ends < n - 1, steps[np.minimum(ends, n - 2)], np.inf)
     jumps = leaves > _JUMP * usual
+    # at its end of range a transmitter has only one value, at which PV belongs
+    inside = (values[begins] > values.min()) & (values[begins] < values.max())
     lengths = ends - begins
     # of the times that PV could have stayed, how often it did
     seldom = begins.size < _SELDOM * (begins.size + int((~same).sum()))
-    is_fault = (lengths >= _LEAST_RUN) & seldom
+    is_fault = inside & (lengths >= _LEAST_RUN) & seldom
     for _ in range(0 if seldom else _TURNS):
         out = int(lengths[is_fault].sum())
         repeats = (int(same.sum()) - out + 1) / (n - 1 - out + 2)
-        now = jumps & (lengths >= math.log(_CHANCE / n) / math.log(repeats))
+        now = inside & jumps & (lengths >= math.log(_CHANCE / n) / math.log(repeats))
         if (now == is_fault).all():
             break
         is_fault = now

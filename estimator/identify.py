@@ -30,7 +30,7 @@ from estimator.result import Evidence, Fit, Identification
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS, Settings
 from estimator.surface import cost_surface
-from estimator.window import Window, harmonise, screen
+from estimator.window import Window, harmonise, screen, signal_of
 
 __all__ = ["METHODS", "identify", "warm_up"]
 
@@ -88,8 +88,8 @@ def identify(
     if not 0.5 <= confidence <= 0.999:
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
     window = harmonise(op, pv, sp, auto, period, settings.screening)
-    given, measured = (np.asarray(one, dtype=np.float64) for one in (op, pv))
-    setpoint = None if sp is None else np.asarray(sp, dtype=np.float64)
+    given, measured = signal_of("op", op), signal_of("pv", pv)
+    setpoint = None if sp is None else signal_of("sp", sp)
     informed = informed_share(measured)
     reasons = screen(window, informed, settings.screening)
     # the methods of the paper take every sample, as it is
