@@ -243,8 +243,14 @@ class RecordedColumns:
             self._report_more(column, wrong - _MAX_PROBLEMS)
         return values
 
-    def order(self, column: int | None, *, is_guessed: bool = False) -> OrderedRows | None:
-        """Return the rows in the order of a time column; nothing where a guessed one holds none."""
+    def order(self, column: int | None, *, is_needed: bool) -> OrderedRows | None:
+        """Return the rows in the order of a time column.
+
+        Args:
+            column: its number.
+            is_needed: whether a column without readable times is a problem; else it gets a note, and
+                nothing is returned.
+        """
         if column is None:
             return None
         name = self._file.header[column]
@@ -254,10 +260,11 @@ class RecordedColumns:
             times = parse_times(cells, self._file.number)
             found = put_in_order(times, [row.cells for row in self._file.rows])
         except NoClockError as error:
-            if is_guessed:
-                self.notes.append(f"{name} is left out: {error}")
-                return None
             line = None if error.index is None else self._file.rows[error.index].line
+            if not is_needed:
+                place = "" if line is None else f" in line {line}"
+                self.notes.append(f"{name} is left out: {error}{place}; the rows stay as they are")
+                return None
             self.report(name, str(error), remedy, line)
             return None
         if times.note is not None:

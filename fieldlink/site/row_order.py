@@ -80,7 +80,7 @@ def put_in_order(times: Times, cells: Sequence[tuple[str, ...]]) -> OrderedRows:
         # A stretch that is newest first is turned round, rows of one moment included.
         is_backwards = bool((steps <= 0.0).all())
         order = np.arange(rows.size)[::-1] if is_backwards else np.argsort(stamps, kind="stable")
-        if not is_backwards and times.origin is None:
+        if not is_backwards and times.origin is None and not _is_one_clock(stamps):
             row = int(np.flatnonzero(steps < 0.0)[0]) + 1
             raise NoClockError(
                 f"the times do not increase: they go back from {stamps[row - 1]:g} to "
@@ -95,6 +95,12 @@ def put_in_order(times: Times, cells: Sequence[tuple[str, ...]]) -> OrderedRows:
         )
     rows, stamps = _without_repetitions(rows, stamps, cells, notes)
     return OrderedRows(rows, replace(times, seconds=stamps), tuple(notes))
+
+
+def _is_one_clock(stamps: Floats) -> bool:
+    """Whether numbers in any order are those of one clock: one that begins again meets its own."""
+    steps = np.diff(np.sort(stamps))
+    return bool(steps.min() > 0.5 * np.median(steps))
 
 
 def _before_summer(times: Times, steps: Floats) -> tuple[int, Floats] | None:
