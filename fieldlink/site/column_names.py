@@ -13,7 +13,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["SIGNAL_WORDS", "UMLAUTS", "ColumnGuess", "guess_columns", "quality_columns"]
+__all__ = [
+    "DATE_WORDS",
+    "SIGNAL_WORDS",
+    "UMLAUTS",
+    "ColumnGuess",
+    "guess_columns",
+    "quality_columns",
+]
 
 SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
     "op": (
@@ -36,6 +43,9 @@ SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
     ),
 }
 """By role, the words that name it, the plainest first; words of one group are equally plain."""
+
+DATE_WORDS = frozenset(SIGNAL_WORDS["time"][-1].split())
+"""Headings of a column of dates, beside which another may hold the times of day."""
 
 _QUALIFIERS = frozenset(
     ("average", "avg", "mean", "value", "val", "cv", "raw", "actual", "act", "interpolated")

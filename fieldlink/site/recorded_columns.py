@@ -7,13 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.column_names import guess_columns, quality_columns
+from fieldlink.site.column_names import DATE_WORDS, guess_columns, quality_columns
 from fieldlink.site.csv_file import CsvFile
+from fieldlink.site.dated_cells import is_date
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.number_cells import BAD, parse_numbers
 from fieldlink.site.recorded_table import holds_values
 from fieldlink.site.row_order import OrderedRows, put_in_order
-from fieldlink.site.timestamps import NoClockError, is_date, is_time_of_day, parse_times
+from fieldlink.site.times import NoClockError
+from fieldlink.site.times_of_day import has_hours
+from fieldlink.site.timestamps import parse_times
 
 __all__ = ["RecordedColumns"]
 
@@ -248,8 +251,8 @@ class RecordedColumns:
 
         Args:
             column: its number.
-            is_needed: whether a column without readable times is a problem; else it gets a note, and
-                nothing is returned.
+            is_needed: whether a column without readable times is a problem; otherwise it gets a
+                note, and nothing is returned.
         """
         if column is None:
             return None
@@ -257,7 +260,9 @@ class RecordedColumns:
         cells = self._with_dates(column, [row.cells[column] for row in self._file.rows])
         remedy = "correct it, or give the seconds between rows with --period"
         try:
-            times = parse_times(cells, self._file.number)
+            # Where the comma begins decimals, and a semicolon separates, the day is first.
+            day_first = self._file.separator == ";"
+            times = parse_times(cells, self._file.number, day_first=day_first)
             found = put_in_order(times, [row.cells for row in self._file.rows])
         except NoClockError as error:
             line = None if error.index is None else self._file.rows[error.index].line
@@ -274,16 +279,22 @@ class RecordedColumns:
 
     def _with_dates(self, column: int, cells: list[str]) -> list[str]:
         """Times of day with the dates that another column holds."""
-        if not is_time_of_day(next(filter(None, cells), "")):
+        if not has_hours(next(filter(None, cells), "")):
             return cells
-        for number in range(len(self._file.header)):
+        header = self._file.header
+        for number in range(len(header)):
+            if number == column:
+                continue
             dates = [row.cells[number] for row in self._file.rows]
-            if number != column and all(map(is_date, dates)):
-                header = self._file.header
+            wrong = next((day for day, cell in zip(dates, cells, strict=True)
+                          if cell and not is_date(day)), None)  # fmt: skip
+            if wrong is None:
                 self.notes.append(f"time is {header[number]!r} and {header[column]!r} together")
                 return [
                     f"{day} {cell}" if cell else "" for day, cell in zip(dates, cells, strict=True)
                 ]
+            if header[number].casefold() in DATE_WORDS:
+                self.notes.append(f"{header[number]} is left out: {wrong!r} is not a date")
         return cells
 
     def _report_more(self, column: int, count: int) -> None:

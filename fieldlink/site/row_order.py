@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.timestamps import NoClockError, Times
+from fieldlink.site.times import NoClockError, Times
 
 __all__ = ["OrderedRows", "put_in_order"]
 

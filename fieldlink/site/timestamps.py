@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import pandas as pd
+from fieldlink.site.dated_cells import parse_dates
+from fieldlink.site.times import NoClockError, Times
+from fieldlink.site.times_of_day import is_time_of_day, parse_times_of_day
 
 __all__ = [
-    "NoClockError", "Sampling", "Times", "counts_a_second", "is_date", "is_moment",
-    "is_time_of_day", "parse_times", "sampling_of", "typical_interval",
+    "Sampling", "counts_a_second", "is_moment", "parse_times", "sampling_of", "typical_interval",
 ]  # fmt: skip
 
 _DAY = 86400.0
 _DATED_FROM, _DATED_TO = 946_684_800.0, 4_102_444_800.0
 """Numbers between the years 2000 and 2100, taken as seconds since 1970, are moments."""
-_TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?$")
-_DATE = re.compile(r"^\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}$")
-_WITH_OFFSET = re.compile(r"(Z|UTC|GMT|[+-]\d{2}:?\d{2})$")
-_MILLISECONDS_AFTER_COLON = re.compile(r"(\d:\d{2}:\d{2}):(\d{1,6})$")
 _COUNTS_A_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 """What logs and databases count since 1970."""
 _SPREADSHEET_EPOCH = 25569.0
@@ -37,31 +31,6 @@ _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
 
 Floats = NDArray[np.float64]
-
-
-class NoClockError(ValueError):
-    """A column without a readable time; ``index`` is the row at fault, if one is."""
-
-    def __init__(self, message: str, index: int | None = None) -> None:
-        self.index = index
-        super().__init__(message)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Times:
-    """A time column in seconds.
-
-    Attributes:
-        seconds: one for each cell, NaN for an empty one.
-        origin: seconds since 1970 (UTC) when ``seconds`` is 0, None without a date.
-        is_local: whether the dates name no offset from UTC.
-        note: how the column was read, where that is not plain.
-    """
-
-    seconds: Floats
-    origin: float | None
-    is_local: bool = False
-    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,12 +64,15 @@ def counts_a_second(number: float) -> tuple[str, float] | None:
     return next(((unit, counts) for unit, counts in units if is_moment(number / counts)), None)
 
 
-def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
+def parse_times(
+    cells: Sequence[str], number: Callable[[str], float], *, day_first: bool = False
+) -> Times:
     """Return the seconds of every cell.
 
     Args:
         cells: the column.
         number: turns text into a number or raises ValueError.
+        day_first: see `dated_cells.parse_dates`.
 
     Raises:
         NoClockError: naming the first row that fits no notation of time.
@@ -108,29 +80,16 @@ def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
     filled = [index for index, cell in enumerate(cells) if cell]
     if len(filled) < 2:
         raise NoClockError("holds no times")
-    seconds = np.full(len(cells), np.nan)
     first = cells[filled[0]]
-    note = None
-    is_local = False
+    seconds = np.full(len(cells), np.nan)
     if _is_number(first, number):
         values = np.array([_number_at(cells, index, number) for index in filled])
         seconds[filled], origin, note = _as_seconds(values)
-    elif is_time_of_day(first):
-        seconds[filled], origin = _unwrap([_time_of_day(cells, index) for index in filled]), None
-    else:
-        seconds[filled], origin = _dates(cells, filled)
-        is_local = not _WITH_OFFSET.search(first)
-    return Times(seconds, origin, is_local, note)
-
-
-def is_time_of_day(cell: str) -> bool:
-    """Whether a cell is a time without a date."""
-    return _TIME_OF_DAY.match(cell) is not None
-
-
-def is_date(cell: str) -> bool:
-    """Whether a cell is a date without a time."""
-    return _DATE.match(cell) is not None
+        return Times(seconds, origin, note=note)
+    if is_time_of_day(first):
+        seconds[filled], note = parse_times_of_day(cells, filled)
+        return Times(seconds, None, note=note)
+    return parse_dates(cells, filled, day_first=day_first)
 
 
 def sampling_of(times: Times) -> Sampling:
@@ -209,50 +168,3 @@ def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float])
         return number(cells[index])
     except ValueError as error:
         raise NoClockError(f"{cells[index]!r} is not a number of seconds", index) from error
-
-
-def _time_of_day(cells: Sequence[str], index: int) -> float:
-    cell = cells[index]
-    if not is_time_of_day(cell):
-        raise NoClockError(f"{cell!r} is not a time of day", index)
-    parts = [float(part) for part in cell.replace(",", ".").split(":")]
-    return math.fsum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
-
-
-def _unwrap(times: list[float]) -> Floats:
-    """Times of day go on after midnight."""
-    values = np.array(times)
-    midnights = np.concatenate([[0], np.cumsum(np.diff(values) < -0.5 * _DAY)])
-    unwrapped: Floats = values + _DAY * midnights
-    return unwrapped
-
-
-def _dates(cells: Sequence[str], filled: list[int]) -> tuple[Floats, float]:
-    """ISO 8601 is tried first; of day first and month first the reading of the shorter span counts.
-
-    The wrong one of the two makes months of days or jumps back.
-    """
-    # Here, because only recordings with dates need pandas, and a daemon has none.
-    import pandas as pd
-
-    column = pd.Series([_MILLISECONDS_AFTER_COLON.sub(r"\1.\2", cells[i]) for i in filled])
-    iso = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
-    if iso.notna().all():
-        return _seconds(iso)
-    readings = [
-        pd.to_datetime(column, utc=True, errors="coerce", format="mixed", dayfirst=day_first)
-        for day_first in (False, True)
-    ]
-    complete = [_seconds(stamps) for stamps in readings if stamps.notna().all()]
-    if complete:
-        return min(complete, key=lambda reading: float(np.ptp(reading[0])))
-    best = max((iso, *readings), key=lambda stamps: int(stamps.notna().sum()))
-    wrong = filled[int(np.flatnonzero(best.isna().to_numpy())[0])]
-    raise NoClockError(f"{cells[wrong]!r} is not a date and time", wrong)
-
-
-def _seconds(stamps: pd.Series[pd.Timestamp]) -> tuple[Floats, float]:
-    """Seconds since the first stamp, which keeps their digits, and the first stamp's own."""
-    elapsed = stamps - stamps.iloc[0]
-    seconds = np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)
-    return seconds, stamps.iloc[0].timestamp()
