@@ -13,7 +13,7 @@ from pathlib import Path
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem
-from fieldlink.site.number_cells import plain_number
+from fieldlink.site.number_cells import may_group, plain_number
 
 __all__ = ["CsvFile", "CsvRow", "fit_rows", "parse_rows", "read_csv", "read_text"]
 
@@ -49,10 +49,12 @@ class CsvFile:
         """Return a cell's number; a decimal comma counts when the separator is not the comma.
 
         Raises:
-            ValueError: the cell holds no finite number.
+            ValueError: the cell holds no finite number, or its comma may group digits.
         """
         text = cell
         if self.separator != "," and "," in cell and "." not in cell:
+            if may_group(cell):
+                raise ValueError(cell)
             text = cell.replace(",", ".", 1)
         return plain_number(text)
 

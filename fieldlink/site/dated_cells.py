@@ -1,7 +1,8 @@
 """Dates with times, in the notations of people and programs.
 
-ISO 8601 is tried first. In ``05.11.2026`` the day is first; in ``05/11/2026`` either may be: the wrong
-reading makes months of days or jumps back, and where both are as good a note tells how it was read.
+ISO 8601 is tried first. In ``05.11.2026`` the day is first. In ``05/11/2026`` either may be: the
+wrong reading makes months of days or jumps back, and where both are as good a note tells which was
+taken.
 """
 
 from __future__ import annotations

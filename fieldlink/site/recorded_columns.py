@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from fieldlink.site.column_names import DATE_WORDS, guess_columns, quality_colum
 from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.dated_cells import is_date
 from fieldlink.site.errors import Problem, nearest
-from fieldlink.site.number_cells import BAD, parse_numbers
+from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
 from fieldlink.site.recorded_table import holds_values
 from fieldlink.site.row_order import OrderedRows, put_in_order
 from fieldlink.site.times import NoClockError
@@ -24,8 +24,11 @@ _TAG_WORDS = frozenset({"tag", "tagname", "tag name", "point", "pointname", "var
 _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 """Headings of a table with a row for each value."""
 _GOOD_WORDS = frozenset({"good", "ok", "g", "valid", "true", "normal"})
-_OPC_GOOD = 192.0
-"""Least code of a good value in OPC Data Access; 0 is bad there, and good in OPC UA and here."""
+_OPC_GOOD = 192
+"""Least code of a good value in OPC Data Access, where 0 is bad."""
+_OPC_UA_NOT_GOOD = 1 << 30
+"""Least status code of OPC UA that is not good: its two highest bits of 32 are the severity, and 0
+is good. OPC Data Access has 16 bits."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _MAX_PROBLEMS = 10
@@ -145,7 +148,7 @@ class RecordedColumns:
             return None
         cells = [row.cells[column] for row in self._file.rows]
         name = self._file.header[column]
-        found = parse_numbers(cells, comma_separates=self._file.separator == ",")
+        found = self._parse(cells, column)
         if found.ambiguous is not None:
             self.report(
                 name,
@@ -173,6 +176,17 @@ class RecordedColumns:
                 self.notes.append(f"{name}: {words}: bad samples")
         return found.values
 
+    def _parse(self, cells: Sequence[str], column: int) -> NumberCells:
+        """Cells as numbers, in the notation of the other columns where they do not show theirs."""
+
+        def proven() -> str | None:
+            others = (n for n in range(len(self._file.header)) if n != column)
+            found = {find_decimal_mark(row.cells[n] for row in self._file.rows) for n in others}
+            marks = found - {None}
+            return marks.pop() if len(marks) == 1 else None
+
+        return parse_numbers(cells, comma_separates=self._file.separator == ",", proven=proven)
+
     def drop_bad_quality(self, numbers: Mapping[str, Floats | None], found: Columns) -> None:
         """Make the samples NaN that a column of quality calls bad.
 
@@ -199,14 +213,23 @@ class RecordedColumns:
     def _good(self, column: int) -> NDArray[np.bool_] | None:
         """Whether each row of a column of quality means good; None when that is not known."""
         cells = [row.cells[column].casefold() for row in self._file.rows]
-        filled = {cell for cell in cells if cell}
-        if filled & _GOOD_WORDS:
-            return np.array([cell in _GOOD_WORDS for cell in cells])
+        is_good = {cell: cell in _GOOD_WORDS or cell.startswith("good") for cell in set(cells)}
+        if any(is_good.values()):
+            return np.array([is_good[cell] for cell in cells])
         try:
-            codes = np.array([self._file.number(cell) if cell else 0.0 for cell in cells])
+            codes = {cell: self._code(cell) for cell in is_good if cell}
         except ValueError:
             return None
-        return codes >= _OPC_GOOD if (codes >= _OPC_GOOD).any() else None
+        if any(code >= _OPC_UA_NOT_GOOD for code in codes.values()):
+            return np.array([codes.get(cell, _OPC_UA_NOT_GOOD) < _OPC_UA_NOT_GOOD for cell in cells])
+        if any(code >= _OPC_GOOD for code in codes.values()):
+            return np.array([codes.get(cell, 0) >= _OPC_GOOD for cell in cells])
+        return None
+
+    def _code(self, cell: str) -> int:
+        """A code of quality; one of 32 bits may stand as a negative number."""
+        code = int(cell, 16) if cell.startswith("0x") else int(self._file.number(cell))
+        return code % (1 << 32)
 
     def switch(self, column: int | None, *, is_guessed: bool = False) -> NDArray[np.bool_] | None:
         """Return a column of yes and no; an empty cell is no.
@@ -262,7 +285,9 @@ class RecordedColumns:
         try:
             # Where the comma begins decimals, and a semicolon separates, the day is first.
             day_first = self._file.separator == ";"
-            times = parse_times(cells, self._file.number, day_first=day_first)
+            times = parse_times(
+                cells, lambda numbers: self._parse(numbers, column), day_first=day_first
+            )
             found = put_in_order(times, [row.cells for row in self._file.rows])
         except NoClockError as error:
             line = None if error.index is None else self._file.rows[error.index].line

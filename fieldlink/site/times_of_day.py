@@ -86,6 +86,7 @@ def _go_on(times: list[float], turn: float) -> Floats:
     values = np.array(times)
     steps = np.diff(values)
     forth = np.count_nonzero(steps > 0.0) >= np.count_nonzero(steps < 0.0)
-    turns = np.cumsum(steps < -0.5 * turn) if forth else -np.cumsum(steps > 0.5 * turn)
-    counted: Floats = values + turn * np.concatenate([[0], turns])
+    over = steps < -0.5 * turn if forth else steps > 0.5 * turn
+    turns = np.concatenate([[0], np.cumsum(over)])
+    counted: Floats = values + (turn if forth else -turn) * turns
     return counted

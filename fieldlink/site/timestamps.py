@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.site.dated_cells import parse_dates
+from fieldlink.site.number_cells import NumberCells
 from fieldlink.site.times import NoClockError, Times
 from fieldlink.site.times_of_day import is_time_of_day, parse_times_of_day
 
@@ -65,13 +66,13 @@ def counts_a_second(number: float) -> tuple[str, float] | None:
 
 
 def parse_times(
-    cells: Sequence[str], number: Callable[[str], float], *, day_first: bool = False
+    cells: Sequence[str], numbers: Callable[[Sequence[str]], NumberCells], *, day_first: bool
 ) -> Times:
     """Return the seconds of every cell.
 
     Args:
         cells: the column.
-        number: turns text into a number or raises ValueError.
+        numbers: turns cells into numbers.
         day_first: see `dated_cells.parse_dates`.
 
     Raises:
@@ -82,8 +83,10 @@ def parse_times(
         raise NoClockError("holds no times")
     first = cells[filled[0]]
     seconds = np.full(len(cells), np.nan)
-    if _is_number(first, number):
-        values = np.array([_number_at(cells, index, number) for index in filled])
+    sample = numbers([first])
+    # Behind a number stands a unit, behind the day of a date its month.
+    if not np.isnan(sample.values[0]) and not sample.unit:
+        values = _values(cells, filled, numbers)
         seconds[filled], origin, note = _as_seconds(values)
         return Times(seconds, origin, note=note)
     if is_time_of_day(first):
@@ -155,16 +158,13 @@ def _as_seconds(values: Floats) -> tuple[Floats, float | None, str | None]:
     return values, None, None
 
 
-def _is_number(cell: str, number: Callable[[str], float]) -> bool:
-    try:
-        number(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float]) -> float:
-    try:
-        return number(cells[index])
-    except ValueError as error:
-        raise NoClockError(f"{cells[index]!r} is not a number of seconds", index) from error
+def _values(
+    cells: Sequence[str], filled: Sequence[int], numbers: Callable[[Sequence[str]], NumberCells]
+) -> Floats:
+    found = numbers([cells[index] for index in filled])
+    if found.ambiguous is not None:
+        raise NoClockError(f"{found.ambiguous!r} may be a decimal comma or grouped digits")
+    for index in np.flatnonzero(np.isnan(found.values)).tolist():
+        wrong = filled[index]
+        raise NoClockError(f"{cells[wrong]!r} is not a number of seconds", wrong)
+    return found.values

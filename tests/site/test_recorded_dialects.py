@@ -136,7 +136,22 @@ def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None
     assert any(f"{word!r} in 3 rows" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize(("good", "bad"), [("Good", "Bad"), ("192", "0")])
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        ("Good", "Bad"),
+        ("Good NonSpecific", "Good"[:0]),
+        ("192", "0"),
+        ("216", "24"),
+        ("0xC0", "0x00"),
+        ("0", "2147483648"),  # BadUnexpectedError and others begin with 0x80
+        ("0", "1073741824"),  # Uncertain
+        ("0x00000000", "0x80350000"),  # BadAttributeIdInvalid
+        ("0", "-2147483648"),  # the same 32 bits with a sign
+        ("10420224", "2147483648"),  # 0x009F0000, GoodCallAgain
+        ("0", ""),
+    ],
+)
 def test_a_column_of_quality_leaves_bad_values_out(good: str, bad: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"
     head = "time,FC1.OP,FC1.PV,FC1.PV.Quality"
@@ -144,6 +159,13 @@ def test_a_column_of_quality_leaves_bad_values_out(good: str, bad: str, tmp_path
         lines(head, lambda k: f"{plain(k, 999)},{bad}" if k % 40 == 5 else f"{plain(k)},{good}")
     )
     check(read_recording(path), bad=3)
+
+
+def test_words_that_begin_with_good_are_good(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    words = ["Good", "Good NonSpecific", "Good, annotated"]
+    path.write_text(lines("time,op,pv,quality", lambda k: f'{plain(k)},"{words[k % 3]}"'))
+    check(read_recording(path))
 
 
 def test_matlab_excel_and_parquet(tmp_path: Path) -> None:
