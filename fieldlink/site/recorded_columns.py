@@ -28,7 +28,9 @@ _OPC_GOOD = 192
 """Least code of a good value in OPC Data Access, where 0 is bad."""
 _OPC_UA_NOT_GOOD = 1 << 30
 """Least status code of OPC UA that is not good: its two highest bits of 32 are the severity, and 0
-is good. OPC Data Access has 16 bits."""
+is good."""
+_OPC_UA_FROM = 1 << 16
+"""Least code that only OPC UA has: those of OPC Data Access have 16 bits."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _MAX_PROBLEMS = 10
@@ -220,8 +222,10 @@ class RecordedColumns:
             codes = {cell: self._code(cell) for cell in is_good if cell}
         except ValueError:
             return None
-        if any(code >= _OPC_UA_NOT_GOOD for code in codes.values()):
-            return np.array([codes.get(cell, _OPC_UA_NOT_GOOD) < _OPC_UA_NOT_GOOD for cell in cells])
+        if any(code >= _OPC_UA_FROM for code in codes.values()):
+            return np.array(
+                [codes.get(cell, _OPC_UA_NOT_GOOD) < _OPC_UA_NOT_GOOD for cell in cells]
+            )
         if any(code >= _OPC_GOOD for code in codes.values()):
             return np.array([codes.get(cell, 0) >= _OPC_GOOD for cell in cells])
         return None

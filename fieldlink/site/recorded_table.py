@@ -18,7 +18,7 @@ from pathlib import Path
 
 from fieldlink.site.binary_tables import read_binary_table
 from fieldlink.site.column_names import guess_columns
-from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, parse_rows, read_text
+from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, is_comment, parse_rows, read_text
 from fieldlink.site.errors import Problem, RecordingError
 
 __all__ = ["RecordedTable", "holds_values", "read_recorded_table"]
@@ -98,7 +98,7 @@ def _separated(text: str) -> tuple[str, str]:
     lines = [
         line
         for line in text.split("\n", 3 * _LOOKED_AT)[: 3 * _LOOKED_AT]
-        if line.strip() and not line.lstrip().startswith("#")
+        if line.strip() and not is_comment(line)
     ][:_LOOKED_AT]
     shares = {separator: _agreement([line.count(separator) for line in lines], 1)
               for separator in ";\t|,"}  # fmt: skip

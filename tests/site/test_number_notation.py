@@ -1,4 +1,4 @@
-"""Numbers whose only mark may group digits or begin decimals: the file proves which, or it is refused."""
+"""A mark that may group digits or begin decimals: the file proves which, or it is refused."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def test_another_column_proves_that_digits_are_grouped(
 
 @pytest.mark.parametrize(("mark", "group"), [(";", "."), (";", ","), ("\t", ","), ("\t", ".")])
 def test_digits_that_may_be_grouped_are_refused(mark: str, group: str, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=f"pv: '1{group}000' may be a decimal comma or grouped"):
+    with pytest.raises(
+        RecordingError, match=f"pv: '1{group}000' may be a decimal comma or grouped"
+    ):
         read_recording(write(tmp_path, mark, "40", group))
 
 

@@ -137,10 +137,43 @@ def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
+    "word", ["#N/A", "#NV", "#REF!", "#DIV/0!", "#WERT!", "#\u00a1VALOR!", "#NAME?", "####"]
+)
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_a_row_that_begins_with_an_error_of_a_spreadsheet_is_a_bad_sample(
+    word: str, mark: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(
+        lines(
+            f"# exported\npv{mark}op",
+            lambda k: (
+                f"{word if k % 40 == 5 else PV[k]}{mark}{OP[k]}"
+                + ("\n#N/A is what the export writes, not a row" if k == 9 else "")
+            ),
+        ),
+        "utf-8",
+    )
+    recording = read_recording(path, period=2.0)
+    check(recording, bad=3)
+    assert f"pv: {word!r} in 3 rows: bad samples" in recording.notes
+
+
+@pytest.mark.parametrize("other", ["0", "10682368"])
+def test_codes_of_more_than_16_bits_are_those_of_opc_ua(other: str, tmp_path: Path) -> None:
+    """Below 2^30 all of them are good, 0 too, which is bad in OPC Data Access."""
+    path = tmp_path / "loop.csv"
+    path.write_text(
+        lines("time,op,pv,quality", lambda k: f"{plain(k)},{10682368 if k % 9 else other}")
+    )
+    check(read_recording(path))
+
+
+@pytest.mark.parametrize(
     ("good", "bad"),
     [
         ("Good", "Bad"),
-        ("Good NonSpecific", "Good"[:0]),
+        ("Good NonSpecific", ""),
         ("192", "0"),
         ("216", "24"),
         ("0xC0", "0x00"),
@@ -148,8 +181,7 @@ def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None
         ("0", "1073741824"),  # Uncertain
         ("0x00000000", "0x80350000"),  # BadAttributeIdInvalid
         ("0", "-2147483648"),  # the same 32 bits with a sign
-        ("10420224", "2147483648"),  # 0x009F0000, GoodCallAgain
-        ("0", ""),
+        ("10682368", "2147483648"),  # 0x00A30000: severity 00
     ],
 )
 def test_a_column_of_quality_leaves_bad_values_out(good: str, bad: str, tmp_path: Path) -> None:

@@ -206,7 +206,7 @@ class TableReader:
 
     @cached_property
     def _decimal_mark(self) -> str | None:
-        """What begins decimals where numbers are text: the table's first values tell, or nothing."""
+        """What begins decimals in numbers that are text, by the first values of the table."""
         about = self.description
         names = {"op": about.op, "pv": about.pv, "sp": about.sp, "value": about.value}
         columns = [self.column(name, key) for key, name in names.items() if name is not None]
