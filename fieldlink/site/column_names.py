@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 __all__ = [
     "DATE_WORDS",
+    "PANDAS_INDEX",
     "SIGNAL_WORDS",
     "UMLAUTS",
     "ColumnGuess",
@@ -52,6 +53,9 @@ _QUALIFIERS = frozenset(
 )
 """Words behind a signal's name that say how it was stored: ``OUT.CV``, ``FC101.PV - Average``."""
 _QUALITY_WORDS = frozenset(("quality", "qual", "status", "state", "q", "qualitaet"))
+
+PANDAS_INDEX = "__index_level_0__"
+"""What pandas calls an index without a name in a Parquet file; of moments, it is the time."""
 
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 

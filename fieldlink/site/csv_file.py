@@ -42,13 +42,23 @@ class CsvRow:
 
 @dataclass(frozen=True, slots=True)
 class CsvFile:
-    """A table of text, as many cells in every row as columns in the header."""
+    """A table of text, as many cells in every row as columns in the header.
+
+    Attributes:
+        path: the file.
+        separator: between the cells.
+        header: the columns' names.
+        header_line: 1-based line of the header.
+        rows: below the header.
+        under_header: rows between the header and the first sample, such as units.
+    """
 
     path: Path
     separator: str
     header: tuple[str, ...]
     header_line: int
     rows: tuple[CsvRow, ...]
+    under_header: tuple[CsvRow, ...] = ()
 
     def number(self, cell: str) -> float:
         """Return a cell's number; a decimal comma counts when the separator is not the comma.

@@ -12,11 +12,12 @@ from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.dated_cells import is_date
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
+from fieldlink.site.numbered_times import find_time_unit, is_plausible
 from fieldlink.site.recorded_table import holds_values
-from fieldlink.site.row_order import OrderedRows, put_in_order
+from fieldlink.site.row_order import Rows, put_in_order
 from fieldlink.site.times import NoClockError
-from fieldlink.site.times_of_day import has_hours
-from fieldlink.site.timestamps import parse_times
+from fieldlink.site.times_of_day import has_hours, spell_out_times
+from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
 
 __all__ = ["RecordedColumns"]
 
@@ -273,13 +274,17 @@ class RecordedColumns:
             self._report_more(column, wrong - _MAX_PROBLEMS)
         return values
 
-    def order(self, column: int | None, *, is_needed: bool) -> OrderedRows | None:
-        """Return the rows in the order of a time column.
+    def order(
+        self, column: int | None, *, is_guessed: bool, gives_period: bool
+    ) -> tuple[Rows, Sampling] | None:
+        """Return the rows to use in the order of a time column, and what their times say.
 
         Args:
             column: its number.
-            is_needed: whether a column without readable times is a problem; otherwise it gets a
-                note, and nothing is returned.
+            is_guessed: whether the column may be none of times.
+            gives_period: whether nothing but the times tells the period. Only then, and where the
+                column was not guessed, is it a problem that it holds no readable times; otherwise
+                it gets a note, and nothing is returned.
         """
         if column is None:
             return None
@@ -289,13 +294,24 @@ class RecordedColumns:
         try:
             # Where the comma begins decimals, and a semicolon separates, the day is first.
             day_first = self._file.separator == ";"
+            under = self._file.under_header
+            below = [row.cells[column] for row in under if column < len(row.cells)]
             times = parse_times(
-                cells, lambda numbers: self._parse(numbers, column), day_first=day_first
+                cells,
+                lambda numbers: self._parse(numbers, column),
+                unit=find_time_unit(name, below),
+                day_first=day_first,
             )
             found = put_in_order(times, [row.cells for row in self._file.rows])
+            sampling = sampling_of(found.times)
+            if gives_period and not (times.is_unit_known or is_plausible(sampling.period)):
+                raise NoClockError(
+                    f"the times are {sampling.period:g} s apart if they count seconds; name their "
+                    "unit in the heading, such as time [min]"
+                )
         except NoClockError as error:
             line = None if error.index is None else self._file.rows[error.index].line
-            if not is_needed:
+            if is_guessed or not gives_period:
                 place = "" if line is None else f" in line {line}"
                 self.notes.append(f"{name} is left out: {error}{place}; the rows stay as they are")
                 return None
@@ -304,26 +320,27 @@ class RecordedColumns:
         if times.note is not None:
             self.notes.append(f"{name} {times.note}")
         self.notes.extend(found.notes)
-        return found
+        return found.rows, sampling
 
     def _with_dates(self, column: int, cells: list[str]) -> list[str]:
         """Times of day with the dates that another column holds."""
-        if not has_hours(next(filter(None, cells), "")):
-            return cells
         header = self._file.header
-        for number in range(len(header)):
-            if number == column:
+        spelled = spell_out_times(cells)
+        is_clear = has_hours(next(filter(None, cells), ""))
+        if not is_clear and spelled is None:
+            return cells
+        for number, heading in enumerate(header):
+            # Digits alone, as 120002, are a time only beside what is called a date.
+            if number == column or not (is_clear or heading.casefold() in DATE_WORDS):
                 continue
-            dates = [row.cells[number] for row in self._file.rows]
-            wrong = next((day for day, cell in zip(dates, cells, strict=True)
-                          if cell and not is_date(day)), None)  # fmt: skip
+            days = [row.cells[number] for row in self._file.rows]
+            pairs = list(zip(days, cells if spelled is None else spelled, strict=True))
+            wrong = next((day for day, cell in pairs if cell and not is_date(day)), None)
             if wrong is None:
-                self.notes.append(f"time is {header[number]!r} and {header[column]!r} together")
-                return [
-                    f"{day} {cell}" if cell else "" for day, cell in zip(dates, cells, strict=True)
-                ]
-            if header[number].casefold() in DATE_WORDS:
-                self.notes.append(f"{header[number]} is left out: {wrong!r} is not a date")
+                self.notes.append(f"time is {heading!r} and {header[column]!r} together")
+                return [f"{day} {cell}" if cell else "" for day, cell in pairs]
+            if heading.casefold() in DATE_WORDS:
+                self.notes.append(f"{heading} is left out: {wrong!r} is not a date")
         return cells
 
     def _report_more(self, column: int, count: int) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -70,6 +70,8 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
     header, begin = _find_header(rows, named)
     end = _last_sample(rows, begin)
     file = fit_rows(path, separator, header, rows[begin:end], RecordingError)
+    between = tuple(row for row in rows[:begin] if row.line > header.line)
+    file = replace(file, under_header=between)
     left_out = [
         row.line
         for row in [*rows[:begin], *rows[end:]]

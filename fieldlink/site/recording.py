@@ -24,7 +24,7 @@ from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.recorded_columns import RecordedColumns
 from fieldlink.site.recorded_table import read_recorded_table
-from fieldlink.site.timestamps import Sampling, sampling_of
+from fieldlink.site.timestamps import Sampling
 from fieldlink.spreadsheet import from_cell
 
 __all__ = [
@@ -220,12 +220,13 @@ def _recording_of(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
         )
     else:
-        is_needed = period is None and not columns.is_guessed("time")
-        order = columns.order(found["time"], is_needed=is_needed)
+        order = columns.order(
+            found["time"], is_guessed=columns.is_guessed("time"), gives_period=period is None
+        )
         if order is not None:
-            sampling = sampling_of(order.times)
-            numbers = {role: None if v is None else v[order.rows] for role, v in numbers.items()}
-            switched = None if switched is None else switched[order.rows]
+            rows, sampling = order
+            numbers = {role: None if v is None else v[rows] for role, v in numbers.items()}
+            switched = None if switched is None else switched[rows]
     op_values, pv_values = numbers["op"], numbers["pv"]
     if op_values is not None and pv_values is None and not needs_pv:
         pv_values = np.full(op_values.size, np.nan)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fieldlink.site.times import NoClockError, Times
 
-__all__ = ["OrderedRows", "put_in_order"]
+__all__ = ["OrderedRows", "Rows", "put_in_order"]
 
 _HOUR = 3600.0
 _FEW = 0.05

@@ -27,9 +27,11 @@ class Times:
         origin: seconds since 1970 (UTC) when ``seconds`` is 0, None without a date.
         is_local: whether the dates name no offset from UTC.
         note: how the column was read, where that is not plain.
+        is_unit_known: whether the times are certainly seconds; False for bare numbers.
     """
 
     seconds: NDArray[np.float64]
     origin: float | None
     is_local: bool = False
     note: str | None = None
+    is_unit_known: bool = True

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 
 from fieldlink.site.times import NoClockError
 
-__all__ = ["HALF_OF_DAY", "has_hours", "is_time_of_day", "parse_times_of_day"]
+__all__ = [
+    "HALF_OF_DAY",
+    "has_hours",
+    "is_time_of_day",
+    "parse_times_of_day",
+    "spell_out_times",
+]
 
 _HOUR, _DAY = 3600.0, 86400.0
 HALF_OF_DAY = re.compile(r"\s?([ap])\.?\s?m\.?$", re.IGNORECASE)
@@ -25,6 +31,7 @@ HALF_OF_DAY = re.compile(r"\s?([ap])\.?\s?m\.?$", re.IGNORECASE)
 _CLOCK = re.compile(r"(?:(\d+) days?,? )?(\d{1,4}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?")
 _MINUTES = re.compile(r"(\d{1,4}):(\d{2}[.,]\d+)")
 """What spreadsheets show as mm:ss.0."""
+_DIGITS = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d)")
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +44,19 @@ def is_time_of_day(cell: str) -> bool:
 def has_hours(cell: str) -> bool:
     """Whether a cell is a time without a date that may stand behind one."""
     return _CLOCK.fullmatch(HALF_OF_DAY.sub("", cell)) is not None
+
+
+def spell_out_times(cells: Sequence[str]) -> list[str] | None:
+    """Return times that are digits alone, such as 90002, as 09:00:02; None unless all are.
+
+    A count of seconds soon has two digits that no clock shows.
+    """
+    found = [_DIGITS.fullmatch(cell.zfill(6)) if cell else None for cell in cells]
+    if max(map(len, cells), default=0) < 3 or any(
+        cell and not digits for cell, digits in zip(cells, found, strict=True)
+    ):
+        return None
+    return [":".join(digits.groups()) if digits else "" for digits in found]
 
 
 def parse_times_of_day(cells: Sequence[str], filled: Sequence[int]) -> tuple[Floats, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,23 +12,17 @@ from numpy.typing import NDArray
 
 from fieldlink.site.dated_cells import parse_dates
 from fieldlink.site.number_cells import NumberCells
+from fieldlink.site.numbered_times import TIME_UNITS, to_seconds
 from fieldlink.site.times import NoClockError, Times
 from fieldlink.site.times_of_day import is_time_of_day, parse_times_of_day
 
-__all__ = [
-    "Sampling", "counts_a_second", "is_moment", "parse_times", "sampling_of", "typical_interval",
-]  # fmt: skip
+__all__ = ["Sampling", "parse_times", "sampling_of", "typical_interval"]
 
-_DAY = 86400.0
-_DATED_FROM, _DATED_TO = 946_684_800.0, 4_102_444_800.0
-"""Numbers between the years 2000 and 2100, taken as seconds since 1970, are moments."""
-_COUNTS_A_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-"""What logs and databases count since 1970."""
-_SPREADSHEET_EPOCH = 25569.0
-"""1 January 1970 as a spreadsheet's number of days."""
-_FINE_DAYS = 0.01
-"""Days, a quarter of an hour: times that spread over years and step less are numbers of days. In
-seconds they would be a hundred samples a second, begun ten hours after their zero."""
+_COMPACT = re.compile(
+    r"((?:19|20)\d{2})(0[1-9]|1[0-2])(0[1-9]|[12]\d|3[01])"
+    r"[T ]?([01]\d|2[0-3])([0-5]\d)(?:([0-5]\d)(?:[.,]?(\d{1,6}))?)?"
+)
+"""A date and time without marks between its parts: 20261105120000."""
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
 
@@ -54,25 +49,19 @@ class Sampling:
     longest: float
 
 
-def is_moment(seconds: float) -> bool:
-    """Whether a number of seconds counts from 1970, not from the start of a recording."""
-    return _DATED_FROM <= seconds < _DATED_TO
-
-
-def counts_a_second(number: float) -> tuple[str, float] | None:
-    """Return what a number since 1970 counts, and how many of that a second has; else None."""
-    units = _COUNTS_A_SECOND.items()
-    return next(((unit, counts) for unit, counts in units if is_moment(number / counts)), None)
-
-
 def parse_times(
-    cells: Sequence[str], numbers: Callable[[Sequence[str]], NumberCells], *, day_first: bool
+    cells: Sequence[str],
+    numbers: Callable[[Sequence[str]], NumberCells],
+    *,
+    unit: str | None,
+    day_first: bool,
 ) -> Times:
     """Return the seconds of every cell.
 
     Args:
         cells: the column.
         numbers: turns cells into numbers.
+        unit: what numbers count, see `numbered_times.find_time_unit`.
         day_first: see `dated_cells.parse_dates`.
 
     Raises:
@@ -83,12 +72,17 @@ def parse_times(
         raise NoClockError("holds no times")
     first = cells[filled[0]]
     seconds = np.full(len(cells), np.nan)
+    if _COMPACT.fullmatch(first):
+        return parse_dates([_COMPACT.sub(_spell_out, cell) for cell in cells], filled,
+                           day_first=day_first)  # fmt: skip
     sample = numbers([first])
-    # Behind a number stands a unit, behind the day of a date its month.
-    if not np.isnan(sample.values[0]) and not sample.unit:
-        values = _values(cells, filled, numbers)
-        seconds[filled], origin, note = _as_seconds(values)
-        return Times(seconds, origin, note=note)
+    # Behind a number stands a unit of time, behind the day of a date its month.
+    if not np.isnan(sample.values[0]) and (not sample.unit or sample.unit in TIME_UNITS):
+        unit = sample.unit or unit
+        found = to_seconds(_values(cells, filled, numbers), unit)
+        seconds[filled] = found.seconds
+        is_known = unit is not None or found.note is not None
+        return Times(seconds, found.origin, note=found.note, is_unit_known=is_known)
     if is_time_of_day(first):
         seconds[filled], note = parse_times_of_day(cells, filled)
         return Times(seconds, None, note=note)
@@ -135,7 +129,11 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     if steps.size == 0:
         return math.nan
     median, shortest = float(np.median(steps)), float(steps.min())
-    is_regular = np.count_nonzero(np.abs(steps - median) > _REGULAR * median) <= 0.5 * steps.size
+    others = np.count_nonzero(np.abs(steps - median) > _REGULAR * median)
+    if others == 0:
+        # Over the whole record the digits that stamps lack do not count.
+        return float((seconds[-1] - seconds[0]) / (rows[-1] - rows[0]))
+    is_regular = others <= 0.5 * steps.size
     if is_regular or not shortest > 0.0:
         return median
     multiples = steps / shortest
@@ -145,17 +143,9 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     return shortest if float(np.std(drift)) > median else median
 
 
-def _as_seconds(values: Floats) -> tuple[Floats, float | None, str | None]:
-    """Numbers as seconds, with their origin and how they were read."""
-    if is_moment(values[0]):
-        return values, 0.0, None
-    if (counted := counts_a_second(values[0])) is not None:
-        unit, counts = counted
-        return values / counts, 0.0, f"holds {unit} since 1970"
-    days = (values - _SPREADSHEET_EPOCH) * _DAY
-    if is_moment(days[0]) and is_moment(days[-1]) and abs(np.median(np.diff(values))) < _FINE_DAYS:
-        return np.round(days, 3), 0.0, "holds days, as a spreadsheet counts them"
-    return values, None, None
+def _spell_out(found: re.Match[str]) -> str:
+    year, month, day, hour, minute, second, fraction = found.groups()
+    return f"{year}-{month}-{day} {hour}:{minute}:{second or '00'}.{fraction or '0'}"
 
 
 def _values(

@@ -23,7 +23,7 @@ from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
 from fieldlink.site.errors import nearest
 from fieldlink.site.number_cells import find_decimal_mark, parse_numbers
-from fieldlink.site.timestamps import counts_a_second, is_moment
+from fieldlink.site.numbered_times import counts_a_second, is_moment
 from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
 
 __all__ = ["SqlReader", "TableReader"]
