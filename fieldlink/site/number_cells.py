@@ -21,6 +21,7 @@ __all__ = [
     "BAD",
     "NumberCells",
     "find_decimal_mark",
+    "is_bad_value",
     "may_group",
     "parse_numbers",
     "plain_number",
@@ -108,6 +109,17 @@ class _Notation:
         return plain_number(text)
 
 
+def is_bad_value(cell: str) -> bool:
+    """Whether a cell is a word that historians and spreadsheets write for a bad value, or empty."""
+    folded = cell.casefold()
+    return (
+        folded in BAD
+        or folded in _BAD_STATES
+        or cell.startswith("#")
+        or _PI_ERROR.match(cell) is not None
+    )
+
+
 def find_decimal_mark(cells: Iterable[str]) -> str | None:
     """Return the mark, point or comma, that begins decimals in a column; None if no cell tells."""
     for cell in cells:
@@ -154,10 +166,9 @@ def parse_numbers(
         try:
             values[index] = plain_number(cell)
         except ValueError:
-            folded = cell.casefold()
-            if folded in BAD:
+            if cell.casefold() in BAD:
                 continue
-            if folded in _BAD_STATES or cell.startswith("#") or _PI_ERROR.match(cell):
+            if is_bad_value(cell):
                 bad[cell] += 1
             else:
                 others[index] = cell.translate(_PLAIN)

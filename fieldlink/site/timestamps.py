@@ -23,6 +23,9 @@ _COMPACT = re.compile(
     r"[T ]?([01]\d|2[0-3])([0-5]\d)(?:([0-5]\d)(?:[.,]?(\d{1,6}))?)?"
 )
 """A date and time without marks between its parts: 20261105120000."""
+_MOST_MULTIPLES = 10.0
+"""Samples from row to row, in the middle, above which the shortest interval is no period: of ten
+samples nine would be missing, and nothing could be judged."""
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
 
@@ -118,7 +121,8 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
 
     A historian that keeps a row only when a value changes has intervals of one, two, three samples.
     Rows counted by their median are soon many samples from their time, which they are not where
-    stamps are merely rounded or late.
+    stamps are merely rounded or late. With fine stamps all intervals are multiples of the shortest,
+    which is chance then.
 
     Args:
         seconds: times, not NaN.
@@ -137,7 +141,9 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     if is_regular or not shortest > 0.0:
         return median
     multiples = steps / shortest
-    if np.any(np.abs(multiples - np.rint(multiples)) > _REGULAR):
+    if median > _MOST_MULTIPLES * shortest or np.any(
+        np.abs(multiples - np.rint(multiples)) > _REGULAR
+    ):
         return median
     drift = seconds - np.polyval(np.polyfit(rows, seconds, 1), rows)
     return shortest if float(np.std(drift)) > median else median

@@ -159,6 +159,42 @@ def test_a_row_that_begins_with_an_error_of_a_spreadsheet_is_a_bad_sample(
     assert f"pv: {word!r} in 3 rows: bad samples" in recording.notes
 
 
+@pytest.mark.parametrize("word", ["Bad", "I/O Timeout", "", "#N/A"])
+@pytest.mark.parametrize("head", ["time,op,pv", "time,op,pv\ns,%,m3/h", "Export\ntime,op,pv"])
+@pytest.mark.parametrize("count", [5, 30])
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S", "%d-%b-%y %H:%M:%S", "%I:%M:%S %p"])
+def test_a_record_may_begin_with_bad_rows(
+    word: str, head: str, count: int, form: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "loop.csv"
+
+    def row(k: int) -> str:
+        values = f"{word},{word}" if k < count else f"{OP[k]},{PV[k]}"
+        return f"{stamp(k).strftime(form)},{values}"
+
+    path.write_text(lines(head, row))
+    recording = read_recording(path)
+    assert np.flatnonzero(np.isnan(recording.op)).tolist() == list(range(count))
+    np.testing.assert_allclose(recording.pv[count:], PV[count:])
+
+
+def test_bad_rows_without_a_time_are_bad_samples(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("op,pv", lambda k: "Bad,Bad" if k < 9 else f"{OP[k]},{PV[k]}"))
+    recording = read_recording(path, period=2.0)
+    assert np.flatnonzero(np.isnan(recording.op)).tolist() == list(range(9))
+
+
+@pytest.mark.parametrize("head", ["# time,op,pv", "#time,op,pv", "# of a mill\n# time,op,pv"])
+@pytest.mark.parametrize("mark", [",", ";", " "])
+def test_a_header_may_be_a_comment(head: str, mark: str, tmp_path: Path) -> None:
+    """As numpy.savetxt writes it."""
+    path = tmp_path / "loop.csv"
+    text = lines(head, lambda k: f"{2 * k},{OP[k]},{PV[k]}")
+    path.write_text(text.replace(",", mark))
+    check(read_recording(path))
+
+
 @pytest.mark.parametrize("other", ["0", "10682368"])
 def test_codes_of_more_than_16_bits_are_those_of_opc_ua(other: str, tmp_path: Path) -> None:
     """Below 2^30 all of them are good, 0 too, which is bad in OPC Data Access."""
