@@ -35,6 +35,7 @@ _BELOW_DATA = 5
 _NUMBER = re.compile(
     r"[-+\u2212]?[.,]?\d[\d.,'\u2019\u00a0\u202f ]*(e[-+]?\d+)?\s*%?", re.IGNORECASE
 )
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?")
 _MOMENT = re.compile(
     r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ,].*)?|\d{1,2}:\d{2}([:.,].*)?( ?[AaPp][Mm])?"
     r"|\d{1,2}[-/. ][A-Za-z]{3,9}\.?[-/. ]\d{2,4}([ ,].*)?"
@@ -114,13 +115,22 @@ def _separated(text: str) -> tuple[str, str]:
     ][:_LOOKED_AT]
     shares = {separator: _agreement([line.count(separator) for line in lines], 1)
               for separator in ";\t|,"}  # fmt: skip
+    best = max(shares, key=lambda separator: shares[separator])
+    words = [line.split() for line in lines]
+    if _agreement([len(line) for line in words], 2) >= _AGREEING and (
+        shares[best] == 0.0 or (best == "," and _are_decimal_commas(words))
+    ):
+        return "\t", "\n".join("\t".join(line.split()) for line in text.split("\n"))
     for separator, share in shares.items():
         if share >= _AGREEING:
             return separator, text
-    best = max(shares, key=lambda separator: shares[separator])
-    if shares[best] == 0.0 and _agreement([len(line.split()) for line in lines], 2) >= _AGREEING:
-        return "\t", "\n".join("\t".join(line.split()) for line in text.split("\n"))
     return (best if shares[best] > 0.0 else ","), text
+
+
+def _are_decimal_commas(lines: Sequence[Sequence[str]]) -> bool:
+    """Whether the commas of lines that blanks separate stand within numbers: ``0 40,86 42,56``."""
+    numbers = [line for line in lines if all(map(_DECIMAL_COMMA.fullmatch, line))]
+    return len(numbers) >= _AGREEING * len(lines)
 
 
 def _commented_header(text: str, separator: str, first: CsvRow) -> list[CsvRow]:

@@ -248,3 +248,26 @@ def test_an_index_of_pandas_without_a_name_is_the_time(tmp_path: Path) -> None:
         assert read.period == 2.0
         assert read.op.tolist() == list(range(200))
     assert window.time[0] == recording.start == BEGIN
+
+
+def test_how_a_file_was_read_stays_with_its_windows(tmp_path: Path) -> None:
+    rows = [f"{2000 * k},{k},{-k}" for k in range(200)]
+    (tmp_path / "x.csv").write_text("\n".join(["time_ms,op,pv", *rows[::-1]]))
+    ((_, window),) = windows(place_of(str(tmp_path / "x.csv")), Cut(samples=200))
+    assert window.op.tolist() == list(range(200))
+    assert "time_ms counts ms: taken as seconds" in window.notes
+    assert "the rows are newest first: turned round" in window.notes
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("period", [2.0, 5.0])
+def test_a_given_period_keeps_the_order_of_the_times(
+    period: float, order: int, tmp_path: Path
+) -> None:
+    stamps = np.datetime64(BEGIN, "s") + 2 * np.arange(200)
+    rows = [f"{stamp}Z,{k},{-k}" for k, stamp in enumerate(stamps)]
+    (tmp_path / "x.csv").write_text("\n".join(["time,op,pv", *rows[::order]]))
+    place = place_of(str(tmp_path / "x.csv"))
+    ((_, window),) = windows(place, Cut(samples=200), period=period)
+    assert window.op.tolist() == list(range(200))
+    assert (window.period, window.time[0]) == (period, BEGIN)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from fieldlink.site import Recording, read_recording
+from fieldlink.site import Recording, RecordingError, read_recording
 
 N = 120
 OP = np.round(40.0 + 10.0 * np.sin(np.arange(N) / 9.0), 3)
@@ -193,6 +193,31 @@ def test_a_header_may_be_a_comment(head: str, mark: str, tmp_path: Path) -> None
     text = lines(head, lambda k: f"{2 * k},{OP[k]},{PV[k]}")
     path.write_text(text.replace(",", mark))
     check(read_recording(path))
+
+
+def test_decimal_commas_between_blanks(tmp_path: Path) -> None:
+    path = tmp_path / "loop.txt"
+    path.write_text(lines("time op pv", lambda k: f"{2 * k} {comma(OP[k])} {comma(PV[k])}"))
+    check(read_recording(path))
+
+
+def test_one_column_is_not_two_signals(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("time,op,pv", plain))
+    with pytest.raises(RecordingError, match="pv: is meant as op and pv at once; name another"):
+        read_recording(path, op="pv", pv="PV")
+
+
+def test_durations_in_a_workbook(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["time", "op", "pv"])
+    for k in range(N):
+        book.active.append([timedelta(minutes=20 * k), OP[k], PV[k]])
+        book.active.cell(k + 2, 1).number_format = "[h]:mm:ss"
+    book.save(tmp_path / "loop.xlsx")
+    recording = read_recording(tmp_path / "loop.xlsx")
+    assert (len(recording), recording.period, recording.irregular) == (N, 1200.0, 0)
 
 
 @pytest.mark.parametrize("other", ["0", "10682368"])

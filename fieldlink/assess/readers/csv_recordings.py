@@ -60,4 +60,5 @@ def _series(recording: Recording) -> Series:
         auto=None if recording.auto is None else recording.auto.astype(np.float64),
         period=recording.period,
         dated=start is not None,
+        notes=recording.notes,
     )
