@@ -172,13 +172,14 @@ def parse_numbers(
                 bad[cell] += 1
             else:
                 others[index] = cell.translate(_PLAIN)
-    notation, ambiguous = _notation_of(cells, others, proven, comma_separates=comma_separates)
+    plain = [cells[index] for index in np.flatnonzero(~np.isnan(values)).tolist()]
+    notation, ambiguous = _notation_of(plain, others, proven, comma_separates=comma_separates)
     if ambiguous is not None:
         return NumberCells(values, bad, {}, ambiguous)
     if notation.decimal != ".":
         # What looked like a plain number may have grouped digits: it is read again.
-        plain = {i: c for i, c in enumerate(cells) if "." in c and not np.isnan(values[i])}
-        others = plain | others
+        dotted = {i: c for i, c in enumerate(cells) if "." in c and not np.isnan(values[i])}
+        others = dotted | others
     first: dict[str, int] = {}
     wrong: Counter[int] = Counter()
     for index, text in others.items():
@@ -215,30 +216,31 @@ def plain_number(text: str) -> float:
 
 
 def _notation_of(
-    cells: Sequence[str],
+    plain: Sequence[str],
     others: Mapping[int, str],
     proven: Callable[[], str | None],
     *,
     comma_separates: bool,
 ) -> tuple[_Notation, str | None]:
     """The notation of a column, or a cell that is ambiguous; ``others`` are not plain numbers."""
-    mark = find_decimal_mark(cells)
-    if not others and (mark is not None or not any("." in cell for cell in cells)):
+    mark = find_decimal_mark(others.values()) or find_decimal_mark(plain)
+    if not others and (mark is not None or not any("." in cell for cell in plain)):
         return _Notation(), None
     parts = [found for text in others.values() if (found := _CELL.fullmatch(text))]
     units = {found[2] or "" for found in parts}
     # One odd cell is a mistake, a text behind most numbers is their unit.
-    unit = units.pop() if len(units) == 1 and 2 * len(parts) > len(cells) else ""
-    heads = [found[1] for cell in cells if (found := _CELL.fullmatch(cell.translate(_PLAIN)))]
-    undecided = [head for head in heads if may_group(head)]
+    unit = units.pop() if len(units) == 1 and 2 * len(parts) > len(plain) + len(others) else ""
+    heads = [*plain, *(found[1] for found in parts)]
     if mark is not None:
-        is_grouped = any(
-            ("." in head and "," in head) or max(head.count("."), head.count(",")) > 1
-            for head in heads
-        )
-        against = [head for head in undecided if _OTHER[mark] in head]
-        notation = _Notation(mark, _OTHER[mark], unit)
-        return notation, None if is_grouped or not against else against[0]
+        other = _OTHER[mark]
+        against = next((head for head in heads if other in head and may_group(head)), None)
+        if against is not None and any(
+            mark in head or head.count(other) > 1 for head in heads if other in head
+        ):
+            # Other cells show that digits are grouped.
+            against = None
+        return _Notation(mark, other, unit), against
+    undecided = [head for head in heads if may_group(head)]
     if not undecided:
         return _Notation(unit=unit), None
     marks = {"," if "," in head else "." for head in undecided}
@@ -253,5 +255,5 @@ def _notation_of(
     else:
         # Decimals are printed with the same number of digits in every row: 992 before 1.005 has
         # digits in groups, or it is a mistake.
-        is_open = any(re.fullmatch(r"[-+]?[1-9]\d*", head) for head in heads)
+        is_open = any(re.fullmatch(r"[-+]?\d+", head) for head in heads)
     return _Notation(mark, "", unit), undecided[0] if is_open else None

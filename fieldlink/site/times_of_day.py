@@ -51,6 +51,8 @@ def spell_out_times(cells: Sequence[str]) -> list[str] | None:
 
     A count of seconds soon has two digits that no clock shows.
     """
+    if not next(filter(None, cells), "").isdigit():
+        return None
     found = [_DIGITS.fullmatch(cell.zfill(6)) if cell else None for cell in cells]
     if max(map(len, cells), default=0) < 3 or any(
         cell and not digits for cell, digits in zip(cells, found, strict=True)
