@@ -8,16 +8,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.column_names import DATE_WORDS, guess_columns, quality_columns
+from fieldlink.site.column_names import guess_columns, quality_columns
 from fieldlink.site.csv_file import CsvFile
-from fieldlink.site.dated_cells import is_date
+from fieldlink.site.dates_beside_times import join_dates
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
 from fieldlink.site.numbered_times import find_time_unit, is_plausible
+from fieldlink.site.quality_codes import find_good
 from fieldlink.site.recorded_table import holds_values
 from fieldlink.site.row_order import Rows, put_in_order
 from fieldlink.site.times import NoClockError
-from fieldlink.site.times_of_day import has_hours, spell_out_times
 from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
 
 __all__ = ["RecordedColumns"]
@@ -25,14 +25,6 @@ __all__ = ["RecordedColumns"]
 _TAG_WORDS = frozenset({"tag", "tagname", "tag name", "point", "pointname", "variable", "name"})
 _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 """Headings of a table with a row for each value."""
-_GOOD_WORDS = frozenset({"good", "ok", "g", "valid", "true", "normal"})
-_OPC_GOOD = 192
-"""Least code of a good value in OPC Data Access, where 0 is bad."""
-_OPC_UA_NOT_GOOD = 1 << 30
-"""Least status code of OPC UA that is not good: its two highest bits of 32 are the severity, and 0
-is good."""
-_OPC_UA_FROM = 1 << 16
-"""Least code that only OPC UA has: those of OPC Data Access have 16 bits."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _MAX_PROBLEMS = 10
@@ -206,7 +198,7 @@ class RecordedColumns:
         asked = {role: found.get(role) for role in numbers}
         for number, roles in quality_columns(self._file.header, asked).items():
             name = self._file.header[number]
-            good = self._good(number)
+            good = find_good([row.cells[number] for row in self._file.rows])
             if good is None:
                 self.notes.append(f"{name} is left out: which of its values mean good is not known")
                 continue
@@ -218,29 +210,6 @@ class RecordedColumns:
                     values[~good] = np.nan
             if dropped:
                 self.notes.append(f"{name}: {dropped} rows are not good: bad samples")
-
-    def _good(self, column: int) -> NDArray[np.bool_] | None:
-        """Whether each row of a column of quality means good; None when that is not known."""
-        cells = [row.cells[column].casefold() for row in self._file.rows]
-        is_good = {cell: cell in _GOOD_WORDS or cell.startswith("good") for cell in set(cells)}
-        if any(is_good.values()):
-            return np.array([is_good[cell] for cell in cells])
-        try:
-            codes = {cell: self._code(cell) for cell in is_good if cell}
-        except ValueError:
-            return None
-        if any(code >= _OPC_UA_FROM for code in codes.values()):
-            return np.array(
-                [codes.get(cell, _OPC_UA_NOT_GOOD) < _OPC_UA_NOT_GOOD for cell in cells]
-            )
-        if any(code >= _OPC_GOOD for code in codes.values()):
-            return np.array([codes.get(cell, 0) >= _OPC_GOOD for cell in cells])
-        return None
-
-    def _code(self, cell: str) -> int:
-        """A code of quality; one of 32 bits may stand as a negative number."""
-        code = int(cell, 16) if cell.startswith("0x") else int(self._file.number(cell))
-        return code % (1 << 32)
 
     def switch(self, column: int | None, *, is_guessed: bool = False) -> NDArray[np.bool_] | None:
         """Return a column of yes and no; an empty cell is no.
@@ -295,7 +264,9 @@ class RecordedColumns:
         if column is None:
             return None
         name = self._file.header[column]
-        cells = self._with_dates(column, [row.cells[column] for row in self._file.rows])
+        cells = [row.cells[column] for row in self._file.rows]
+        dated, notes = join_dates(self._file, column, cells)
+        self.notes.extend(notes)
         remedy = "correct it, or give the seconds between rows with --period"
         try:
             # Where the comma begins decimals, and a semicolon separates, the day is first.
@@ -303,7 +274,7 @@ class RecordedColumns:
             under = self._file.under_header
             below = [row.cells[column] for row in under if column < len(row.cells)]
             times = parse_times(
-                cells,
+                dated,
                 lambda numbers: self._parse(numbers, column),
                 unit=find_time_unit(name, below),
                 day_first=day_first,
@@ -327,27 +298,6 @@ class RecordedColumns:
             self.notes.append(f"{name} {times.note}")
         self.notes.extend(found.notes)
         return found.rows, sampling
-
-    def _with_dates(self, column: int, cells: list[str]) -> list[str]:
-        """Times of day with the dates that another column holds."""
-        header = self._file.header
-        spelled = spell_out_times(cells)
-        is_clear = has_hours(next(filter(None, cells), ""))
-        if not is_clear and spelled is None:
-            return cells
-        for number, heading in enumerate(header):
-            # Digits alone, as 120002, are a time only beside what is called a date.
-            if number == column or not (is_clear or heading.casefold() in DATE_WORDS):
-                continue
-            days = [row.cells[number] for row in self._file.rows]
-            pairs = list(zip(days, cells if spelled is None else spelled, strict=True))
-            wrong = next((day for day, cell in pairs if cell and not is_date(day)), None)
-            if wrong is None:
-                self.notes.append(f"time is {heading!r} and {header[column]!r} together")
-                return [f"{day} {cell}" if cell else "" for day, cell in pairs]
-            if heading.casefold() in DATE_WORDS:
-                self.notes.append(f"{heading} is left out: {wrong!r} is not a date")
-        return cells
 
     def _report_more(self, column: int, count: int) -> None:
         name = self._file.header[column]

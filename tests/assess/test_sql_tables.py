@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +67,17 @@ def test_text_with_grouped_digits_is_a_number(tmp_path: Path, cell: str, op: str
     np.testing.assert_allclose(window.pv, [950 + i for i in ROWS])
 
 
-def test_text_that_may_be_grouped_digits_is_refused(tmp_path: Path) -> None:
-    rows = [(i, "A", "86", f"{950 + i:,}") for i in ROWS]
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [(lambda i: f"{950 + i:,}", "1,000"), (lambda i: f"86{',.'[i % 2]}{i % 7}", "86.1")],
+    ids=["grouped", "both notations"],
+)
+def test_text_that_may_be_grouped_digits_is_refused(
+    tmp_path: Path, text: Callable[[int], str], found: str
+) -> None:
+    rows = [(i, "A", "86", text(i)) for i in ROWS]
     table = Table(tmp_path, "ts INTEGER, name TEXT, op TEXT, pv TEXT", rows, MOMENTS)
-    with pytest.raises(ReadingError, match="'1,000', which may be decimals or grouped digits"):
+    with pytest.raises(ReadingError, match=f"{found!r}, which may be decimals or grouped digits"):
         table.windows(table.pieces()[0])
 
 

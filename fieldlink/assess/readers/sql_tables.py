@@ -22,7 +22,7 @@ from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
 from fieldlink.site.errors import nearest
-from fieldlink.site.number_cells import find_decimal_mark, parse_numbers
+from fieldlink.site.number_cells import find_decimal_mark, parse_numbers, plain_number
 from fieldlink.site.numbered_times import counts_a_second, is_moment
 from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
 
@@ -187,10 +187,12 @@ class TableReader:
             comma_separates=False,
             proven=lambda: self._decimal_mark,
         )
-        if parsed.ambiguous is not None:
+        # A word among numbers is a bad value, a number written in another way than the others not.
+        odd = next((texts[n] for n in parsed.wrong if _is_number(texts[n])), parsed.ambiguous)
+        if odd is not None:
             raise ReadingError(
-                f"{self._shown}: table {self.description.table} holds {parsed.ambiguous!r}, which "
-                "may be decimals or grouped digits; give a view with numbers"
+                f"{self._shown}: table {self.description.table} holds {odd!r}, which may be "
+                "decimals or grouped digits; give a view with numbers"
             )
         of_texts = iter(parsed.values.tolist())
         found = np.array(
@@ -259,6 +261,14 @@ class TableReader:
         return kind(
             f"{self._shown} cannot be read: {cause_of(error)}; check the address and the rights"
         )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        plain_number(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _number(value: Any) -> float:
