@@ -77,11 +77,11 @@ class RecordedColumns:
                     f"choose one with --{role} {names[0]!r}",
                     self._file.header_line,
                 )
-        for one, other in combinations(sorted(known.items()), 2):
-            if one[1] == other[1]:
-                names = f"{one[0]} and {other[0]}"
-                remedy = f"name another column with --{one[0]} or --{other[0]}"
-                self.report(header[one[1]], f"is meant as {names} at once", remedy)
+        for one, other in combinations(sorted(known), 2):
+            if known[one] == known[other]:
+                message = f"is meant as {one} and {other} at once"
+                remedy = f"name another column with --{one} or --{other}"
+                self.report(header[known[one]], message, remedy, self._file.header_line)
         missing = [role for role in self._needed if role not in known.keys() | guessed.keys()]
         for role in missing:
             if role not in asked and role not in guess.ambiguous and role not in self._several:

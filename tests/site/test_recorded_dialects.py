@@ -204,7 +204,7 @@ def test_decimal_commas_between_blanks(tmp_path: Path) -> None:
 def test_one_column_is_not_two_signals(tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"
     path.write_text(lines("time,op,pv", plain))
-    with pytest.raises(RecordingError, match="pv: is meant as op and pv at once; name another"):
+    with pytest.raises(RecordingError, match="1: pv: is meant as op and pv at once; name another"):
         read_recording(path, op="pv", pv="PV")
 
 
