@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 __all__ = ["count_on", "leave_out_mixed_hours"]
 
 _HOUR = 3600.0
-_MONTHS = frozenset((3, 4, 9, 10, 11))
-"""Months in which clocks are set, north and south of the equator."""
+_SUNDAYS = {3: (8, 25), 4: (1,), 9: (24,), 10: (1, 25), 11: (1,)}
+"""By month, the day from which on the next Sunday is one on which clocks are set, by the rules in
+force in Europe, North America, Australia and New Zealand."""
 _UNTIL = 4
 """Full hour of a Sunday before which they are set."""
 _MIXED = 0.8
@@ -60,8 +61,9 @@ def count_on(stamps: Floats, origin: float, notes: list[str]) -> Floats:
             )
     for row in long:
         excess = steps[row - 1] - _HOUR
-        at_full_hour = (origin + stamps[row]) % _HOUR < period
-        if is_change(row, excess, is_alone=len(long) == 1 and at_full_hour):
+        # The hour that is not there is a full one of the clock.
+        lacks_hour = (origin + stamps[row]) % _HOUR < excess
+        if lacks_hour and is_change(row, excess, is_alone=len(long) == 1):
             moved[row:] -= _HOUR
             notes.append(
                 f"from row {row + 1} on the local time is an hour more (summer time): taken back"
@@ -102,4 +104,6 @@ def leave_out_mixed_hours(stamps: Floats, origin: float, notes: list[str]) -> tu
 def _is_night_of_change(local: float) -> bool:
     """Whether clocks may be set at a local time, seconds since 1970 as if it were UTC."""
     moment = datetime.fromtimestamp(local, UTC)
-    return moment.weekday() == 6 and moment.hour < _UNTIL and moment.month in _MONTHS
+    if moment.weekday() != 6 or moment.hour >= _UNTIL:
+        return False
+    return any(first <= moment.day < first + 7 for first in _SUNDAYS.get(moment.month, ()))

@@ -77,6 +77,28 @@ def test_rows_that_miss_where_the_clock_is_set_are_bad_samples(
     np.testing.assert_array_equal(filled.pv, expected)
 
 
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [
+        (datetime(2026, 3, 29, 0, 20, tzinfo=UTC), datetime(2026, 3, 29, 1, 40, tzinfo=UTC)),
+        (datetime(2026, 3, 22, 1, 55, tzinfo=UTC), datetime(2026, 3, 22, 3, 15, tzinfo=UTC)),
+    ],
+    ids=["no full hour", "another Sunday"],
+)
+def test_a_logger_that_stood_still_has_a_gap(
+    begin: datetime, end: datetime, tmp_path: Path
+) -> None:
+    """Local time without a change, as in Iceland."""
+    first = datetime(2026, 3, begin.day - 1, 14, tzinfo=UTC)
+    gap = range(
+        int((begin - first).total_seconds()) // 60, int((end - first).total_seconds()) // 60
+    )
+    rows = rows_of(first, 1440, 60, "Atlantic/Reykjavik", without=gap)
+    recording = read_recording(write(tmp_path, rows))
+    assert recording.time is not None
+    assert np.diff(recording.time).max() == 60.0 * (len(gap) + 1)
+
+
 def test_both_changes_of_a_year_are_taken_back(tmp_path: Path) -> None:
     rows = rows_of(SPRING, 62000, 300)
     filled = fill_missing_rows(read_recording(write(tmp_path, rows[::-1])))
