@@ -68,11 +68,6 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
     doubts = []
     if abs(evidence.log_bayes_factor - judging.threshold) < judging.uncertain:
         doubts.append(f"the evidence is within {judging.uncertain:g} of the threshold")
-    if evidence.gain_sign == 0:
-        doubts.append(
-            "OP does not show which way the controller acts, and read backwards a controller is "
-            "like a process"
-        )
     if sticks and evidence.effect < _LEAST_EFFECT:
         doubts.append(
             f"sticking makes {evidence.effect:.2%} of PV's variance, and what no model knows of a "

@@ -25,7 +25,7 @@ from fieldlink.assess.workers.watched import WatchedWorker
 
 __all__ = ["EngineChoice", "Outcome", "Progress", "assess"]
 
-OUTPUTS = ("loops.parquet", "loops.csv", "report.html")
+OUTPUTS = ("loops.parquet", "loops.csv", "notes.csv", "report.html")
 
 BATCH_SECONDS = 3.0
 """Aimed at for a batch: its overhead (milliseconds here, some tens of them on a cluster) is below

@@ -17,7 +17,7 @@ from typing import Any
 
 from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Piece
-from fieldlink.assess.table_row import COLUMNS
+from fieldlink.assess.table_row import COLUMNS, KEPT
 
 __all__ = ["Counts", "RunFile", "Task"]
 
@@ -27,7 +27,7 @@ CREATE TABLE IF NOT EXISTS pieces (
     id INTEGER PRIMARY KEY, piece TEXT NOT NULL, done INTEGER NOT NULL DEFAULT 0
 );
 CREATE TABLE IF NOT EXISTS windows (
-    piece INTEGER NOT NULL, number INTEGER NOT NULL, {", ".join(COLUMNS)},
+    piece INTEGER NOT NULL, number INTEGER NOT NULL, {", ".join(KEPT)},
     PRIMARY KEY (piece, number)
 ) WITHOUT ROWID;
 """
@@ -113,7 +113,7 @@ class RunFile:
     def _add_new_columns(self) -> None:
         """Give the file of a run that an older fieldlink began the columns that it lacks."""
         known = {name for _, name, *_ in self._db.execute("PRAGMA table_info(windows)")}
-        for column in COLUMNS:
+        for column in KEPT:
             if column not in known:
                 self._db.execute(f"ALTER TABLE windows ADD COLUMN {column}")
 
@@ -154,14 +154,14 @@ class RunFile:
 
     def store(self, answers: Sequence[tuple[int, Sequence[Row]]]) -> None:
         """Store the rows of pieces, by number, and that these are done."""
-        values = ", ".join("?" * (2 + len(COLUMNS)))
+        values = ", ".join("?" * (2 + len(KEPT)))
         with self._transaction():
             for number, rows in answers:
                 self._db.execute("UPDATE pieces SET done = 1 WHERE id = ?", [number])
                 self._db.executemany(
                     f"REPLACE INTO windows VALUES ({values})",
                     [
-                        [number, place, *(row[column] for column in COLUMNS)]
+                        [number, place, *(row[column] for column in KEPT)]
                         for place, row in enumerate(rows)
                     ],
                 )
@@ -189,6 +189,15 @@ class RunFile:
         with self._explained():
             for row in self._db.execute(query):
                 yield list(row)
+
+    def notes(self) -> Iterator[tuple[str, str, str]]:
+        """Yield file, loop and how the file was read, where that is not plain."""
+        query = (
+            "SELECT DISTINCT file, loop, notes FROM windows WHERE notes IS NOT NULL "
+            "ORDER BY file, loop"
+        )
+        with self._explained():
+            yield from self._db.execute(query)
 
     def ranked_loops(self, most: int) -> list[Row]:
         """Return the first loops of the ranking with their counts."""

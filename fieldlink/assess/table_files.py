@@ -1,4 +1,4 @@
-"""``loops.csv`` and ``loops.parquet``: the ranked rows, written a part at a time."""
+"""``loops.csv`` and ``loops.parquet``: the ranked rows, a part at a time; and ``notes.csv``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ def require_parquet() -> None:
 
 
 def write_tables(run_file: RunFile, out: Path) -> None:
-    """Write both tables; the run file is ranked. A file is there as a whole or not at all.
+    """Write both tables, and how files were read; the run file is ranked.
+
+    A file is there as a whole or not at all. ``notes.csv`` has a row a loop (file, loop, notes)
+    whose file was not plain to read.
 
     Raises:
         AssessError: a file cannot be written.
@@ -44,7 +47,7 @@ def write_tables(run_file: RunFile, out: Path) -> None:
     import pyarrow.parquet as pq
 
     schema = pa.schema([(name, _type(name, pa)) for name in COLUMNS])
-    targets = [out / "loops.csv", out / "loops.parquet"]
+    targets = [out / "loops.csv", out / "loops.parquet", out / "notes.csv"]
     parts = [target.with_name(target.name + ".part") for target in targets]
     try:
         with (
@@ -61,6 +64,10 @@ def write_tables(run_file: RunFile, out: Path) -> None:
                     for column, field in zip(columns, schema, strict=True)
                 ]
                 parquet.write_batch(pa.record_batch(arrays, schema=schema))
+        with parts[2].open("w", newline="", encoding="utf-8") as stream:
+            sheet = csv.writer(stream)
+            sheet.writerow(("file", "loop", "notes"))
+            sheet.writerows([_cell(value) for value in row] for row in run_file.notes())
         for part, target in zip(parts, targets, strict=True):
             part.replace(target)
     except OSError as error:

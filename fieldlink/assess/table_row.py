@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from fieldlink.assess.job import Judging
     from fieldlink.assess.series import Series
 
-__all__ = ["COLUMNS", "NUMBERS", "error_row", "judge_window", "moment_text"]
+__all__ = ["COLUMNS", "KEPT", "NUMBERS", "error_row", "judge_window", "moment_text"]
 
 COLUMNS = (
     "file",
@@ -29,9 +29,11 @@ COLUMNS = (
     "action",
     "seconds",
     "error",
-    "notes",
 )
 """A contract with everyone who reads the table."""
+
+KEPT = (*COLUMNS, "notes")
+"""What a run keeps of a window: the table, and how the file was read."""
 
 NUMBERS = frozenset(
     ("period_s", "score", "stick_band", "stick_band_low", "stick_band_high", "slip_jump", "seconds")
@@ -83,7 +85,7 @@ def judge_window(file: str, loop: str, window: Series, judging: Judging) -> Row:
 
 def error_row(file: str, loop: str, start: str, message: str) -> Row:
     """Return the row of what could not be judged; the message names neither file nor loop."""
-    row: Row = dict.fromkeys(COLUMNS)
+    row: Row = dict.fromkeys(KEPT)
     row.update(file=file, loop=loop, start=start, error=message)
     return row
 

@@ -138,6 +138,7 @@ def _print(outcome: Outcome, out: Path) -> None:
         found += f"; {outcome.judged} judged in {outcome.seconds:.0f} s"
     typer.echo(f"{out}: {found}")
     typer.echo("  loops.csv, loops.parquet: the ranked table; report.html: the same to read")
+    typer.echo("  notes.csv: how files were read, where that is not plain")
 
 
 class _Shown:

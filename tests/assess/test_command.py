@@ -22,7 +22,7 @@ from tests.cli.typed import run_typed
 
 CONTRACT = (
     "file,loop,start,samples,period_s,verdict,score,stick_band,stick_band_low,"
-    "stick_band_high,slip_jump,cause,action,seconds,error,notes"
+    "stick_band_high,slip_jump,cause,action,seconds,error"
 )
 KILLED = """
 import os, signal, sys
@@ -133,9 +133,24 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(
     assert words in " ".join(done.stderr.replace("│", " ").split())
 
 
+def test_how_a_file_was_read_stands_beside_the_table(tmp_path: Path, sticky) -> None:
+    with (tmp_path / "newest.csv").open("w") as stream:
+        stream.write("time,op,pv\n")
+        for k in reversed(range(400)):
+            stream.write(f"{1.79e9 + 2 * k:.0f},{float(sticky.op[k])!r},{float(sticky.pv[k])!r}\n")
+    out = tmp_path / "out"
+    done = run_typed(tmp_path, "assess", "newest.csv", "--out", out, "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    assert table(out)[0]["verdict"] == "stiction"
+    with (out / "notes.csv").open(newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert list(row) == ["file", "loop", "notes"]
+    assert "newest first: turned round" in row["notes"]
+
+
 def test_a_run_of_an_older_release_gets_the_columns_it_lacks(tmp_path: Path) -> None:
     file = tmp_path / "run.sqlite"
-    columns = ", ".join(CONTRACT.split(",")[:-1])
+    columns = ", ".join(CONTRACT.split(","))
     with closing(sqlite3.connect(file)) as database:
         database.execute(
             f"CREATE TABLE windows (piece INTEGER NOT NULL, number INTEGER NOT NULL, {columns}, "

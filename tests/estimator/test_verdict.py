@@ -146,19 +146,9 @@ def test_evidence_in_one_part_of_the_window_is_not_called() -> None:
     assert codes == [ReasonCode.EVIDENCE_IN_ONE_PART, ReasonCode.UNCERTAIN]
 
 
-@pytest.mark.parametrize(
-    ("changes", "word"),
-    [
-        ({"effect": 0.0004}, "0.04% of PV's variance"),
-        ({"gain_sign": 0}, "which way the controller acts"),
-        ({"gain_sign": 0, "log_bayes_factor": -40.0}, "which way the controller acts"),
-    ],
-)
-def test_what_clear_evidence_may_rest_on_makes_it_uncertain(
-    changes: dict[str, float], word: str
-) -> None:
-    found = judge(replace(CLEAR, **changes), Fit(0.95, 0.8), SETTINGS)
+def test_sticking_that_makes_little_of_pv_is_not_called_with_certainty() -> None:
+    found = judge(replace(CLEAR, effect=0.0004), Fit(0.95, 0.8), SETTINGS)
+    assert found.verdict is Verdict.STICTION
     assert found.uncertain
-    assert word in str(found.reasons[-1])
-    certain = changes | {"effect": 0.5, "gain_sign": 1}
-    assert (found.verdict, False) == (_judge(**certain)[0], _judge(**certain)[2])
+    assert "0.04% of PV's variance" in str(found.reasons[-1])
+    assert not _judge(effect=0.02)[2]
