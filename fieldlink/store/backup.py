@@ -15,6 +15,7 @@ from pathlib import Path
 from fieldlink.file_at import why_no_file
 from fieldlink.store.database import FILE_MODE, file_of, shown
 from fieldlink.store.errors import StoreError
+from fieldlink.unfinished_file import remove_unfinished
 
 __all__ = ["Backup", "back_up"]
 
@@ -60,7 +61,7 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
             "sqlite3's integrity_check whether the historian is damaged"
         ) from error
     finally:
-        part.unlink(missing_ok=True)
+        remove_unfinished(part)
     return Backup(target, target.stat().st_size, samples)
 
 

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from fieldlink.unfinished_file import remove_unfinished
 from fieldlink.worklist.document import WorkDocument
 from fieldlink.worklist.errors import ReportError
 
@@ -98,7 +99,7 @@ def write_report(document: WorkDocument, path: Path, kind: str) -> None:
         part.replace(path)
     except OSError as error:
         if part is not None:
-            part.unlink(missing_ok=True)
+            remove_unfinished(part)
         raise ReportError(
             f"{path}: the report cannot be written: {error.strerror or error}; name a file in a "
             "folder that exists and may be written"

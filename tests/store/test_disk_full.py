@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -30,19 +28,6 @@ OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
 
 def sample(slot: int) -> SampleRecord:
     return SampleRecord("FC101", 1_795_262_400_000 + 1000 * slot, slot, 1.0, 2.0, None, None, 0)
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of one megabyte."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "none", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("a file system of one megabyte can be mounted by root only")
-    yield folder
-    # Lazily: an error that a test has kept may hold a file open until it is forgotten.
-    subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def fill_up(ballast: Path) -> None:
