@@ -130,7 +130,8 @@ def export(
         ) from error
     except OSError as error:
         raise StoreError(
-            f"{target} cannot be written: {error.strerror or error}; check the folder and the free space"
+            f"{target} cannot be written: {error.strerror or error}; "
+            "check the folder and the free space"
         ) from error
     finally:
         engine.dispose()

@@ -55,11 +55,16 @@ def format_of(path: Path | None, wanted: str | None) -> str:
     """Return the format that is wanted, or that of the file's ending; HTML where neither names one.
 
     Raises:
-        ReportError: an unknown ending.
+        ReportError: an unknown ending, or that of another format than is wanted.
     """
-    if wanted is not None:
-        return wanted
     ending = "" if path is None else path.suffix.lower().removeprefix(".")
+    if wanted is not None:
+        if ending in FORMATS and ending != wanted:
+            raise ReportError(
+                f"{path}: --format {wanted} does not fit a file that ends in .{ending}; leave "
+                f"--format out, or end the name in .{wanted}"
+            )
+        return wanted
     if ending in FORMATS:
         return ending
     if ending:
