@@ -69,8 +69,8 @@ def report(
 ) -> None:
     """Write the work list: what is wrong, what to do, by whom, and the evidence for each loop.
 
-    CSV goes to the screen unless --out names a file (- is the screen). After an interruption the same command goes on
-    with the recordings that are left.
+    CSV goes to the screen unless --out names a file (- is the screen). After an interruption the
+    same command goes on with the recordings that are left.
     """
     from fieldlink.worklist import (
         AUDIENCES,
