@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from fieldlink.registers import Apart, ReadRequest, Table, find_apart
 from fieldlink.site.checked_site import Site
+from fieldlink.site.copied_loops import find_copies
 from fieldlink.site.models import Loop
 
 __all__ = ["find_apart_tags", "find_warnings"]
@@ -29,6 +30,7 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
     yield from _line_warnings(site, requests)
     for name, loop in site.loops.items():
         yield from _loop_warnings(name, loop)
+    yield from find_copies(site)
 
 
 def find_apart_tags(
