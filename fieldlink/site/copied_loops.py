@@ -43,7 +43,9 @@ def _roles(name: str, loop: Loop, tags: Mapping[str, Tag]) -> Iterator[str]:
         if tag is None:
             continue
         if tag in taken:
-            yield f"loop {name}: {role} is {tag}, its {taken[tag]} too: correct {role}, or remove it"
+            yield (
+                f"loop {name}: {role} is {tag}, its {taken[tag]} too: correct {role}, or remove it"
+            )
         elif role == "scan" and _holds_a_float(tags.get(tag)):
             yield (
                 f"loop {name}: scan is {tag}, a {tags[tag].data_type}: a counter of the PLC's "
