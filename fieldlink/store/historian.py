@@ -184,13 +184,14 @@ class Historian:
 
     def _write(self, batch: Sequence[Record]) -> None:
         """Write a batch, however long that takes."""
-        failed = False
+        failure: EventRecord | None = None
         while True:
             try:
                 if self._database.is_lost():
                     self._sweep = None
                     self._database.find_again()
-                written = insert_batch(self._database.engine, batch, self._database.claim)
+                rows = [*batch, *_outage(failure)]
+                written = insert_batch(self._database.engine, rows, self._database.claim)
                 if self._database.is_lost():
                     # It went into a file that has no name any more.
                     continue
@@ -198,8 +199,7 @@ class Historian:
                 if isinstance(error, StoreMismatchError) and self._is_beyond_patience():
                     self._refuse(batch, str(error), failing=True)
                     break
-                self._note_failure(str(error), first=not failed)
-                failed = True
+                failure = self._note_failure(str(error), failure)
                 if self._give_up(batch):
                     break
                 continue
@@ -210,8 +210,7 @@ class Historian:
                     # Not the database but a record is wrong: the others must not suffer.
                     self._write_singly(batch, cause_of(error))
                     break
-                self._note_failure(cause_of(error), first=not failed)
-                failed = True
+                failure = self._note_failure(cause_of(error), failure)
                 if self._give_up(batch):
                     break
                 continue
@@ -221,7 +220,7 @@ class Historian:
             self._mismatch_since = None
             self._counts.succeed(written)
             self._records.settle(batch, stored=True)
-            if failed:
+            if failure is not None:
                 _log.info("store.writable_again", retries=self._counts.retries)
             break
         self._counts.hold(0)
@@ -280,21 +279,33 @@ class Historian:
         except SQLAlchemyError as error:
             # The next sweep begins where this one ended.
             self._sweep = None
-            self._note_failure(cause_of(error), first=True)
+            self._note_failure(cause_of(error), None)
             if is_corruption(error):
                 self._replace(error)
                 return
             self._counts.recover()
         except Exception as error:  # noqa: BLE001  (logged; samples go on being stored)
             self._sweep = None
-            self._note_failure(" ".join(str(error).split()), first=True)
+            self._note_failure(" ".join(str(error).split()), None)
             self._counts.recover()
 
     def _replace(self, error: SQLAlchemyError) -> bool:
         self._sweep = None
         return self._database.replace(cause_of(error))
 
-    def _note_failure(self, cause: str, *, first: bool) -> None:
+    def _note_failure(self, cause: str, before: EventRecord | None) -> EventRecord:
+        """Count a failure; return the event of the first one in a row, to be stored later."""
         self._counts.retry(cause)
-        if first:
-            _log.error("store.cannot_write", error=cause, waiting=len(self._records))
+        if before is not None:
+            return before
+        _log.error("store.cannot_write", error=cause, waiting=len(self._records))
+        return EventRecord(now_ms(), "store.cannot_write", "store", cause)
+
+
+def _outage(failure: EventRecord | None) -> list[Record]:
+    """Return the events of an outage that is over with the transaction that stores them."""
+    if failure is None:
+        return []
+    now = now_ms()
+    message = f"records waited for {max(0.0, (now - failure.utc_ms) / 1000.0):.1f} s"
+    return [failure, EventRecord(now, "store.writable_again", "store", message)]

@@ -77,7 +77,11 @@ def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:
     assert report.dropped >= 1
     assert read_samples(url)["slot"].iloc[-1] == slot
     assert len(read_samples(url)) == slot + 1 - report.dropped
-    assert "store.lost" in read_events(url)["kind"].tolist()
+    events = read_events(url).set_index("kind")["message"]
+    assert "store.lost" in events.index
+    # The outage has its begin and its end there, once each.
+    assert "full" in events["store.cannot_write"]
+    assert "records waited for" in events["store.writable_again"]
 
 
 def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
@@ -115,5 +119,6 @@ def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
         out, _ = process.communicate("\n", timeout=300)
     lines = out.splitlines()
     assert "full" in out
-    assert lines[-1] == "20001 0 False"
+    # The samples, the start, and the outage with its end.
+    assert lines[-1] == "20003 0 False"
     assert len(read_samples(url)) == 20_000
