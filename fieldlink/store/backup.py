@@ -15,6 +15,7 @@ from pathlib import Path
 from fieldlink.file_at import why_no_file
 from fieldlink.store.database import FILE_MODE, file_of, shown
 from fieldlink.store.errors import StoreError
+from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.unfinished_file import remove_unfinished
 
 __all__ = ["Backup", "back_up"]
@@ -66,7 +67,9 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
 
 
 def _copy(source: Path, part: Path) -> int:
-    address = f"{source.absolute().as_uri()}?mode=ro"
+    refuse_hidden_rows(source)
+    alone = "&immutable=1" if is_read_alone(source) else ""
+    address = f"{source.absolute().as_uri()}?mode=ro{alone}"
     with (
         closing(sqlite3.connect(address, uri=True, timeout=30.0)) as original,
         closing(sqlite3.connect(part)) as copy,

@@ -18,6 +18,7 @@ from fieldlink.store.database_identity import (
     refuse_unreadable_file,
 )
 from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
 from fieldlink.store.writers import Claim
@@ -74,7 +75,7 @@ def open_for_reading(url: str) -> Engine:
 
     Raises:
         StoreMismatchError: it was made by a release whose tables this one does not read.
-        StoreError: there is no such file, or the address is wrong.
+        StoreError: there is no such file, its rows cannot all be read, or the address is wrong.
     """
     address = _address(url)
     file = file_of(url)
@@ -83,7 +84,12 @@ def open_for_reading(url: str) -> Engine:
             f"there is no historian at {file} ({why}); run the daemon first, or check data_dir"
         )
     if file is not None:
+        refuse_hidden_rows(file)
         refuse_unreadable_file(file)
+        if is_read_alone(file):
+            address = address.set(
+                database=file.absolute().as_uri(), query={"immutable": "1", "uri": "true"}
+            )
     return _engine(address, busy_timeout=5.0)
 
 
