@@ -177,7 +177,8 @@ class Daemon:
         journal = self._runner.journal
         self._since = self._clock.utc()
         begun = journal.event_record("daemon.start", "daemon", self._site.name)
-        writer = Writer(self._data_dir, identity, frozenset(self._site.loops), begun.utc_ms)
+        loops = frozenset(self._site.loops)
+        writer = Writer(self._data_dir.absolute(), identity, loops, begun.utc_ms)
         # It may wait for a writer before it that ended without a word.
         await asyncio.to_thread(self._historian.start, begun, writer)
         try:

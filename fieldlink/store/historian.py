@@ -102,7 +102,8 @@ class Historian:
                 if error.alive:
                     raise
                 if not waiting:
-                    _log.warning("store.waiting_for_writer", error=str(error))
+                    seconds = self._settings.expires
+                    _log.warning("store.waiting_for_writer", seconds=seconds, error=str(error))
                 waiting = True
                 time.sleep(LOOK * self._settings.expires)
             else:

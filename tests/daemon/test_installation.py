@@ -67,7 +67,7 @@ async def test_a_second_daemon_on_a_historian_is_refused(device: Any, tmp_path: 
         await until(lambda: daemon.status().loops["PLC"].counts.read >= 5, "samples")
         with pytest.raises(StoreError, match="gets loop PLC from another daemon") as refused:
             await Daemon(other, store=STORE, pool=POOL).run(duration=1.0)
-        assert f"data_dir {site.data_dir}" in str(refused.value)
+        assert f"data_dir {site.data_dir.absolute()}" in str(refused.value)
     events = read_events(site.historian_url)["kind"].tolist()
     assert events.count("daemon.start") == 1
 
