@@ -44,7 +44,7 @@ def _lacks_index(file: Path) -> bool:
         with file.open("rb") as stream:
             return stream.read(_VERSIONS.stop)[_VERSIONS] == b"\2\2"
     except OSError:
-        # Whoever opens it next says why it cannot be read.
+        # The reader says why it cannot be opened.
         return False
 
 

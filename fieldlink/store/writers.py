@@ -119,7 +119,7 @@ class Claim:
         self._renewed = time.monotonic()
 
     def release(self, connection: Connection) -> None:
-        """Take the row away: nobody has to wait for its end."""
+        """Take the row away, so that the next writer need not wait for its end."""
         connection.execute(delete(WRITERS).where(WRITERS.c.session == self._session))
         self._written = None
 
