@@ -6,6 +6,7 @@ the newest part and says so on its page; ``assess`` judges all of it, window aft
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ def refuse_too_long(name: str, samples: int, rows: slice) -> None:
     raise TooLongError(
         f"{name}: {samples} samples are too many for one window (at most {LONGEST_WINDOW}); name "
         f"rows with --window, for the newest --window {rows.stop - fitting}:{rows.stop}, or judge "
-        f"all of it window by window: fieldlink assess {name} --out FOLDER"
+        f"all of it window by window: fieldlink assess {shlex.quote(name)} --out FOLDER"
     )
 
 

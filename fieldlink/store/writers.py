@@ -150,9 +150,10 @@ class Claim:
 
     def _refusal(self, other: RowMapping, shared: list[str]) -> str:
         since = datetime.fromtimestamp(other["since_ms"] / 1000.0, UTC)
+        what = "loop" if len(shared) == 1 else "loops"
         loops = ", ".join(shared[:NAMED]) + (", ..." if len(shared) > NAMED else "")
         return (
-            f"the historian {self._where} gets loop{'s'[: len(shared) > 1]} {loops} from another "
+            f"the historian {self._where} gets {what} {loops} from another "
             f"daemon since {since:%Y-%m-%d %H:%M} UTC (host {other['host']}, process "
             f"{other['process']}, data_dir {other['data_dir']}); stop that daemon, or give one of "
             "the two a historian of its own (historian.url)"
