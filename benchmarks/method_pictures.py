@@ -20,7 +20,8 @@ import numpy as np
 from benchmarks.examples import EXAMPLES, example_window
 from benchmarks.valve_course import course_of, plot_course
 from estimator import identify
-from estimator.evidence.sign import controller_action
+from estimator.controller.reading import read_aligned
+from estimator.evidence.sign import gain_sign
 from estimator.evidence.weighing import weigh
 from estimator.hypotheses.hypothesis import Case
 from estimator.intervals.posterior import Posterior, sample_posterior
@@ -72,7 +73,8 @@ def _posterior(constant: bool) -> tuple[Posterior, float]:
     """What a window of Example 2 says, and the span of OP that its shares are of."""
     recorded = example_window(EXAMPLES[1], _SEED, constant=constant)
     window = harmonise(recorded.op, recorded.pv, None, None, 1.0, SETTINGS.screening)
-    sign = float(np.sign(controller_action(recorded.op, recorded.pv, None)))
+    exact = read_aligned(recorded.op, recorded.pv, None).controller
+    sign = gain_sign(recorded.op, recorded.pv, None, exact, SETTINGS.modelling)
     case = Case(rows_of(window, sign, SETTINGS.modelling), SETTINGS)
     return sample_posterior(case, weigh(case).laws), window.op_span
 

@@ -5,7 +5,6 @@ Prepare the rows, weigh the healthy against the sticky valve, judge, estimate, r
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
 
@@ -13,11 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.averaging import average, block_of, with_every_sample
+from estimator.cleaning import Cleaned, as_recorded, clean, screen_faults
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
 from estimator.evidence.records import informed_share
-from estimator.evidence.sign import controller_action
+from estimator.evidence.sign import gain_sign
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
 from estimator.evidence.weighing import Weighing, weigh
@@ -30,7 +30,7 @@ from estimator.result import Evidence, Fit, Identification
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS, Settings
 from estimator.surface import cost_surface
-from estimator.window import Window, harmonise, screen
+from estimator.window import Window, harmonise, screen, signal_of
 
 __all__ = ["METHODS", "identify", "warm_up"]
 
@@ -88,17 +88,28 @@ def identify(
     if not 0.5 <= confidence <= 0.999:
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
     window = harmonise(op, pv, sp, auto, period, settings.screening)
-    informed = informed_share(np.asarray(pv, dtype=np.float64))
+    given, measured = signal_of("op", op), signal_of("pv", pv)
+    setpoint = None if sp is None else signal_of("sp", sp)
+    informed = informed_share(measured)
     reasons = screen(window, informed, settings.screening)
+    # the methods of the paper take every sample, as it is
+    cleaned = Cleaned(measured, np.zeros(window.size, dtype=np.bool_), 0, None)
+    if not reasons and method == "search":
+        cleaned = clean(given, measured, setpoint, settings.screening)
+        window = harmonise(op, cleaned.pv, sp, auto, period, settings.screening)
+        reasons = screen_faults(window, cleaned.faults, settings.screening)
     if reasons:
         result = unassessed(window, reasons, criterion, confidence)
     else:
-        setpoint = None if sp is None else np.asarray(sp, dtype=np.float64)
-        action = controller_action(
-            np.asarray(op, dtype=np.float64), np.asarray(pv, dtype=np.float64), setpoint
-        )
-        request = Request(criterion, confidence, method, surface, action, informed)
+        sign = gain_sign(given, cleaned.pv, setpoint, cleaned.controller, settings.modelling)
+        request = Request(criterion, confidence, method, surface, sign, informed)
         result = _assess(window, request, settings)
+        result = replace(
+            result,
+            reasons=(*result.reasons, *cleaned.tell()),
+            identifiability=(*result.identifiability, *cleaned.tell_late()),
+            pv_model=as_recorded(result.pv_model, cleaned.late),
+        )
     return replace(result, seconds=time.perf_counter() - begun)
 
 
@@ -117,8 +128,7 @@ def _assess(whole: Window, request: Request, settings: Settings) -> Identificati
     window = whole if block == 1 else average(whole, block)
     criterion = CRITERIA[request.criterion]
     modelling = criterion.modelling(settings.modelling)
-    sign = math.copysign(1.0, request.action) if abs(request.action) > modelling.action_t else 0.0
-    rows = rows_of(window, sign, modelling, request.informed)
+    rows = rows_of(window, request.sign, modelling, request.informed)
     case = Case(rows, replace(settings, modelling=modelling))
     weighing = weigh(case)
     if weighing.sticky is None:

@@ -33,6 +33,7 @@ class ReasonCode(StrEnum):
     OP_AT_LIMIT = "op_at_limit"
     OP_HARDLY_MOVES = "op_hardly_moves"
     PV_FROZEN = "pv_frozen"
+    PV_FAULTS = "pv_faults"
     PV_AT_LIMIT = "pv_at_limit"
     NO_MODEL_EXPLAINS_PV = "no_model_explains_pv"
     TOO_FEW_MOVES = "too_few_moves"
@@ -61,6 +62,7 @@ _ADVICE = {
     ReasonCode.OP_AT_LIMIT: "Record while OP is inside its range.",
     ReasonCode.OP_HARDLY_MOVES: "Record a longer window or one with a set-point change.",
     ReasonCode.PV_FROZEN: "Check the transmitter and the recording of PV.",
+    ReasonCode.PV_FAULTS: "Check the transmitter, its wiring and the recording of PV.",
     ReasonCode.PV_AT_LIMIT: "Record while PV is inside the transmitter's range.",
     ReasonCode.NO_MODEL_EXPLAINS_PV: (
         "PV does not follow OP in this window: look for disturbances, or record with small steps."

@@ -12,7 +12,7 @@ from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.settings import Screening
 
-__all__ = ["Window", "carry_on", "harmonise", "screen"]
+__all__ = ["Window", "bridge", "carry_on", "harmonise", "period_of", "screen", "signal_of"]
 
 _TINY = 1e-9
 """Span or deviation, as a share of the value, that is rounding."""
@@ -61,10 +61,10 @@ def harmonise(
         EstimatorError: not one-dimensional numbers, different lengths, no usable sample, a period
             that is not positive.
     """
-    op_raw, pv_raw = _signal("op", op), _signal("pv", pv)
+    op_raw, pv_raw = signal_of("op", op), signal_of("pv", pv)
     length = op_raw.size
     optional = [(name, s) for name, s in (("sp", sp), ("auto", auto)) if s is not None]
-    for name, signal in [("pv", pv_raw), *((name, _signal(name, s)) for name, s in optional)]:
+    for name, signal in [("pv", pv_raw), *((name, signal_of(name, s)) for name, s in optional)]:
         if signal.size != length:
             raise EstimatorError(
                 f"op has {length} samples and {name} has {signal.size}: "
@@ -74,11 +74,10 @@ def harmonise(
         raise EstimatorError(
             f"a window of {length} samples is too short: give {screening.min_samples}+"
         )
-    if not (math.isfinite(period) and period > 0.0):
-        raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
+    period = period_of(period)
     in_auto = np.ones(length, dtype=bool)
     if auto is not None:
-        flag = _signal("auto", auto)
+        flag = signal_of("auto", auto)
         in_auto = np.isfinite(flag) & (flag != 0.0)
     op_good, pv_good = np.isfinite(op_raw), np.isfinite(pv_raw)
     for name, ok in (("op", op_good), ("pv", pv_good)):
@@ -106,9 +105,57 @@ def harmonise(
         op_span=op_span,
         pv_centre=pv_centre,
         pv_scale=pv_scale,
-        period=float(period),
+        period=period,
         automatic=float(in_auto.mean()),
     )
+
+
+def signal_of(name: str, values: ArrayLike) -> Array:
+    """One row of samples, ``(n,)``; what is masked is NaN. ``name`` is that of the signal.
+
+    Raises:
+        EstimatorError: not one row of numbers.
+    """
+    try:
+        if isinstance(values, np.ma.MaskedArray):
+            values = np.ma.filled(values.astype(np.float64), math.nan)
+        signal = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise EstimatorError(f"{name} is not numeric: {error}") from error
+    if signal.ndim != 1:
+        raise EstimatorError(
+            f"{name} has shape {signal.shape}: give one row of samples, shape (n,)"
+        )
+    return signal
+
+
+def period_of(period: float) -> float:
+    """The seconds between samples.
+
+    Raises:
+        EstimatorError: not a number above zero.
+    """
+    if isinstance(period, (int, float, np.number)) and 0.0 < period < math.inf:
+        return float(period)
+    raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
+
+
+def bridge(values: ArrayLike) -> Array:
+    """The samples with straight lines across the bad ones.
+
+    Raises:
+        EstimatorError: not a row of samples, or none is finite.
+    """
+    x = np.asarray(values, dtype=np.float64)
+    if x.ndim != 1:
+        raise EstimatorError(f"the signal has shape {x.shape}: give one row of samples, shape (n,)")
+    good = np.isfinite(x)
+    if not good.any():
+        raise EstimatorError("the signal has no finite sample: map the right tag or column")
+    if good.all():
+        return x
+    k = np.arange(x.size)
+    return np.interp(k, k[good], x[good])
 
 
 def carry_on(sp: ArrayLike) -> Array | None:
@@ -177,18 +224,6 @@ def screen(window: Window, informed: float, screening: Screening) -> tuple[Reaso
             f"{screening.min_informed:.0%} are needed",
         )
     return tuple(reasons)
-
-
-def _signal(name: str, values: ArrayLike) -> Array:
-    try:
-        signal = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise EstimatorError(f"{name} is not numeric: {error}") from error
-    if signal.ndim != 1:
-        raise EstimatorError(
-            f"{name} has shape {signal.shape}: give one row of samples, shape (n,)"
-        )
-    return signal
 
 
 def _rail_share(signal: Array) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimator.diagnosis.coherence import compared_signal
-from estimator.diagnosis.oscillation import autocorrelation, band_of, bridge
+from estimator.diagnosis.oscillation import autocorrelation, band_of
+from estimator.window import bridge
 from fieldlink.pictures import MARK, MODEL, OP, PV, STEM
 
 if TYPE_CHECKING:

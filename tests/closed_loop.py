@@ -53,7 +53,8 @@ def simulate(
     Args:
         target: set-point.
         load: at the process's entry, units of OP.
-        added: to PV behind the process, noise included; the controller sees it.
+        added: to PV behind the process, noise included; the controller sees it. NaN: the
+            transmitter repeats its last value.
         settings: gain, integral and derivative time, in samples.
         process: pole and the gain of a sample: ``y = pole y + gain flow``.
         dead_time: samples from the stem to PV, 1 and more.
@@ -70,7 +71,7 @@ def simulate(
     y = last_e = last = older = 0.0
     moved = [rest] * dead_time
     for k in range(n):
-        pv[k] = y + added[k]
+        pv[k] = pv[k - 1] if math.isnan(added[k]) else y + added[k]
         e = target[k] - pv[k]
         u += gain * ((e - last_e) + e / integral_time)
         if derivative_time:
@@ -97,12 +98,16 @@ def run(
     jump: float = 0.0,
     load: Floats | None = None,
     noise: float = 0.02,
+    faults: Floats | None = None,
     sp: Floats | None = None,
     limits: tuple[float, float] = (0.0, 100.0),
     n: int = 1500,
     seed: int = 1,
 ) -> Loop:
-    """A loop about 50 % with a load that wanders; ``load`` is added to it, in units of OP."""
+    """A loop about 50 % with a load that wanders; ``load`` is added to it, in units of OP.
+
+    ``faults`` are added to PV as `simulate` has it.
+    """
     rng = np.random.default_rng(seed)
     warm = 300
     before = np.zeros(warm)
@@ -118,7 +123,7 @@ def run(
     op, pv, _ = simulate(
         target,
         push + walk,
-        noise * drawn[:, 0],
+        noise * drawn[:, 0] + (0.0 if faults is None else np.concatenate([before, faults])),
         settings=(gain, integral_time, derivative_time),
         process=(pole, (1.0 - pole) * process_gain),
         dead_time=dead + 1,

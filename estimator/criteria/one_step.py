@@ -123,8 +123,10 @@ def arx_estimate(
     n = case.rows.count
     samples = moved_valves(centre, every)
     finite = np.isfinite(all_costs)
-    least = all_costs[finite].min() if finite.any() else 1.0
-    log_like = np.where(finite, -0.5 * n * np.log(np.maximum(all_costs, 1e-300) / least), -np.inf)
+    # a record without noise leaves nothing
+    costs_left = np.maximum(all_costs, 1e-300)
+    least = costs_left[finite].min() if finite.any() else 1.0
+    log_like = np.where(finite, -0.5 * n * np.log(costs_left / least), -np.inf)
     weights = np.exp(log_like * case.settings.spreading.temper)
     # denser rounds hold more samples of the same volume
     density = np.repeat(

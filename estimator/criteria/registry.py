@@ -21,15 +21,15 @@ __all__ = ["CRITERIA", "Criterion", "Request"]
 class Request:
     """What the caller asked of one window, and what the record says of itself.
 
-    ``action`` is the t-value of the controller's action on the error, ``informed`` the share of
-    samples that were measured.
+    ``sign`` is that of the process gain, 0 where it is unknown; ``informed`` the share of samples
+    that were measured.
     """
 
     criterion: str
     confidence: float
     method: str
     surface: bool
-    action: float
+    sign: float
     informed: float
 
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.coherence import LoopSignals
-from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
-from estimator.window import carry_on
+from estimator.window import bridge, carry_on
 
 __all__ = ["Cascade", "find_cascades"]
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from estimator.arrays import Array, Mask
-from estimator.diagnosis.oscillation import bridge
 from estimator.diagnosis.settings import Grouping
-from estimator.window import carry_on
+from estimator.window import bridge, carry_on
 
 __all__ = [
     "Agreement",

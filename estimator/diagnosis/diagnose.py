@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array
+from estimator.controller.reading import Controller, read_aligned, read_controller
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
-from estimator.diagnosis.controller import Controller, read_controller
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import Limits, Sensor, by_hand_of, limits_of, sensor_of
+from estimator.diagnosis.facts import Limits, by_hand_of, limits_of, sensor_of
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
@@ -40,6 +40,8 @@ from estimator.diagnosis.removable import removable_share
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
+from estimator.faults import faults_of
+from estimator.settings import SETTINGS
 from loop_model import ProcessModel, ValveModel
 
 __all__ = ["diagnose"]
@@ -93,9 +95,7 @@ def diagnose(
             rank_causes(gathered, settings), swing, signal, indices, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
-    controller = read_controller(
-        record.op, record.pv, record.sp, auto=record.auto, period=period, settings=settings.reading
-    )
+    controller, record = _read_controller(record, settings)
     record = with_own_setpoint(record, controller, settings)
     pv, error = record.pv, record.error
     assert pv is not None
@@ -110,7 +110,8 @@ def diagnose(
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
-    clean = _without_spikes(record, sensor, settings)
+    faults = faults_of(np.where(record.good, pv, math.nan), SETTINGS.screening)
+    clean = replace(record, good=record.good & ~faults)
     cut = explained_rows(clean, swing, settings)
     free = explained_rows(replace(clean, good=clean.good & ~limits.where), swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
@@ -164,12 +165,28 @@ def diagnose(
     )
 
 
-def _without_spikes(record: LoopRecord, sensor: Sensor, settings: DiagnosisSettings) -> LoopRecord:
-    """The record without PV's spikes, where they matter: they say nothing of the process."""
-    matter = sensor.spike_cost >= settings.judging.told
-    if not matter or sensor.spikes > settings.weighing.most_jumps:
-        return record
-    return replace(record, good=record.good & ~sensor.spiked)
+def _read_controller(
+    record: LoopRecord, settings: DiagnosisSettings
+) -> tuple[Controller | None, LoopRecord]:
+    """The controller, and the record with PV as that saw it."""
+
+    def read(one: LoopRecord, pv: Array) -> Controller | None:
+        return read_controller(
+            one.op, pv, one.sp, auto=one.auto, period=one.period, settings=settings.reading
+        )
+
+    # a sample that was bridged is none that the controller saw
+    assert record.pv is not None
+    measured = np.where(record.good, record.pv, math.nan)
+    found = read(record, measured)
+    if found is not None and found.exact:
+        return found, record
+    aligned = read_aligned(record.op, measured, record.sp, settings=settings.reading)
+    if aligned.late == 0:
+        return found, record
+    auto = None if record.auto is None else record.auto.astype(float)
+    moved = loop_record(record.op, aligned.pv, record.sp, auto, record.period)
+    return read(moved, aligned.pv), moved
 
 
 def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
@@ -214,13 +231,14 @@ def _explain(
         return None
     assert cut.pv is not None
     cycles = cut.op.size * cut.period / swing.period_s if swing.present else math.nan
-    late = controller is not None and controller.exact and controller.delay == 0
+    exact = controller if controller is not None and controller.exact else None
+    late = exact is not None and exact.delay == 0
     pv = np.where(cut.good, cut.pv, np.nan)
     auto = None if cut.auto is None else cut.auto.astype(float)
     return explain(
         cut.op, pv, cut.sp, auto, cut.period, cycles,
-        late=int(late), valve_is_healthy=valve_is_healthy, weighing=settings.weighing,
-        advising=settings.advising,
+        late=int(late), exact=exact, valve_is_healthy=valve_is_healthy,
+        weighing=settings.weighing, advising=settings.advising,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.controller.reading import Controller
 from estimator.criteria.conversion import process_model
 from estimator.diagnosis import rivals
 from estimator.diagnosis.advice_settings import Advising
@@ -28,7 +29,7 @@ from estimator.diagnosis.rivals import Rival, without_best
 from estimator.diagnosis.settings import DIAGNOSIS, Weighing
 from estimator.diagnosis.valve_evidence import judge_valve
 from estimator.evidence.records import informed_share
-from estimator.evidence.sign import controller_action
+from estimator.evidence.sign import gain_sign
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import LinearFit, fit_linear
 from estimator.outcomes import Reason
@@ -105,6 +106,7 @@ def explain(
     cycles: float,
     *,
     late: int = 0,
+    exact: Controller | None = None,
     valve_is_healthy: bool = False,
     settings: Settings = SETTINGS,
     weighing: Weighing = DIAGNOSIS.weighing,
@@ -118,6 +120,7 @@ def explain(
         cycles: periods of the window's oscillation, NaN where nothing oscillates.
         late: samples by which PV follows OP at the least: 1 where OP is known to answer the PV
             of its own sample, which would otherwise be read as a process without dead time.
+        exact: the controller where it explains OP to rounding.
         valve_is_healthy: whether the valve was judged before and none is looked for.
         settings: of the estimator.
         weighing, advising: of the diagnosis.
@@ -132,9 +135,8 @@ def explain(
         return Explained(
             reasons, -math.inf, 0.0, 0.0, 0.0, None, np.asarray(given), 0.0, 0.0, 0.0, 0
         )
-    action = controller_action(op, pv, sp)
     modelling = settings.modelling
-    sign = math.copysign(1.0, action) if abs(action) > modelling.action_t else 0.0
+    sign = gain_sign(op, pv, sp, exact, modelling)
     case = Case(rows_of(window, sign, modelling), settings)
     as_recorded = None
     if late and not valve_is_healthy:

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from estimator.arrays import Array, Mask
-from estimator.diagnosis.controller import Controller, at_limit
+from estimator.controller.reading import Controller, at_limit
 from estimator.diagnosis.settings import Facts
+from estimator.faults import find_spikes, runs_of
 
 __all__ = [
     "Limits",
@@ -19,7 +19,6 @@ __all__ = [
     "in_long_runs",
     "limits_of",
     "longest_run",
-    "runs_of",
     "sensor_of",
 ]
 
@@ -99,12 +98,6 @@ def by_hand_of(
     return found
 
 
-def runs_of(where: Mask) -> list[tuple[int, int]]:
-    """First sample of each run of true samples, and the one behind its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(int)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
 def longest_run(values: Array) -> int:
     """Samples of the longest run of one value."""
     return max((stop - start for start, stop in runs_of(np.diff(values) == 0.0)), default=0) + 1
@@ -172,22 +165,16 @@ def sensor_of(
     if coarse and step > 0.0:
         # few levels explain runs of one value
         still = in_long_runs(y, max(settings.least_run, y.size // 4))
-    smooth = median_filter(y, size=5, mode="nearest")
-    rest = y - smooth
-    size = float(np.median(np.abs(rest))) / 0.6745
-    floor = max(size, 0.05 * deviation, 1e-12)
-    spikes = np.abs(rest) > settings.spike * floor
-    # a spike comes back: both neighbours lie near the smooth course
-    lonely = spikes & ~np.roll(spikes, 2) & ~np.roll(spikes, -2)
-    cost = float(np.sum(rest[lonely] ** 2)) / max(float(np.sum((e - e.mean()) ** 2)), 1e-300)
+    spikes, rest = find_spikes(y, deviation)
+    cost = float(np.sum(rest[spikes] ** 2)) / max(float(np.sum((e - e.mean()) ** 2)), 1e-300)
     noise = _noise(y)
     where, spiked = np.zeros((2, pv.size), dtype=bool)
-    where[usable], spiked[usable] = still, lonely
+    where[usable], spiked[usable] = still, spikes
     gain = abs(controller.gain) if controller is not None else 0.0
     return Sensor(
         frozen=float(still.mean()),
         step=step / deviation,
-        spikes=float(lonely.mean()),
+        spikes=float(spikes.mean()),
         spike_cost=min(1.0, cost),
         noise=noise,
         noise_share=min(1.0, (noise / deviation) ** 2),

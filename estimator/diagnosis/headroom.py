@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.diagnosis.controller import Controller
+from estimator.controller.reading import Controller
 from estimator.diagnosis.delay_loops import sensitivities
 from estimator.diagnosis.headroom_search import (
     Bounds,
@@ -34,9 +34,10 @@ from estimator.diagnosis.headroom_search import (
 )
 from estimator.diagnosis.linear_loop import TURNS, LinearLoop
 from estimator.diagnosis.loop_record import LoopRecord, longest_stretch, without_steady_wave
-from estimator.diagnosis.oscillation import Oscillation, bridge
+from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings, Headroom
 from estimator.diagnosis.tuning_rules import HOLD, simc_lag
+from estimator.window import bridge
 from loop_model import ProcessModel
 
 __all__ = ["headroom_of", "probability_of_headroom"]

@@ -18,17 +18,18 @@ __all__ = ["under_long_noise", "with_long_noise"]
 
 
 def with_long_noise(case: Case, settings: Advising) -> Case:
-    """The case with the long noise model, and past enough for it."""
+    """The case with the long noise model, and past enough for it; shorter in a short window."""
+    rows = case.rows
+    wanted = case.settings.modelling.max_dead_time + settings.noise_order + 2
+    first = max(rows.first, min(wanted, rows.size // 4))
     modelling = replace(
         case.settings.modelling,
-        noise_orders=(settings.noise_order,),
+        noise_orders=(min(settings.noise_order, first - 1),),
         max_reflection=settings.reflection,
     )
-    rows = case.rows
-    first = min(modelling.max_dead_time + settings.noise_order + 2, rows.size // 4)
     weight = rows.weight.copy()
     weight[:first] = 0.0
-    rows = replace(rows, weight=weight, first=max(first, rows.first), count=float(weight.sum()))
+    rows = replace(rows, weight=weight, first=first, count=float(weight.sum()))
     return Case(rows, replace(case.settings, modelling=modelling))
 
 

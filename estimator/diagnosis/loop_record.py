@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
-from estimator.diagnosis.controller import Controller
-from estimator.diagnosis.facts import Limits, in_long_runs, runs_of
+from estimator.controller.reading import Controller
+from estimator.diagnosis.facts import Limits, in_long_runs
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
 from estimator.diagnosis.oscillation import (
     Oscillation,
     band_of,
-    bridge,
     detect_oscillation,
 )
 from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.faults import runs_of
 from estimator.outcomes import EstimatorError
-from estimator.window import carry_on
+from estimator.window import bridge, carry_on, period_of, signal_of
 
 __all__ = [
     "LoopRecord",
@@ -93,23 +93,26 @@ def loop_record(
     period: float,
 ) -> LoopRecord:
     """Check the signals of a loop and bridge their holes; errors as `diagnose` has them."""
-    if not (math.isfinite(period) and period > 0.0):
-        raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
-    u = bridge(op)
-    good = np.isfinite(np.asarray(op, dtype=float))
-    given = [("pv", pv), ("sp", sp), ("auto", auto)]
-    for name, values in given:
-        if values is not None and np.asarray(values).shape != u.shape:
+    period = period_of(period)
+    moved = signal_of("op", op)
+    u, good = bridge(moved), np.isfinite(moved)
+    given = {
+        name: signal_of(name, values)
+        for name, values in (("pv", pv), ("sp", sp), ("auto", auto))
+        if values is not None
+    }
+    for name, signal in given.items():
+        if signal.size != u.size:
             raise EstimatorError(
-                f"op has {u.size} samples and {name} has {np.asarray(values).size}: give every "
+                f"op has {u.size} samples and {name} has {signal.size}: give every "
                 f"signal of the window with the same number of samples"
             )
-    if pv is None:
+    if "pv" not in given:
         return LoopRecord(u, None, None, None, None, good, period)
-    y = bridge(pv)
-    good &= np.isfinite(np.asarray(pv, dtype=float))
-    target = None if sp is None else carry_on(sp)
-    mode = None if auto is None else np.asarray(auto, dtype=float) > 0.0
+    y = bridge(given["pv"])
+    good &= np.isfinite(given["pv"])
+    target = carry_on(given["sp"]) if "sp" in given else None
+    mode = given["auto"] > 0.0 if "auto" in given else None
     error = (target if target is not None else float(np.mean(y))) - y
     return LoopRecord(u, y, target, mode, np.asarray(error), good, period)
 

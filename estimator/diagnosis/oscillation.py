@@ -26,12 +26,12 @@ from estimator.arrays import Array
 from estimator.diagnosis.settings import DIAGNOSIS, Swinging
 from estimator.diagnosis.swing_share import local_share
 from estimator.outcomes import EstimatorError
+from estimator.window import bridge
 
 __all__ = [
     "Oscillation",
     "autocorrelation",
     "band_of",
-    "bridge",
     "detect_oscillation",
     "detect_oscillations",
 ]
@@ -135,24 +135,6 @@ def detect_oscillations(
 
     judged.sort(key=order)
     return tuple(replace(one, period_s=one.period_s * period) for one in judged)
-
-
-def bridge(values: ArrayLike) -> Array:
-    """The samples with straight lines across the bad ones.
-
-    Raises:
-        EstimatorError: not a row of samples, or none is finite.
-    """
-    x = np.asarray(values, dtype=np.float64)
-    if x.ndim != 1:
-        raise EstimatorError(f"the signal has shape {x.shape}: give one row of samples, shape (n,)")
-    good = np.isfinite(x)
-    if not good.any():
-        raise EstimatorError("the signal has no finite sample: map the right tag or column")
-    if good.all():
-        return x
-    k = np.arange(x.size)
-    return np.interp(k, k[good], x[good])
 
 
 def band_of(x: Array, frequency: float, settings: Swinging = DIAGNOSIS.swinging) -> Array:

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from compiled import kernel
 from estimator.arrays import Array
-from estimator.diagnosis.controller import Controller
+from estimator.controller.reading import Controller
 from loop_model import ProcessModel
 
 __all__ = ["Replay"]

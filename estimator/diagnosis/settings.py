@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from estimator.controller.settings import Reading
 from estimator.diagnosis.advice_settings import Advising
 from estimator.diagnosis.grouping_settings import Grouping
 from estimator.settings import SETTINGS
@@ -101,25 +102,6 @@ class Bispectrum:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """How the controller is read off the record.
-
-    Attributes:
-        least_rows: fewer usable rows do not tell four unknowns.
-        exact: share of OP's moves from which the record is what the controller saw.
-        resolution: share of the moves' variance that rounding of a record leaves at least.
-        reaches: samples over which noisy records are summed.
-        least_explained: share of OP's moves below which OP does not answer the error.
-    """
-
-    least_rows: int = 40
-    exact: float = 0.97
-    resolution: float = 1e-7
-    reaches: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
-    least_explained: float = 0.3
-
-
-@dataclass(frozen=True, slots=True)
 class Weighing:
     """How the explanations of a window are compared.
 
@@ -154,8 +136,6 @@ class Facts:
         pushed: share of the time at an extreme in which the error pushes outwards: a limit.
         least_limit: share of the window at a limit from which it is told.
         levels: fewer different values of PV are a coarse resolution.
-        spike: deviations from the running median from which a sample is a spike; noise has two
-            of them in a thousand million.
     """
 
     least_run: int = 20
@@ -163,7 +143,6 @@ class Facts:
     pushed: float = 0.8
     least_limit: float = 0.02
     levels: int = 60
-    spike: float = 6.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ import numpy as np
 
 from estimator.algebra import dot, normal_equations, solve_spd
 from estimator.arrays import Array, Mask
+from estimator.controller.reading import Controller, read_controller
+from estimator.settings import Modelling
 from estimator.window import carry_on
 
-__all__ = ["controller_action"]
+__all__ = ["controller_action", "gain_sign"]
 
 _LAGS = 4
 """Errors that a move is explained by: three make a PID controller, one more a slow scan."""
@@ -24,6 +26,36 @@ _NOTHING, _LEAVES = 0.01, 0.1
 rounding), and that it leaves of what two own moves leave."""
 _LEAST, _ROWS_EACH = 50, 8
 """Moves, in all and for each regressor, below which the sign is unknown."""
+
+_EXPLAINED = 0.7
+"""Share of OP's moves that sums over several samples must explain where nothing else tells the
+sign: of OP that no controller moves they explain less (tuning family: 0.70 and more for all loops
+that need it; random walks and steps of OP: below 0.7 for 95 of 100)."""
+
+
+def gain_sign(
+    op: Array, pv: Array, sp: Array | None, exact: Controller | None, settings: Modelling
+) -> float:
+    """Sign of the process gain, 1 or -1, as feedback needs it; 0 where it is unknown.
+
+    Args:
+        op, pv, sp: ``(n,)`` each, NaN where bad.
+        exact: the controller where it explains OP to rounding (`read_aligned`): it tells the sign.
+            Else the action on the last errors does, and where that is lost in noise sums over many
+            samples.
+        settings: see `estimator.settings`.
+    """
+    if exact is not None:
+        return _sign_of(exact)
+    action = controller_action(op, pv, sp)
+    if abs(action) > settings.action_t:
+        return math.copysign(1.0, action)
+    found = read_controller(op, pv, sp)
+    return 0.0 if found is None or found.explained < _EXPLAINED else _sign_of(found)
+
+
+def _sign_of(found: Controller) -> float:
+    return 1.0 if found.action == "reverse" else -1.0
 
 
 def controller_action(op: Array, pv: Array, sp: Array | None) -> float:

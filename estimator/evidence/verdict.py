@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ from estimator.settings import Settings
 __all__ = ["Judgement", "count_strokes", "describe_stem", "judge"]
 
 _STILL = 1e-9
+_LEAST_EFFECT = 0.01
+"""Share of PV's variance that sticking makes, below which it is not called with certainty (tuning
+family: one sticky valve of 400 makes less)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +56,28 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
         verdict: Verdict,
         code: ReasonCode,
         text: str,
-        uncertain: bool = False,
-        doubt: str = f"the evidence is within {judging.uncertain:g} of the threshold",
+        doubts: Sequence[str] = (),
     ) -> Judgement:
         reasons = [Reason(code, f"{text} ({figures})")]
-        if uncertain:
-            reasons.append(Reason(ReasonCode.UNCERTAIN, f"{doubt}: the other verdict is possible"))
-        return Judgement(verdict, uncertain, tuple(reasons))
+        if doubts:
+            words = f"{'; '.join(doubts)}: the other verdict is possible"
+            reasons.append(Reason(ReasonCode.UNCERTAIN, words))
+        return Judgement(verdict, bool(doubts), tuple(reasons))
 
     sticks = evidence.log_bayes_factor >= judging.threshold
-    close = abs(evidence.log_bayes_factor - judging.threshold) < judging.uncertain
+    doubts = []
+    if abs(evidence.log_bayes_factor - judging.threshold) < judging.uncertain:
+        doubts.append(f"the evidence is within {judging.uncertain:g} of the threshold")
+    if evidence.gain_sign == 0:
+        doubts.append(
+            "OP does not show which way the controller acts, and read backwards a controller is "
+            "like a process"
+        )
+    if sticks and evidence.effect < _LEAST_EFFECT:
+        doubts.append(
+            f"sticking makes {evidence.effect:.2%} of PV's variance, and what no model knows of a "
+            f"loop may make as much"
+        )
     if evidence.process < judging.process and not sticks:
         return answer(
             Verdict.NOT_ASSESSABLE,
@@ -105,15 +121,14 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             ReasonCode.EVIDENCE_IN_ONE_PART,
             f"a sticky valve is likelier in one part of the window only: without that part the log "
             f"Bayes factor is {evidence.steady:.1f}, and {judging.steady:g} is needed",
-            uncertain=True,
-            doubt="the rest of the window holds too little evidence",
+            ["the rest of the window holds too little evidence"],
         )
     if sticks:
         return answer(
             Verdict.STICTION,
             ReasonCode.STICKY_VALVE_EXPLAINS,
             "PV follows a sticky valve and not a healthy one",
-            close,
+            doubts,
         )
     outside = evidence.disturbances > 0
     return answer(
@@ -122,5 +137,5 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
         "a healthy valve and a disturbance from outside explain PV as well as a sticky valve"
         if outside
         else "a healthy valve explains PV as well as a sticky one",
-        close,
+        doubts,
     )

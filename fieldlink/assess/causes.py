@@ -23,6 +23,7 @@ _CAUSES = {
     ReasonCode.NOT_IN_AUTOMATIC: "manual",
     ReasonCode.OP_AT_LIMIT: "saturation",
     ReasonCode.PV_FROZEN: "sensor",
+    ReasonCode.PV_FAULTS: "sensor",
     ReasonCode.PV_AT_LIMIT: "sensor",
 }
 

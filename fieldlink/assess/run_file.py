@@ -108,6 +108,14 @@ class RunFile:
             self._db.execute("BEGIN EXCLUSIVE")
             self._db.execute("COMMIT")
             self._db.executescript(_SCHEMA)
+            self._add_new_columns()
+
+    def _add_new_columns(self) -> None:
+        """Give the file of a run that an older fieldlink began the columns that it lacks."""
+        known = {name for _, name, *_ in self._db.execute("PRAGMA table_info(windows)")}
+        for column in COLUMNS:
+            if column not in known:
+                self._db.execute(f"ALTER TABLE windows ADD COLUMN {column}")
 
     def close(self) -> None:
         """Close the file."""

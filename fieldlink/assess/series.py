@@ -35,6 +35,7 @@ class Series:
         sp, auto: set-point, and 1 in automatic; None where there is none.
         period: seconds between samples.
         slot: numbers of equally spaced slots where the recording has them.
+        notes: how the recording was read, in words.
     """
 
     time: Floats
@@ -45,6 +46,7 @@ class Series:
     period: float
     dated: bool
     slot: NDArray[np.int64] | None = None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return int(self.time.size)

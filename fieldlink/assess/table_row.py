@@ -29,6 +29,7 @@ COLUMNS = (
     "action",
     "seconds",
     "error",
+    "notes",
 )
 """A contract with everyone who reads the table."""
 
@@ -76,6 +77,7 @@ def judge_window(file: str, loop: str, window: Series, judging: Judging) -> Row:
         "action": cause.action,
         "seconds": time.perf_counter() - begun,
         "error": None,
+        "notes": "; ".join(window.notes) or None,
     }
 
 

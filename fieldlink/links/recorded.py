@@ -14,6 +14,7 @@ from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import RecordingEndedError
 from fieldlink.site import Loop, Site
+from fieldlink.site.missing_rows import fill_missing_rows
 from fieldlink.site.recording import Recording, read_recording
 
 __all__ = ["RecordedLink"]
@@ -77,7 +78,10 @@ class RecordedLink:
         self._scans = 0
         self._tracks = [
             _Track(
-                loop, read_recording(self._site.resolve(loop.plant.recording), period=loop.period)
+                loop,
+                fill_missing_rows(
+                    read_recording(self._site.resolve(loop.plant.recording), period=loop.period)
+                ),
             )
             for loop in self._loops.values()
             if loop.plant is not None and loop.plant.recording is not None

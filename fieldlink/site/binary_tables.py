@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldlink.site.column_names import PANDAS_INDEX, guess_columns
 from fieldlink.site.csv_file import CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 
@@ -87,7 +88,12 @@ def _parquet(path: Path) -> list[CsvRow]:
     except (OSError, pa.ArrowException) as error:
         said = " ".join(str(error).split())
         raise _refusal(path, f"cannot be read as Parquet ({said})", "export it again") from error
-    return _rows({name: table.column(name).to_pylist() for name in table.column_names})
+    names = list(table.column_names)
+    if PANDAS_INDEX in names and "time" not in guess_columns(names, {}).columns:
+        at = names.index(PANDAS_INDEX)
+        if pa.types.is_timestamp(table.schema.field(at).type):
+            names[at] = "time"
+    return _rows({name: table.column(at).to_pylist() for at, name in enumerate(names)})
 
 
 def _matlab(path: Path) -> list[CsvRow]:

@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping
 from fieldlink.registers import Apart, ReadRequest, Table, find_apart
 from fieldlink.site.checked_site import Site
 from fieldlink.site.copied_loops import find_copies
+from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.models import Loop
+from fieldlink.site.recording import read_recording
 
 __all__ = ["find_apart_tags", "find_warnings"]
 
@@ -30,6 +32,7 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
     yield from _line_warnings(site, requests)
     for name, loop in site.loops.items():
         yield from _loop_warnings(name, loop)
+        yield from _recording_warnings(site, name, loop)
     yield from find_copies(site)
 
 
@@ -136,3 +139,14 @@ def _loop_warnings(name: str, loop: Loop) -> list[str]:
             f"estimates take ({2 * loop.estimate_period:g} s): it may expire while all is well"
         )
     return warnings
+
+
+def _recording_warnings(site: Site, name: str, loop: Loop) -> Iterator[str]:
+    if loop.plant is None or loop.plant.recording is None:
+        return
+    recording = read_recording(site.resolve(loop.plant.recording), period=loop.period)
+    if contradicts_clock(recording):
+        yield (
+            f"loop {name}: the times in {loop.plant.recording} are not {loop.period:g} s apart: "
+            "correct period, or each row counts as one period"
+        )

@@ -13,7 +13,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-__all__ = ["SIGNAL_WORDS", "UMLAUTS", "ColumnGuess", "guess_columns", "quality_columns"]
+__all__ = [
+    "DATE_WORDS",
+    "PANDAS_INDEX",
+    "SIGNAL_WORDS",
+    "UMLAUTS",
+    "ColumnGuess",
+    "guess_columns",
+    "quality_columns",
+]
 
 SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
     "op": (
@@ -37,11 +45,17 @@ SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
 }
 """By role, the words that name it, the plainest first; words of one group are equally plain."""
 
+DATE_WORDS = frozenset(SIGNAL_WORDS["time"][-1].split())
+"""Headings of a column of dates, beside which another may hold the times of day."""
+
 _QUALIFIERS = frozenset(
     ("average", "avg", "mean", "value", "val", "cv", "raw", "actual", "act", "interpolated")
 )
 """Words behind a signal's name that say how it was stored: ``OUT.CV``, ``FC101.PV - Average``."""
 _QUALITY_WORDS = frozenset(("quality", "qual", "status", "state", "q", "qualitaet"))
+
+PANDAS_INDEX = "__index_level_0__"
+"""What pandas calls an index without a name in a Parquet file; of moments, it is the time."""
 
 UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 

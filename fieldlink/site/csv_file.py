@@ -13,13 +13,18 @@ from pathlib import Path
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem
-from fieldlink.site.number_cells import plain_number
+from fieldlink.site.number_cells import may_group, plain_number
 
-__all__ = ["CsvFile", "CsvRow", "fit_rows", "parse_rows", "read_csv", "read_text"]
+__all__ = ["CsvFile", "CsvRow", "fit_rows", "is_comment", "parse_rows", "read_csv", "read_text"]
 
 _MAX_PROBLEMS = 20
 
-_COMMENT = re.compile(r"^[^\S\n]*#", re.MULTILINE)
+_COMMENT = re.compile(
+    r"^[^\S\n]*#(?!(?:N/A|N/D|NV|#+(?=[;,\t|])|[A-Z\u00a1\u00c0-\u00dd/0]+[!?])[^\S\n]*(?:[;,\t|]|$))",
+    re.MULTILINE,
+)
+"""A line that begins with ``#``, unless its first cell is an error of a spreadsheet (``#N/A``,
+``#DIV/0!``, ``#WERT!``, a number too wide for its column): that is a bad sample."""
 _BLANK = re.compile(r"[^\S\n]|\"")
 """White space but for ends of lines; and quotes, whose cells may hold ends of lines."""
 
@@ -37,22 +42,34 @@ class CsvRow:
 
 @dataclass(frozen=True, slots=True)
 class CsvFile:
-    """A table of text, as many cells in every row as columns in the header."""
+    """A table of text, as many cells in every row as columns in the header.
+
+    Attributes:
+        path: the file.
+        separator: between the cells.
+        header: the columns' names.
+        header_line: 1-based line of the header.
+        rows: below the header.
+        under_header: rows between the header and the first sample, such as units.
+    """
 
     path: Path
     separator: str
     header: tuple[str, ...]
     header_line: int
     rows: tuple[CsvRow, ...]
+    under_header: tuple[CsvRow, ...] = ()
 
     def number(self, cell: str) -> float:
         """Return a cell's number; a decimal comma counts when the separator is not the comma.
 
         Raises:
-            ValueError: the cell holds no finite number.
+            ValueError: the cell holds no finite number, or its comma may group digits.
         """
         text = cell
         if self.separator != "," and "," in cell and "." not in cell:
+            if may_group(cell):
+                raise ValueError(cell)
             text = cell.replace(",", ".", 1)
         return plain_number(text)
 
@@ -160,6 +177,11 @@ def read_text(
     raise error([_not_csv(path, f"it is not text in {' or '.join(encodings)}")])
 
 
+def is_comment(line: str) -> bool:
+    """Whether a line is a comment: it begins with ``#`` and not with an error of a spreadsheet."""
+    return _COMMENT.match(line) is not None
+
+
 def _not_csv(path: Path, why: str) -> Problem:
     return Problem(str(path), "", f"is not a CSV file: {why}", "export it as CSV with a header row")
 
@@ -167,7 +189,7 @@ def _not_csv(path: Path, why: str) -> Problem:
 def _separator(text: str) -> str:
     """Return the separator that the header uses most."""
     for line in text.split("\n"):
-        if line.strip() and not line.lstrip().startswith("#"):
+        if line.strip() and not is_comment(line):
             return max(";\t,", key=line.count)
     return ","
 
@@ -197,7 +219,7 @@ def _parse(text: str, separator: str) -> list[CsvRow]:
     # A large file without comments is not taken apart a second time.
     if _COMMENT.search(text):
         lines = text.split("\n")
-        comments = frozenset(n for n, line in enumerate(lines, 1) if line.lstrip().startswith("#"))
+        comments = frozenset(n for n, line in enumerate(lines, 1) if is_comment(line))
         text = "\n".join("" if n in comments else line for n, line in enumerate(lines, 1))
     reader = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
     # a long record of numbers has no blanks: then no cell is looked through for them

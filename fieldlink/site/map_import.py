@@ -19,6 +19,7 @@ from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.map_addresses import AddressStyle, guess_style, parse_address
 from fieldlink.site.map_row import REQUIRED, RowReader
 from fieldlink.site.map_words import column_of, meaning_of
+from fieldlink.site.number_cells import may_group
 from fieldlink.site.register_map import COLUMNS, collect_tags
 from fieldlink.spreadsheet import from_cell
 
@@ -256,6 +257,8 @@ def _cells(values: Mapping[str, str]) -> Callable[[str], str]:
 
 def _number(cell: str) -> float:
     """Return a number as vendors write it: 0.1, 0,1, 1/10."""
+    if "," in cell and may_group(cell):
+        raise ValueError(cell)
     text = cell.replace(",", ".", 1) if "." not in cell else cell
     over = re.fullmatch(r"\s*1\s*/\s*(\d+)\s*", text)
     if "_" in text:

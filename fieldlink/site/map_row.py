@@ -9,6 +9,7 @@ from fieldlink.printable import as_printable, quoted
 from fieldlink.registers import ORDERS, DataType, Order, Table, Tag
 from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.map_words import meaning_of
+from fieldlink.site.number_cells import may_group
 
 __all__ = ["COLUMNS", "NUMBER_COLUMNS", "REQUIRED", "RowReader"]
 
@@ -278,9 +279,11 @@ class RowReader:
         try:
             return self._parse(cell)
         except ValueError:
-            self.report(
-                column, f"{quoted(cell)} is not a number", "give a number or leave it empty"
-            )
+            if "," in cell and may_group(cell):
+                what, remedy = "may be decimals or grouped digits", "write 1000 or 1.0"
+            else:
+                what, remedy = "is not a number", "give a number or leave it empty"
+            self.report(column, f"{quoted(cell)} {what}", remedy)
             return default
 
     def _whole(self, column: str, low: int, high: int, remedy: str) -> int | None:

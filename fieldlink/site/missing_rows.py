@@ -11,10 +11,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.recording import Recording
+from fieldlink.site.recording import PERIODS_DIFFER, Recording
 from fieldlink.site.timestamps import typical_interval
 
-__all__ = ["LONGEST_FILLED", "fill_missing_rows", "missing_between", "put_into_slots"]
+__all__ = [
+    "LONGEST_FILLED",
+    "contradicts_clock",
+    "fill_missing_rows",
+    "missing_between",
+    "put_into_slots",
+]
 
 LONGEST_FILLED = 30
 """Missing rows in a gap that are filled with bad samples. Over a longer gap PV forgets what it was:
@@ -35,9 +41,9 @@ def fill_missing_rows(recording: Recording) -> Recording:
     if recording.time is None or not recording.irregular or len(recording) < 2:
         return recording
     rows = np.arange(len(recording))
-    known = np.flatnonzero(~np.isnan(recording.time))
-    if abs(typical_interval(recording.time[known], known) / recording.period - 1.0) > 0.05:
+    if contradicts_clock(recording):
         return recording
+    known = np.flatnonzero(~np.isnan(recording.time))
     steps = np.diff(np.interp(rows, known, recording.time[known]))
     missing = missing_between(steps / recording.period)
     if not missing.any():
@@ -58,6 +64,15 @@ def fill_missing_rows(recording: Recording) -> Recording:
     if filled:
         notes.append(f"{filled} missing rows are taken for bad samples")
     return _spread(recording, inside, (*recording.notes, *notes))
+
+
+def contradicts_clock(recording: Recording) -> bool:
+    """Whether the period was given and is another than that of the recording's own times."""
+    if recording.time is None:
+        return False
+    known = np.flatnonzero(~np.isnan(recording.time))
+    own = typical_interval(recording.time[known], known)
+    return abs(own / recording.period - 1.0) > PERIODS_DIFFER
 
 
 def missing_between(intervals: Floats) -> NDArray[np.int64]:

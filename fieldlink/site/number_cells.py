@@ -4,20 +4,28 @@
     # [1234.5, 998.0, nan]
 
 The notation is that of the whole column: a single cell such as ``1.234`` does not tell whether its
-point is a decimal point.
+point is a decimal point. Where the column does not tell either, the other columns of the file do.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BAD", "NumberCells", "parse_numbers", "plain_number"]
+__all__ = [
+    "BAD",
+    "NumberCells",
+    "find_decimal_mark",
+    "is_bad_value",
+    "may_group",
+    "parse_numbers",
+    "plain_number",
+]
 
 BAD = frozenset({"", "nan", "null", "na", "n/a", "none"})
 """Cells without a value, in any case."""
@@ -52,6 +60,9 @@ _CELL = re.compile(
     r"([-+]?[.,]?\d(?:[\d.,' ]*\d)?[.,]?(?:e[-+]?\d+)?)\s*([%\u00b0\u00b5a-z].*)?", re.IGNORECASE
 )
 _GROUPED = re.compile(r"[-+]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?(e[-+]?\d+)?", re.IGNORECASE)
+_THREE_BEHIND = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
+"""A mark that may group digits or begin decimals."""
+_OTHER = {".": ",", ",": "."}
 _PLAIN = str.maketrans(
     {"\u2212": "-", "\u2019": "'", "\u00b4": "'", "\u00a0": " ", "\u202f": " ", "\u2009": " "}
 )
@@ -65,13 +76,15 @@ class NumberCells:
         values: shape ``(n,)``, NaN where a cell holds no number.
         bad_words: words that stand for bad values, with their number.
         wrong: index of the first cell of each text that is neither, with the number of such cells.
-        ambiguous: a cell whose comma may group digits or begin decimals; None where none is.
+        ambiguous: a cell whose mark may group digits or begin decimals; None where none is.
+        unit: text behind most of the numbers.
     """
 
     values: NDArray[np.float64]
     bad_words: Mapping[str, int]
     wrong: Mapping[int, int]
     ambiguous: str | None
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +109,55 @@ class _Notation:
         return plain_number(text)
 
 
-def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells:
+def is_bad_value(cell: str) -> bool:
+    """Whether a cell is a word that historians and spreadsheets write for a bad value, or empty."""
+    folded = cell.casefold()
+    return (
+        folded in BAD
+        or folded in _BAD_STATES
+        or cell.startswith("#")
+        or _PI_ERROR.match(cell) is not None
+    )
+
+
+def find_decimal_mark(cells: Iterable[str]) -> str | None:
+    """Return the mark, point or comma, that begins decimals in a column; None if no cell tells."""
+    for cell in cells:
+        if "." not in cell and "," not in cell:
+            continue
+        found = _CELL.fullmatch(cell.translate(_PLAIN))
+        if found is None:
+            continue
+        head = found[1]
+        mark = max(".,", key=head.rfind)
+        if head.count(mark) > 1:
+            # Only groups repeat their mark.
+            if _GROUPED.fullmatch(head):
+                return _OTHER[mark]
+        elif _OTHER[mark] in head or not _THREE_BEHIND.fullmatch(head):
+            return mark
+    return None
+
+
+def may_group(text: str) -> bool:
+    """Whether a number's only mark may group digits or begin decimals, as in ``1,234``."""
+    return _THREE_BEHIND.fullmatch(text) is not None
+
+
+def parse_numbers(
+    cells: Sequence[str],
+    *,
+    comma_separates: bool,
+    proven: Callable[[], str | None] = lambda: None,
+) -> NumberCells:
     """Return a column's numbers.
 
     Args:
         cells: the text of each cell, without blanks around it.
         comma_separates: whether the comma separates the cells of the file; otherwise a comma alone
             begins decimals.
+        proven: gives the decimal mark that the other columns of the file prove, if they do; called
+            where this column's cells do not tell.
     """
     values = np.full(len(cells), np.nan)
     bad: Counter[str] = Counter()
@@ -111,23 +166,20 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
         try:
             values[index] = plain_number(cell)
         except ValueError:
-            folded = cell.casefold()
-            if folded in BAD:
+            if cell.casefold() in BAD:
                 continue
-            if folded in _BAD_STATES or cell.startswith("#") or _PI_ERROR.match(cell):
+            if is_bad_value(cell):
                 bad[cell] += 1
             else:
                 others[index] = cell.translate(_PLAIN)
-    if not others:
-        _take_out_what_is_no_value(values, cells, bad)
-        return NumberCells(values, bad, {}, None)
-    notation, ambiguous = _notation_of(others, len(cells), comma_separates=comma_separates)
+    plain = [cells[index] for index in np.flatnonzero(~np.isnan(values)).tolist()]
+    notation, ambiguous = _notation_of(plain, others, proven, comma_separates=comma_separates)
     if ambiguous is not None:
         return NumberCells(values, bad, {}, ambiguous)
-    if notation.decimal != "." or notation.grouping == ".":
+    if notation.decimal != ".":
         # What looked like a plain number may have grouped digits: it is read again.
-        plain = {i: c for i, c in enumerate(cells) if "." in c and not np.isnan(values[i])}
-        others = plain | others
+        dotted = {i: c for i, c in enumerate(cells) if "." in c and not np.isnan(values[i])}
+        others = dotted | others
     first: dict[str, int] = {}
     wrong: Counter[int] = Counter()
     for index, text in others.items():
@@ -137,7 +189,7 @@ def parse_numbers(cells: Sequence[str], *, comma_separates: bool) -> NumberCells
             values[index] = np.nan
             wrong[first.setdefault(text, index)] += 1
     _take_out_what_is_no_value(values, cells, bad)
-    return NumberCells(values, bad, wrong, None)
+    return NumberCells(values, bad, wrong, None, notation.unit)
 
 
 def _take_out_what_is_no_value(
@@ -164,30 +216,44 @@ def plain_number(text: str) -> float:
 
 
 def _notation_of(
-    others: Mapping[int, str], cells: int, *, comma_separates: bool
+    plain: Sequence[str],
+    others: Mapping[int, str],
+    proven: Callable[[], str | None],
+    *,
+    comma_separates: bool,
 ) -> tuple[_Notation, str | None]:
-    """The notation of the cells that are not plain numbers, or a cell that is ambiguous."""
+    """The notation of a column, or a cell that is ambiguous; ``others`` are not plain numbers."""
+    mark = find_decimal_mark(others.values()) or find_decimal_mark(plain)
+    if not others and (mark is not None or not any("." in cell for cell in plain)):
+        return _Notation(), None
     parts = [found for text in others.values() if (found := _CELL.fullmatch(text))]
     units = {found[2] or "" for found in parts}
     # One odd cell is a mistake, a text behind most numbers is their unit.
-    unit = units.pop() if len(units) == 1 and 2 * len(parts) > cells else ""
-    heads = [found[1] for found in parts]
-    both = [head for head in heads if "." in head and "," in head]
-    commas = [head for head in heads if "," in head and "." not in head]
-    if both:
-        decimal = max(".,", key=both[0].rfind)
-        return _Notation(decimal, "," if decimal == "." else ".", unit), None
-    if any(head.count(".") > 1 for head in heads):
-        return _Notation(",", ".", unit), None
-    if not commas:
+    unit = units.pop() if len(units) == 1 and 2 * len(parts) > len(plain) + len(others) else ""
+    heads = [*plain, *(found[1] for found in parts)]
+    if mark is not None:
+        other = _OTHER[mark]
+        against = next((head for head in heads if other in head and may_group(head)), None)
+        if against is not None and any(
+            mark in head or head.count(other) > 1 for head in heads if other in head
+        ):
+            # Other cells show that digits are grouped.
+            against = None
+        return _Notation(mark, other, unit), against
+    undecided = [head for head in heads if may_group(head)]
+    if not undecided:
         return _Notation(unit=unit), None
-    if any(head.count(",") > 1 for head in commas):
-        return _Notation(".", ",", unit), None
-    if not comma_separates or any(
-        len(head.partition(",")[2]) != 3
-        or not _GROUPED.fullmatch(head)
-        or head.lstrip("+-")[0] == "0"
-        for head in commas
-    ):
-        return _Notation(",", "", unit), None
-    return _Notation(), commas[0]
+    marks = {"," if "," in head else "." for head in undecided}
+    if len(marks) > 1:
+        return _Notation(), undecided[0]
+    mark = proven()
+    if mark is not None:
+        return _Notation(mark, _OTHER[mark], unit), None
+    mark = marks.pop()
+    if comma_separates:
+        is_open = mark == ","
+    else:
+        # Decimals are printed with the same number of digits in every row: 992 before 1.005 has
+        # digits in groups, or it is a mistake.
+        is_open = any(re.fullmatch(r"[-+]?\d+", head) for head in heads)
+    return _Notation(mark, "", unit), undecided[0] if is_open else None

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.site.column_names import guess_columns, quality_columns
 from fieldlink.site.csv_file import CsvFile
+from fieldlink.site.dates_beside_times import join_dates
 from fieldlink.site.errors import Problem, nearest
-from fieldlink.site.number_cells import BAD, parse_numbers
+from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
+from fieldlink.site.numbered_times import find_time_unit, is_plausible
+from fieldlink.site.quality_codes import find_good
 from fieldlink.site.recorded_table import holds_values
-from fieldlink.site.row_order import OrderedRows, put_in_order
-from fieldlink.site.timestamps import NoClockError, is_date, is_time_of_day, parse_times
+from fieldlink.site.row_order import Rows, put_in_order
+from fieldlink.site.times import NoClockError
+from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
 
 __all__ = ["RecordedColumns"]
 
 _TAG_WORDS = frozenset({"tag", "tagname", "tag name", "point", "pointname", "variable", "name"})
 _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 """Headings of a table with a row for each value."""
-_GOOD_WORDS = frozenset({"good", "ok", "g", "valid", "true", "normal"})
-_OPC_GOOD = 192.0
-"""Least code of a good value in OPC Data Access; 0 is bad there, and good in OPC UA and here."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _MAX_PROBLEMS = 10
@@ -75,6 +77,11 @@ class RecordedColumns:
                     f"choose one with --{role} {names[0]!r}",
                     self._file.header_line,
                 )
+        for one, other in combinations(sorted(known), 2):
+            if known[one] == known[other]:
+                message = f"is meant as {one} and {other} at once"
+                remedy = f"name another column with --{one} or --{other}"
+                self.report(header[known[one]], message, remedy, self._file.header_line)
         missing = [role for role in self._needed if role not in known.keys() | guessed.keys()]
         for role in missing:
             if role not in asked and role not in guess.ambiguous and role not in self._several:
@@ -142,7 +149,7 @@ class RecordedColumns:
             return None
         cells = [row.cells[column] for row in self._file.rows]
         name = self._file.header[column]
-        found = parse_numbers(cells, comma_separates=self._file.separator == ",")
+        found = self._parse(cells, column)
         if found.ambiguous is not None:
             self.report(
                 name,
@@ -170,6 +177,17 @@ class RecordedColumns:
                 self.notes.append(f"{name}: {words}: bad samples")
         return found.values
 
+    def _parse(self, cells: Sequence[str], column: int) -> NumberCells:
+        """Cells as numbers, in the notation of the other columns where they do not show theirs."""
+
+        def proven() -> str | None:
+            others = (n for n in range(len(self._file.header)) if n != column)
+            found = {find_decimal_mark(row.cells[n] for row in self._file.rows) for n in others}
+            marks = found - {None}
+            return marks.pop() if len(marks) == 1 else None
+
+        return parse_numbers(cells, comma_separates=self._file.separator == ",", proven=proven)
+
     def drop_bad_quality(self, numbers: Mapping[str, Floats | None], found: Columns) -> None:
         """Make the samples NaN that a column of quality calls bad.
 
@@ -180,7 +198,7 @@ class RecordedColumns:
         asked = {role: found.get(role) for role in numbers}
         for number, roles in quality_columns(self._file.header, asked).items():
             name = self._file.header[number]
-            good = self._good(number)
+            good = find_good([row.cells[number] for row in self._file.rows])
             if good is None:
                 self.notes.append(f"{name} is left out: which of its values mean good is not known")
                 continue
@@ -192,18 +210,6 @@ class RecordedColumns:
                     values[~good] = np.nan
             if dropped:
                 self.notes.append(f"{name}: {dropped} rows are not good: bad samples")
-
-    def _good(self, column: int) -> NDArray[np.bool_] | None:
-        """Whether each row of a column of quality means good; None when that is not known."""
-        cells = [row.cells[column].casefold() for row in self._file.rows]
-        filled = {cell for cell in cells if cell}
-        if filled & _GOOD_WORDS:
-            return np.array([cell in _GOOD_WORDS for cell in cells])
-        try:
-            codes = np.array([self._file.number(cell) if cell else 0.0 for cell in cells])
-        except ValueError:
-            return None
-        return codes >= _OPC_GOOD if (codes >= _OPC_GOOD).any() else None
 
     def switch(self, column: int | None, *, is_guessed: bool = False) -> NDArray[np.bool_] | None:
         """Return a column of yes and no; an empty cell is no.
@@ -243,41 +249,55 @@ class RecordedColumns:
             self._report_more(column, wrong - _MAX_PROBLEMS)
         return values
 
-    def order(self, column: int | None, *, is_guessed: bool = False) -> OrderedRows | None:
-        """Return the rows in the order of a time column; nothing where a guessed one holds none."""
+    def order(
+        self, column: int | None, *, is_guessed: bool, gives_period: bool
+    ) -> tuple[Rows, Sampling] | None:
+        """Return the rows to use in the order of a time column, and what their times say.
+
+        Args:
+            column: its number.
+            is_guessed: whether the column may be none of times.
+            gives_period: whether nothing but the times tells the period. Only then, and where the
+                column was not guessed, is it a problem that it holds no readable times; otherwise
+                it gets a note, and nothing is returned.
+        """
         if column is None:
             return None
         name = self._file.header[column]
-        cells = self._with_dates(column, [row.cells[column] for row in self._file.rows])
+        cells = [row.cells[column] for row in self._file.rows]
+        dated, notes = join_dates(self._file, column, cells)
+        self.notes.extend(notes)
         remedy = "correct it, or give the seconds between rows with --period"
         try:
-            times = parse_times(cells, self._file.number)
+            # Where the comma begins decimals, and a semicolon separates, the day is first.
+            day_first = self._file.separator == ";"
+            under = self._file.under_header
+            below = [row.cells[column] for row in under if column < len(row.cells)]
+            times = parse_times(
+                dated,
+                lambda numbers: self._parse(numbers, column),
+                unit=find_time_unit(name, below),
+                day_first=day_first,
+            )
             found = put_in_order(times, [row.cells for row in self._file.rows])
+            sampling = sampling_of(found.times)
+            if gives_period and not (times.is_unit_known or is_plausible(sampling.period)):
+                raise NoClockError(
+                    f"the times are {sampling.period:g} s apart if they count seconds; name their "
+                    "unit in the heading, such as time [min]"
+                )
         except NoClockError as error:
-            if is_guessed:
-                self.notes.append(f"{name} is left out: {error}")
-                return None
             line = None if error.index is None else self._file.rows[error.index].line
+            if is_guessed or not gives_period:
+                place = "" if line is None else f" in line {line}"
+                self.notes.append(f"{name} is left out: {error}{place}; the rows stay as they are")
+                return None
             self.report(name, str(error), remedy, line)
             return None
         if times.note is not None:
             self.notes.append(f"{name} {times.note}")
         self.notes.extend(found.notes)
-        return found
-
-    def _with_dates(self, column: int, cells: list[str]) -> list[str]:
-        """Times of day with the dates that another column holds."""
-        if not is_time_of_day(next(filter(None, cells), "")):
-            return cells
-        for number in range(len(self._file.header)):
-            dates = [row.cells[number] for row in self._file.rows]
-            if number != column and all(map(is_date, dates)):
-                header = self._file.header
-                self.notes.append(f"time is {header[number]!r} and {header[column]!r} together")
-                return [
-                    f"{day} {cell}" if cell else "" for day, cell in zip(dates, cells, strict=True)
-                ]
-        return cells
+        return found.rows, sampling
 
     def _report_more(self, column: int, count: int) -> None:
         name = self._file.header[column]

@@ -12,14 +12,15 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 from fieldlink.site.binary_tables import read_binary_table
 from fieldlink.site.column_names import guess_columns
-from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, parse_rows, read_text
+from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, is_comment, parse_rows, read_text
 from fieldlink.site.errors import Problem, RecordingError
+from fieldlink.site.number_cells import is_bad_value
 
 __all__ = ["RecordedTable", "holds_values", "read_recorded_table"]
 
@@ -34,7 +35,11 @@ _BELOW_DATA = 5
 _NUMBER = re.compile(
     r"[-+\u2212]?[.,]?\d[\d.,'\u2019\u00a0\u202f ]*(e[-+]?\d+)?\s*%?", re.IGNORECASE
 )
-_MOMENT = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ,].*)?|\d{1,2}:\d{2}(:.*)?")
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?")
+_MOMENT = re.compile(
+    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ,].*)?|\d{1,2}:\d{2}([:.,].*)?( ?[AaPp][Mm])?"
+    r"|\d{1,2}[-/. ][A-Za-z]{3,9}\.?[-/. ]\d{2,4}([ ,].*)?"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,8 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
     if binary is None:
         separator, text = _separated(read_text(path, RecordingError, pipe=True))
         rows = parse_rows(path, text, separator, RecordingError)
+        if rows and holds_values(rows[0].cells):
+            rows = [*_commented_header(text, separator, rows[0]), *rows]
     else:
         separator, rows = "\t", binary
         while rows and not any(rows[-1].cells):
@@ -70,6 +77,8 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
     header, begin = _find_header(rows, named)
     end = _last_sample(rows, begin)
     file = fit_rows(path, separator, header, rows[begin:end], RecordingError)
+    between = tuple(row for row in rows[:begin] if row.line > header.line)
+    file = replace(file, under_header=between)
     left_out = [
         row.line
         for row in [*rows[:begin], *rows[end:]]
@@ -86,8 +95,12 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
 def holds_values(cells: Sequence[str]) -> bool:
     """Whether at least half of the filled cells hold a number or a moment."""
     filled = [cell for cell in cells if cell]
-    values = sum(bool(_NUMBER.fullmatch(cell) or _MOMENT.fullmatch(cell)) for cell in filled)
+    values = sum(map(_is_value, filled))
     return 2 * values >= len(filled) > 0
+
+
+def _is_value(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell) or _MOMENT.fullmatch(cell))
 
 
 def _separated(text: str) -> tuple[str, str]:
@@ -98,17 +111,37 @@ def _separated(text: str) -> tuple[str, str]:
     lines = [
         line
         for line in text.split("\n", 3 * _LOOKED_AT)[: 3 * _LOOKED_AT]
-        if line.strip() and not line.lstrip().startswith("#")
+        if line.strip() and not is_comment(line)
     ][:_LOOKED_AT]
     shares = {separator: _agreement([line.count(separator) for line in lines], 1)
               for separator in ";\t|,"}  # fmt: skip
+    best = max(shares, key=lambda separator: shares[separator])
+    words = [line.split() for line in lines]
+    if _agreement([len(line) for line in words], 2) >= _AGREEING and (
+        shares[best] == 0.0 or (best == "," and _are_decimal_commas(words))
+    ):
+        return "\t", "\n".join("\t".join(line.split()) for line in text.split("\n"))
     for separator, share in shares.items():
         if share >= _AGREEING:
             return separator, text
-    best = max(shares, key=lambda separator: shares[separator])
-    if shares[best] == 0.0 and _agreement([len(line.split()) for line in lines], 2) >= _AGREEING:
-        return "\t", "\n".join("\t".join(line.split()) for line in text.split("\n"))
     return (best if shares[best] > 0.0 else ","), text
+
+
+def _are_decimal_commas(lines: Sequence[Sequence[str]]) -> bool:
+    """Whether the commas of lines that blanks separate stand within numbers: ``0 40,86 42,56``."""
+    numbers = [line for line in lines if all(map(_DECIMAL_COMMA.fullmatch, line))]
+    return len(numbers) >= _AGREEING * len(lines)
+
+
+def _commented_header(text: str, separator: str, first: CsvRow) -> list[CsvRow]:
+    """The line above the first row, where it is a comment of as many cells: ``# time,op,pv``."""
+    lines = text.split("\n", first.line)[: first.line - 1]
+    while lines and not lines[-1].strip():
+        lines.pop()
+    if not lines or not is_comment(lines[-1]):
+        return []
+    names = tuple(name.strip(' \t"') for name in lines[-1].strip(" \t#").split(separator))
+    return [CsvRow(len(lines), names)] if len(names) == len(first.cells) else []
 
 
 def _agreement(counts: Sequence[int], least: int) -> float:
@@ -121,15 +154,16 @@ def _find_header(rows: Sequence[CsvRow], named: Sequence[str]) -> tuple[CsvRow, 
     """Return the header and the index of the first sample."""
     looked_at = [_trimmed(row) for row in rows[:_LOOKED_AT]]
     width = Counter(map(len, looked_at)).most_common(1)[0][0]
-    is_sample = [len(cells) == width and holds_values(cells) for cells in looked_at]
+    is_bad = [any(cells) and all(map(is_bad_value, cells)) for cells in looked_at]
+    is_sample = [
+        len(row.cells) >= width and _is_sample(cells, width)
+        for row, cells in zip(rows, looked_at, strict=False)
+    ]
     begin = next((n for n in range(len(is_sample)) if all(is_sample[n : n + 2])), 0)
+    above = [n for n in range(begin) if not is_bad[n]][-_ABOVE_DATA:]
     candidates = [
         row
-        for row, cells in zip(
-            rows[max(0, begin - _ABOVE_DATA) : begin],
-            looked_at[max(0, begin - _ABOVE_DATA) :],
-            strict=False,
-        )
+        for row, cells in ((rows[n], looked_at[n]) for n in above)
         if 2 * sum(map(bool, cells)) >= width and (width == 1 or len(cells) > 1)
     ]
     if not candidates:
@@ -141,7 +175,16 @@ def _find_header(rows: Sequence[CsvRow], named: Sequence[str]) -> tuple[CsvRow, 
         if len(above.cells) == len(below.cells)
     ]
     best = max([*candidates, *joined], key=lambda row: _roles_in(row, named))
+    while is_bad[begin - 1] and rows[begin - 1].line > best.line:
+        # A record may begin with bad samples alone.
+        begin -= 1
     return best, begin
+
+
+def _is_sample(cells: Sequence[str], width: int) -> bool:
+    """Whether cells, those at the end that are empty left out, are values or words for bad ones."""
+    known = [cell for cell in cells if not is_bad_value(cell)]
+    return holds_values(known) and (len(cells) == width or all(map(_is_value, known)))
 
 
 def _join(above: str, below: str) -> str:

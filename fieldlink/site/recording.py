@@ -24,11 +24,12 @@ from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.recorded_columns import RecordedColumns
 from fieldlink.site.recorded_table import read_recorded_table
-from fieldlink.site.timestamps import Sampling, sampling_of
+from fieldlink.site.timestamps import Sampling
 from fieldlink.spreadsheet import from_cell
 
 __all__ = [
     "MIN_ROWS",
+    "PERIODS_DIFFER",
     "NanRun",
     "Recording",
     "files_in",
@@ -41,6 +42,10 @@ MIN_ROWS = 50
 
 ENDINGS = (".csv", ".tsv", ".xlsx", ".parquet", ".mat")
 """Files of a folder that are recordings; a file that is named itself may end otherwise."""
+
+PERIODS_DIFFER = 0.05
+"""Share of a given period by which the times may differ and still agree with it: as much as an
+interval may differ and count as regular (`timestamps`)."""
 
 Floats = NDArray[np.float64]
 
@@ -139,8 +144,8 @@ def read_recording(
         path: as for `recorded_table.read_recorded_table`.
         op, pv, sp, auto, time: names of the columns; by default those of these names or of names
             that mean the same (`column_names`), of which only OP and PV must be there.
-        period: seconds between rows; it counts more than a time column. Without either a row is a
-            second.
+        period: seconds between rows; it counts more than the period of a time column, whose times
+            still order the rows. Without either a row is a second.
         needs_pv: whether a file without PV is refused; otherwise its PV is all NaN.
 
     Raises:
@@ -214,12 +219,14 @@ def _recording_of(
         columns.report(
             "", f"has {len(file.rows)} rows, at least {MIN_ROWS} are needed", "record for longer"
         )
-    elif wanted["time"] is not None or period is None:
-        order = columns.order(found["time"], is_guessed=columns.is_guessed("time"))
+    else:
+        order = columns.order(
+            found["time"], is_guessed=columns.is_guessed("time"), gives_period=period is None
+        )
         if order is not None:
-            sampling = sampling_of(order.times)
-            numbers = {role: None if v is None else v[order.rows] for role, v in numbers.items()}
-            switched = None if switched is None else switched[order.rows]
+            rows, sampling = order
+            numbers = {role: None if v is None else v[rows] for role, v in numbers.items()}
+            switched = None if switched is None else switched[rows]
     op_values, pv_values = numbers["op"], numbers["pv"]
     if op_values is not None and pv_values is None and not needs_pv:
         pv_values = np.full(op_values.size, np.nan)
@@ -263,7 +270,11 @@ def _notes(
         notes.append("op lies between 0 and 1: S and J are fractions of its range, not percent")
     if period is None and sampling is None:
         notes.append("no time column and no period given: a row is taken for a second")
-    if period is not None and sampling is not None and abs(sampling.period / period - 1) > 0.05:
+    if (
+        period is not None
+        and sampling is not None
+        and abs(sampling.period / period - 1) > PERIODS_DIFFER
+    ):
         notes.append(
             f"the time column says {sampling.period:g} s between rows; "
             f"the given {period:g} s counts"

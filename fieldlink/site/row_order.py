@@ -13,11 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.timestamps import NoClockError, Times
+from fieldlink.site.summer_time import count_on, leave_out_mixed_hours
+from fieldlink.site.times import NoClockError, Times
 
-__all__ = ["OrderedRows", "put_in_order"]
+__all__ = ["OrderedRows", "Rows", "put_in_order"]
 
-_HOUR = 3600.0
+_NEWEST_FIRST = 0.9
+"""Share of the steps that go back in a file whose newest row is first; the others are seams."""
+
 _FEW = 0.05
 """Share of rows with the stamp of another row up to which the stamps count as they are."""
 
@@ -53,78 +56,45 @@ def put_in_order(times: Times, cells: Sequence[tuple[str, ...]]) -> OrderedRows:
     Raises:
         NoClockError: the times name no order: most rows share theirs, or numbers begin again.
     """
-    seconds = times.seconds
-    known = np.flatnonzero(~np.isnan(seconds))
-    steps = np.diff(seconds[known])
-    if (steps > 0.0).all():
-        back = _before_summer(times, steps) if known.size == seconds.size else None
-        rows = np.arange(seconds.size)
-        if back is None:
-            return OrderedRows(rows, times, ())
-        row, stamps = back
-        note = f"from row {row + 1} on the local time is an hour more (summer time): taken back"
-        return OrderedRows(rows, replace(times, seconds=stamps), (note,))
-    if known.size < seconds.size:
-        # Without a stamp a row has a place only where the rows stand in the order of time.
-        rows, notes = known, [f"{seconds.size - known.size} rows without a time are left out"]
-    else:
-        rows, notes = np.arange(seconds.size), []
-    stamps = seconds[rows]
-    if times.is_local and (found := _after_summer(stamps, steps)) is not None:
-        row, stamps = found
-        notes.append(
-            f"from row {row + 1} on the local time is an hour less (end of summer time): "
-            "the times are counted on"
-        )
-    elif (steps < 0.0).any():
-        # A stretch that is newest first is turned round, rows of one moment included.
-        is_backwards = bool((steps <= 0.0).all())
-        order = np.arange(rows.size)[::-1] if is_backwards else np.argsort(stamps, kind="stable")
-        if not is_backwards and times.origin is None:
-            row = int(np.flatnonzero(steps < 0.0)[0]) + 1
+    known = np.flatnonzero(~np.isnan(times.seconds))
+    steps = np.diff(times.seconds[known])
+    notes: list[str] = []
+    if known.size < times.seconds.size:
+        if (steps > 0.0).all():
+            # Where the rows stand in the order of time, one without a stamp has its place too.
+            return OrderedRows(np.arange(times.seconds.size), times, ())
+        notes.append(f"{times.seconds.size - known.size} rows without a time are left out")
+    rows = known
+    # First of all, so that a clock that is set goes on as it did.
+    if np.count_nonzero(steps < 0.0) > _NEWEST_FIRST * np.count_nonzero(steps):
+        rows = rows[::-1]
+        notes.append("the rows are newest first: turned round")
+    stamps = times.seconds[rows]
+    if times.is_local and times.origin is not None:
+        stamps = count_on(stamps, times.origin, notes)
+    back = np.flatnonzero(np.diff(stamps) < 0.0) + 1
+    if back.size:
+        if times.origin is None and not _is_one_clock(stamps):
+            row = int(back[0])
             raise NoClockError(
                 f"the times do not increase: they go back from {stamps[row - 1]:g} to "
                 f"{stamps[row]:g} s",
                 int(rows[row]),
             )
+        order = np.argsort(stamps, kind="stable")
         rows, stamps = rows[order], stamps[order]
-        notes.append(
-            "the rows are newest first: turned round"
-            if is_backwards
-            else f"the rows go back in time {int((steps < 0.0).sum())} times: sorted by time"
-        )
+        notes.append(f"the rows go back in time {back.size} times: sorted by time")
+    if times.is_local and times.origin is not None:
+        kept, stamps = leave_out_mixed_hours(stamps, times.origin, notes)
+        rows = rows[kept]
     rows, stamps = _without_repetitions(rows, stamps, cells, notes)
     return OrderedRows(rows, replace(times, seconds=stamps), tuple(notes))
 
 
-def _before_summer(times: Times, steps: Floats) -> tuple[int, Floats] | None:
-    """The only long step of a local time, where it leaves out an hour at a full hour.
-
-    A logger that stood still for just this hour looks the same: then its gap goes unnoticed.
-    """
-    if not times.is_local or times.origin is None:
-        return None
-    period = float(np.median(steps))
-    long = np.flatnonzero(steps > 0.5 * _HOUR)
-    if long.size != 1 or abs(steps[long[0]] - _HOUR - period) > 0.5 * period:
-        return None
-    row = int(long[0]) + 1
-    if (times.origin + times.seconds[row]) % _HOUR >= period:
-        return None
-    return row, np.concatenate([times.seconds[:row], times.seconds[row:] - _HOUR])
-
-
-def _after_summer(stamps: Floats, steps: Floats) -> tuple[int, Floats] | None:
-    """The only step back, where it is one of an hour, and the stamps counted on over it."""
-    back = np.flatnonzero(steps < 0.0)
-    forth = steps[steps > 0.0]
-    if back.size != 1 or forth.size == 0:
-        return None
-    row = int(back[0]) + 1
-    period = float(np.median(forth))
-    if not 0.0 < steps[row - 1] + _HOUR <= 1.5 * period:
-        return None
-    return row, np.concatenate([stamps[:row], stamps[row:] + _HOUR])
+def _is_one_clock(stamps: Floats) -> bool:
+    """Whether numbers in any order are those of one clock: one that begins again meets its own."""
+    steps = np.diff(np.sort(stamps))
+    return bool(steps.min() > 0.5 * np.median(steps))
 
 
 def _without_repetitions(
@@ -134,15 +104,28 @@ def _without_repetitions(
     steps = np.diff(stamps)
     same = np.flatnonzero(steps == 0.0) + 1
     repeated = np.array([n for n in same if cells[rows[n]] == cells[rows[n - 1]]], dtype=np.int64)
+    if same.size == 0:
+        return rows, stamps
     if same.size - repeated.size > _FEW * stamps.size or 2 * same.size > stamps.size:
         return rows, _spread(stamps, notes)
     # Beside an interval of two periods the row is a sample, and its stamp is late or early.
     period = float(np.median(steps[steps > 0.0]))
     wide = np.concatenate([[0.0, 0.0], steps, [math.inf]]) > _TWO * period
-    repeated = np.array([n for n in repeated if not (wide[n] or wide[n + 2])], dtype=np.int64)
+    narrow = same[~(wide[same] | wide[same + 2])]
+    repeated = np.intersect1d(repeated, narrow)
     if repeated.size:
         notes.append(f"{repeated.size} rows repeat the row before and are left out")
-    kept = np.setdiff1d(np.arange(stamps.size), repeated)
+    replaced = np.setdiff1d(narrow, repeated)
+    if replaced.size >= 3 and np.ptp(np.diff(replaced)) <= 2:
+        # Every so often a row more than the clock has stamps: the samples come a little faster.
+        replaced = replaced[:0]
+    if replaced.size:
+        notes.append(
+            "1 row has the time of the row after it and is left out"
+            if replaced.size == 1
+            else f"{replaced.size} rows have the time of the row after them and are left out"
+        )
+    kept = np.setdiff1d(np.arange(stamps.size), [*repeated, *(replaced - 1)])
     return rows[kept], stamps[kept]
 
 

@@ -6,62 +6,30 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import pandas as pd
+from fieldlink.site.dated_cells import parse_dates
+from fieldlink.site.number_cells import NumberCells
+from fieldlink.site.numbered_times import TIME_UNITS, to_seconds
+from fieldlink.site.times import NoClockError, Times
+from fieldlink.site.times_of_day import is_time_of_day, parse_times_of_day
 
-__all__ = [
-    "NoClockError", "Sampling", "Times", "counts_a_second", "is_date", "is_moment",
-    "is_time_of_day", "parse_times", "sampling_of", "typical_interval",
-]  # fmt: skip
+__all__ = ["Sampling", "parse_times", "sampling_of", "typical_interval"]
 
-_DAY = 86400.0
-_DATED_FROM, _DATED_TO = 946_684_800.0, 4_102_444_800.0
-"""Numbers between the years 2000 and 2100, taken as seconds since 1970, are moments."""
-_TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?$")
-_DATE = re.compile(r"^\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}$")
-_WITH_OFFSET = re.compile(r"(Z|UTC|GMT|[+-]\d{2}:?\d{2})$")
-_MILLISECONDS_AFTER_COLON = re.compile(r"(\d:\d{2}:\d{2}):(\d{1,6})$")
-_COUNTS_A_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
-"""What logs and databases count since 1970."""
-_SPREADSHEET_EPOCH = 25569.0
-"""1 January 1970 as a spreadsheet's number of days."""
-_FINE_DAYS = 0.01
-"""Days, a quarter of an hour: times that spread over years and step less are numbers of days. In
-seconds they would be a hundred samples a second, begun ten hours after their zero."""
+_COMPACT = re.compile(
+    r"((?:19|20)\d{2})(0[1-9]|1[0-2])(0[1-9]|[12]\d|3[01])"
+    r"[T ]?([01]\d|2[0-3])([0-5]\d)(?:([0-5]\d)(?:[.,]?(\d{1,6}))?)?"
+)
+"""A date and time without marks between its parts: 20261105120000."""
+_MOST_MULTIPLES = 10.0
+"""Samples from row to row, in the middle, above which the shortest interval is no period: of ten
+samples nine would be missing, and nothing could be judged."""
 _REGULAR = 0.05
 """Share of the period by which an interval may differ and still count as regular."""
 
 Floats = NDArray[np.float64]
-
-
-class NoClockError(ValueError):
-    """A column without a readable time; ``index`` is the row at fault, if one is."""
-
-    def __init__(self, message: str, index: int | None = None) -> None:
-        self.index = index
-        super().__init__(message)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Times:
-    """A time column in seconds.
-
-    Attributes:
-        seconds: one for each cell, NaN for an empty one.
-        origin: seconds since 1970 (UTC) when ``seconds`` is 0, None without a date.
-        is_local: whether the dates name no offset from UTC.
-        note: how the column was read, where that is not plain.
-    """
-
-    seconds: Floats
-    origin: float | None
-    is_local: bool = False
-    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,23 +52,20 @@ class Sampling:
     longest: float
 
 
-def is_moment(seconds: float) -> bool:
-    """Whether a number of seconds counts from 1970, not from the start of a recording."""
-    return _DATED_FROM <= seconds < _DATED_TO
-
-
-def counts_a_second(number: float) -> tuple[str, float] | None:
-    """Return what a number since 1970 counts, and how many of that a second has; else None."""
-    units = _COUNTS_A_SECOND.items()
-    return next(((unit, counts) for unit, counts in units if is_moment(number / counts)), None)
-
-
-def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
+def parse_times(
+    cells: Sequence[str],
+    numbers: Callable[[Sequence[str]], NumberCells],
+    *,
+    unit: str | None,
+    day_first: bool,
+) -> Times:
     """Return the seconds of every cell.
 
     Args:
         cells: the column.
-        number: turns text into a number or raises ValueError.
+        numbers: turns cells into numbers.
+        unit: what numbers count, see `numbered_times.find_time_unit`.
+        day_first: see `dated_cells.parse_dates`.
 
     Raises:
         NoClockError: naming the first row that fits no notation of time.
@@ -108,29 +73,23 @@ def parse_times(cells: Sequence[str], number: Callable[[str], float]) -> Times:
     filled = [index for index, cell in enumerate(cells) if cell]
     if len(filled) < 2:
         raise NoClockError("holds no times")
-    seconds = np.full(len(cells), np.nan)
     first = cells[filled[0]]
-    note = None
-    is_local = False
-    if _is_number(first, number):
-        values = np.array([_number_at(cells, index, number) for index in filled])
-        seconds[filled], origin, note = _as_seconds(values)
-    elif is_time_of_day(first):
-        seconds[filled], origin = _unwrap([_time_of_day(cells, index) for index in filled]), None
-    else:
-        seconds[filled], origin = _dates(cells, filled)
-        is_local = not _WITH_OFFSET.search(first)
-    return Times(seconds, origin, is_local, note)
-
-
-def is_time_of_day(cell: str) -> bool:
-    """Whether a cell is a time without a date."""
-    return _TIME_OF_DAY.match(cell) is not None
-
-
-def is_date(cell: str) -> bool:
-    """Whether a cell is a date without a time."""
-    return _DATE.match(cell) is not None
+    seconds = np.full(len(cells), np.nan)
+    if _COMPACT.fullmatch(first):
+        return parse_dates([_COMPACT.sub(_spell_out, cell) for cell in cells], filled,
+                           day_first=day_first)  # fmt: skip
+    sample = numbers([first])
+    # Behind a number stands a unit of time, behind the day of a date its month.
+    if not np.isnan(sample.values[0]) and (not sample.unit or sample.unit in TIME_UNITS):
+        unit = sample.unit or unit
+        found = to_seconds(_values(cells, filled, numbers), unit)
+        seconds[filled] = found.seconds
+        is_known = unit is not None or found.note is not None
+        return Times(seconds, found.origin, note=found.note, is_unit_known=is_known)
+    if is_time_of_day(first):
+        seconds[filled], note = parse_times_of_day(cells, filled)
+        return Times(seconds, None, note=note)
+    return parse_dates(cells, filled, day_first=day_first)
 
 
 def sampling_of(times: Times) -> Sampling:
@@ -162,7 +121,8 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
 
     A historian that keeps a row only when a value changes has intervals of one, two, three samples.
     Rows counted by their median are soon many samples from their time, which they are not where
-    stamps are merely rounded or late.
+    stamps are merely rounded or late. With fine stamps all intervals are multiples of the shortest,
+    which is chance then.
 
     Args:
         seconds: times, not NaN.
@@ -173,86 +133,34 @@ def typical_interval(seconds: Floats, rows: NDArray[np.int64]) -> float:
     if steps.size == 0:
         return math.nan
     median, shortest = float(np.median(steps)), float(steps.min())
-    is_regular = np.count_nonzero(np.abs(steps - median) > _REGULAR * median) <= 0.5 * steps.size
+    others = np.count_nonzero(np.abs(steps - median) > _REGULAR * median)
+    if others == 0:
+        # Over the whole record the digits that stamps lack do not count.
+        return float((seconds[-1] - seconds[0]) / (rows[-1] - rows[0]))
+    is_regular = others <= 0.5 * steps.size
     if is_regular or not shortest > 0.0:
         return median
     multiples = steps / shortest
-    if np.any(np.abs(multiples - np.rint(multiples)) > _REGULAR):
+    if median > _MOST_MULTIPLES * shortest or np.any(
+        np.abs(multiples - np.rint(multiples)) > _REGULAR
+    ):
         return median
     drift = seconds - np.polyval(np.polyfit(rows, seconds, 1), rows)
     return shortest if float(np.std(drift)) > median else median
 
 
-def _as_seconds(values: Floats) -> tuple[Floats, float | None, str | None]:
-    """Numbers as seconds, with their origin and how they were read."""
-    if is_moment(values[0]):
-        return values, 0.0, None
-    if (counted := counts_a_second(values[0])) is not None:
-        unit, counts = counted
-        return values / counts, 0.0, f"holds {unit} since 1970"
-    days = (values - _SPREADSHEET_EPOCH) * _DAY
-    if is_moment(days[0]) and is_moment(days[-1]) and abs(np.median(np.diff(values))) < _FINE_DAYS:
-        return np.round(days, 3), 0.0, "holds days, as a spreadsheet counts them"
-    return values, None, None
+def _spell_out(found: re.Match[str]) -> str:
+    year, month, day, hour, minute, second, fraction = found.groups()
+    return f"{year}-{month}-{day} {hour}:{minute}:{second or '00'}.{fraction or '0'}"
 
 
-def _is_number(cell: str, number: Callable[[str], float]) -> bool:
-    try:
-        number(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _number_at(cells: Sequence[str], index: int, number: Callable[[str], float]) -> float:
-    try:
-        return number(cells[index])
-    except ValueError as error:
-        raise NoClockError(f"{cells[index]!r} is not a number of seconds", index) from error
-
-
-def _time_of_day(cells: Sequence[str], index: int) -> float:
-    cell = cells[index]
-    if not is_time_of_day(cell):
-        raise NoClockError(f"{cell!r} is not a time of day", index)
-    parts = [float(part) for part in cell.replace(",", ".").split(":")]
-    return math.fsum(part * unit for part, unit in zip(parts, (3600.0, 60.0, 1.0), strict=False))
-
-
-def _unwrap(times: list[float]) -> Floats:
-    """Times of day go on after midnight."""
-    values = np.array(times)
-    midnights = np.concatenate([[0], np.cumsum(np.diff(values) < -0.5 * _DAY)])
-    unwrapped: Floats = values + _DAY * midnights
-    return unwrapped
-
-
-def _dates(cells: Sequence[str], filled: list[int]) -> tuple[Floats, float]:
-    """ISO 8601 is tried first; of day first and month first the reading of the shorter span counts.
-
-    The wrong one of the two makes months of days or jumps back.
-    """
-    # Here, because only recordings with dates need pandas, and a daemon has none.
-    import pandas as pd
-
-    column = pd.Series([_MILLISECONDS_AFTER_COLON.sub(r"\1.\2", cells[i]) for i in filled])
-    iso = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
-    if iso.notna().all():
-        return _seconds(iso)
-    readings = [
-        pd.to_datetime(column, utc=True, errors="coerce", format="mixed", dayfirst=day_first)
-        for day_first in (False, True)
-    ]
-    complete = [_seconds(stamps) for stamps in readings if stamps.notna().all()]
-    if complete:
-        return min(complete, key=lambda reading: float(np.ptp(reading[0])))
-    best = max((iso, *readings), key=lambda stamps: int(stamps.notna().sum()))
-    wrong = filled[int(np.flatnonzero(best.isna().to_numpy())[0])]
-    raise NoClockError(f"{cells[wrong]!r} is not a date and time", wrong)
-
-
-def _seconds(stamps: pd.Series[pd.Timestamp]) -> tuple[Floats, float]:
-    """Seconds since the first stamp, which keeps their digits, and the first stamp's own."""
-    elapsed = stamps - stamps.iloc[0]
-    seconds = np.asarray(elapsed.dt.total_seconds(), dtype=np.float64)
-    return seconds, stamps.iloc[0].timestamp()
+def _values(
+    cells: Sequence[str], filled: Sequence[int], numbers: Callable[[Sequence[str]], NumberCells]
+) -> Floats:
+    found = numbers([cells[index] for index in filled])
+    if found.ambiguous is not None:
+        raise NoClockError(f"{found.ambiguous!r} may be a decimal comma or grouped digits")
+    for index in np.flatnonzero(np.isnan(found.values)).tolist():
+        wrong = filled[index]
+        raise NoClockError(f"{cells[wrong]!r} is not a number of seconds", wrong)
+    return found.values

@@ -183,6 +183,7 @@ _CAUSE_OF_REASON = {
     ReasonCode.NOT_IN_AUTOMATIC: Wrong.MANUAL,
     ReasonCode.OP_AT_LIMIT: Wrong.SATURATION,
     ReasonCode.PV_FROZEN: Wrong.SENSOR,
+    ReasonCode.PV_FAULTS: Wrong.SENSOR,
     ReasonCode.PV_AT_LIMIT: Wrong.SENSOR,
 }
 """What the estimator's reasons mean for a work list; every other reason leaves the cause open."""

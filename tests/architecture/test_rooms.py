@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 ROOMS = {"prepare", "hypotheses", "search", "criteria", "evidence", "intervals", "valves",
-         "processes", "published", "monitoring", "diagnosis"}  # fmt: skip
+         "processes", "published", "monitoring", "diagnosis", "controller"}  # fmt: skip
 """Rooms that the design names; ``prepare`` and ``report`` are modules beside `identify`."""
 
 

@@ -8,6 +8,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -16,11 +17,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from estimator import identify
+from fieldlink.assess.run_file import RunFile
 from tests.cli.typed import run_typed
 
 CONTRACT = (
     "file,loop,start,samples,period_s,verdict,score,stick_band,stick_band_low,"
-    "stick_band_high,slip_jump,cause,action,seconds,error"
+    "stick_band_high,slip_jump,cause,action,seconds,error,notes"
 )
 KILLED = """
 import os, signal, sys
@@ -129,3 +131,21 @@ def test_what_cannot_be_done_is_refused_with_a_sentence(
     done = run_typed(tmp_path, "assess", *arguments)
     assert done.returncode == 2
     assert words in " ".join(done.stderr.replace("│", " ").split())
+
+
+def test_a_run_of_an_older_release_gets_the_columns_it_lacks(tmp_path: Path) -> None:
+    file = tmp_path / "run.sqlite"
+    columns = ", ".join(CONTRACT.split(",")[:-1])
+    with closing(sqlite3.connect(file)) as database:
+        database.execute(
+            f"CREATE TABLE windows (piece INTEGER NOT NULL, number INTEGER NOT NULL, {columns}, "
+            "PRIMARY KEY (piece, number)) WITHOUT ROWID"
+        )
+        database.execute("INSERT INTO windows (piece, number, file, loop) VALUES (1, 0, 'a', 'A')")
+        database.commit()
+    run_file = RunFile(file)
+    run_file.store([(2, [dict.fromkeys(CONTRACT.split(",")) | {"loop": "B", "notes": "turned"}])])
+    rows = [*run_file.windows_of("a", "A", 9)]
+    assert [(row["loop"], row["notes"]) for row in rows] == [("A", None)]
+    assert run_file.counts().rows == 2
+    run_file.close()

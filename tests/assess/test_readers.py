@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -20,7 +21,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers.registry import reader_of
 from fieldlink.assess.series import Series
-from fieldlink.site import SiteError
+from fieldlink.site import SiteError, read_recording
 from fieldlink.store import EventRecord, Historian, SampleRecord
 
 BEGIN = 1_767_225_600
@@ -208,3 +209,65 @@ def test_a_password_is_neither_shown_nor_stored(tmp_path: Path) -> None:
         assert "hidden" in place.where
         assert "hidden" not in place.shown
         assert "hidden" not in str(Job((place,)).options())
+
+
+@pytest.mark.parametrize(("name", "count"), [("time_ms", 1000.0), ("Time [min]", 1 / 60)])
+def test_the_unit_in_the_name_of_a_parquet_column_counts(
+    name: str, count: float, tmp_path: Path
+) -> None:
+    values = np.arange(200.0)
+    pq.write_table(
+        pa.table({"op": values, "pv": -values, name: 2.0 * values * count}), tmp_path / "x.parquet"
+    )
+    ((_, window),) = windows(place_of(str(tmp_path / "x.parquet")), Cut(samples=200))
+    assert window.period == pytest.approx(2.0)
+    assert window.time[-1] == pytest.approx(398.0)
+
+
+def test_numbers_that_cannot_be_seconds_are_refused(tmp_path: Path) -> None:
+    values = np.arange(200.0)
+    pq.write_table(
+        pa.table({"op": values, "pv": -values, "time": 2e7 * values}), tmp_path / "x.parquet"
+    )
+    place = place_of(str(tmp_path / "x.parquet"))
+    with pytest.raises(
+        ReadingError, match="2e\\+07 s apart if they count seconds; name their unit"
+    ):
+        windows(place, Cut(samples=200))
+    ((_, window),) = windows(place, Cut(samples=200), period=2.0)
+    assert window.period == 2.0
+
+
+def test_an_index_of_pandas_without_a_name_is_the_time(tmp_path: Path) -> None:
+    index = pd.date_range("2026-01-01", periods=200, freq="2s")
+    frame = pd.DataFrame({"op": np.arange(200.0), "pv": -np.arange(200.0)}, index=index)
+    frame[::-1].to_parquet(tmp_path / "x.parquet")
+    ((_, window),) = windows(place_of(str(tmp_path / "x.parquet")), Cut(samples=200))
+    recording = read_recording(tmp_path / "x.parquet")
+    for read in (window, recording):
+        assert read.period == 2.0
+        assert read.op.tolist() == list(range(200))
+    assert window.time[0] == recording.start == BEGIN
+
+
+def test_how_a_file_was_read_stays_with_its_windows(tmp_path: Path) -> None:
+    rows = [f"{2000 * k},{k},{-k}" for k in range(200)]
+    (tmp_path / "x.csv").write_text("\n".join(["time_ms,op,pv", *rows[::-1]]))
+    ((_, window),) = windows(place_of(str(tmp_path / "x.csv")), Cut(samples=200))
+    assert window.op.tolist() == list(range(200))
+    assert "time_ms counts ms: taken as seconds" in window.notes
+    assert "the rows are newest first: turned round" in window.notes
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("period", [2.0, 5.0])
+def test_a_given_period_keeps_the_order_of_the_times(
+    period: float, order: int, tmp_path: Path
+) -> None:
+    stamps = np.datetime64(BEGIN, "s") + 2 * np.arange(200)
+    rows = [f"{stamp}Z,{k},{-k}" for k, stamp in enumerate(stamps)]
+    (tmp_path / "x.csv").write_text("\n".join(["time,op,pv", *rows[::order]]))
+    place = place_of(str(tmp_path / "x.csv"))
+    ((_, window),) = windows(place, Cut(samples=200), period=period)
+    assert window.op.tolist() == list(range(200))
+    assert (window.period, window.time[0]) == (period, BEGIN)

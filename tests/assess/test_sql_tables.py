@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,34 @@ def test_text_with_a_decimal_comma_is_a_number(tmp_path: Path) -> None:
     (window,) = table.windows(table.pieces()[0])
     np.testing.assert_allclose(window.op, [50.0 + (i % 7) / 10.0 for i in ROWS])
     np.testing.assert_allclose(window.pv, [i % 5 + 0.5 for i in ROWS])
+
+
+@pytest.mark.parametrize(
+    ("cell", "op"), [("{:,}", "86.5"), ("{:,.1f}", "86"), ("{:G}", "86,5"), ("{:G.1f}", "86")]
+)
+def test_text_with_grouped_digits_is_a_number(tmp_path: Path, cell: str, op: str) -> None:
+    def text(value: int) -> str:
+        english = cell.replace("G", ",").format(value)
+        return english.translate(str.maketrans(",.", ".,")) if "G" in cell else english
+
+    rows = [(i, "A", op, text(950 + i)) for i in ROWS]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, op TEXT, pv TEXT", rows, MOMENTS)
+    (window,) = table.windows(table.pieces()[0])
+    np.testing.assert_allclose(window.pv, [950 + i for i in ROWS])
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [(lambda i: f"{950 + i:,}", "1,000"), (lambda i: f"86{',.'[i % 2]}{i % 7}", "86.1")],
+    ids=["grouped", "both notations"],
+)
+def test_text_that_may_be_grouped_digits_is_refused(
+    tmp_path: Path, text: Callable[[int], str], found: str
+) -> None:
+    rows = [(i, "A", "86", text(i)) for i in ROWS]
+    table = Table(tmp_path, "ts INTEGER, name TEXT, op TEXT, pv TEXT", rows, MOMENTS)
+    with pytest.raises(ReadingError, match=f"{found!r}, which may be decimals or grouped digits"):
+        table.windows(table.pieces()[0])
 
 
 @pytest.mark.parametrize(("unit", "counts"), [("ms", 10**3), ("us", 10**6), ("ns", 10**9)])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.evidence.sign import controller_action
+from estimator.controller.reading import read_aligned
+from estimator.evidence.sign import gain_sign
 from estimator.hypotheses.hypothesis import Case
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS
@@ -35,8 +35,8 @@ def sticky_window() -> tuple[Array, Array, Array]:
 
 def case_of(op: Array, pv: Array, *, signed: bool = True) -> Case:
     """The rows of a window as `identify` prepares them; ``signed`` is whether the sign is told."""
-    action = controller_action(op, pv, None) if signed else 0.0
-    sign = math.copysign(1.0, action) if abs(action) > SETTINGS.modelling.action_t else 0.0
+    exact = read_aligned(op, pv, None).controller
+    sign = gain_sign(op, pv, None, exact, SETTINGS.modelling) if signed else 0.0
     window = harmonise(op, pv, None, None, 1.0, SETTINGS.screening)
     return Case(rows_of(window, sign, SETTINGS.modelling), SETTINGS)
 

@@ -10,9 +10,11 @@ import pytest
 from benchmarks.examples import EXAMPLES, example_window
 from estimator import Verdict, identify
 from estimator.arrays import Array
-from estimator.evidence.sign import controller_action
+from estimator.cleaning import clean
+from estimator.evidence.sign import controller_action, gain_sign
 from estimator.evidence.weighing import weigh
 from estimator.hypotheses.hypothesis import Case
+from estimator.settings import SETTINGS
 from estimator.window import carry_on
 from loop_model import ValveModel
 
@@ -149,3 +151,48 @@ def test_a_predictive_controller_behind_a_long_dead_time_tells_the_sign(valve) -
         op, pv, sp = _smith_loop(valve, seed)
         assert controller_action(op, pv, sp) > 20.0
         assert controller_action(op, -pv, -sp) < -20.0
+
+
+def _moved(signal: Array, late: int) -> Array:
+    """A column ``(n,)`` that is recorded so many samples late."""
+    return np.concatenate([np.full(late, signal[0]), signal[: signal.size - late]])
+
+
+def _sign(op: Array, pv: Array) -> float:
+    found = clean(op, pv, None, SETTINGS.screening)
+    return gain_sign(op, found.pv, None, found.controller, SETTINGS.modelling)
+
+
+@pytest.mark.parametrize("valve", [None, ValveModel(5.0, 2.0)], ids=["healthy", "sticky"])
+@pytest.mark.parametrize(("op_late", "pv_late"), [(0, 0), (1, 0), (0, 1), (0, 2)])
+def test_columns_that_are_stored_one_after_the_other_tell_the_sign(
+    loop, valve, op_late: int, pv_late: int
+) -> None:
+    for seed in range(20):
+        op, pv, _ = loop(valve, samples=500, noise=0.2, drift=0.05, seed=seed)
+        for mirror in (1.0, -1.0):
+            assert _sign(_moved(op, op_late), mirror * _moved(pv, pv_late)) == mirror
+
+
+def test_a_sticky_valve_is_found_where_pv_is_stored_a_sample_late(loop) -> None:
+    for seed in range(5):
+        op, pv, _ = loop(ValveModel(5.0, 2.0), samples=600, noise=0.1, seed=seed)
+        found, as_seen = identify(op, _moved(pv, 1)), identify(op, pv)
+        assert found.verdict is Verdict.STICTION
+        assert found.stick_band.value == pytest.approx(as_seen.stick_band.value, rel=0.02)
+        assert "recorded 1 sample after the OP" in found.identifiability[-1]
+
+
+def test_op_in_manual_tells_no_sign() -> None:
+    # steps and a binary test signal, answered by a process and by no controller
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        for op in (
+            np.repeat(np.sign(rng.normal(size=75)), 8),
+            np.sign(np.sin(np.arange(600) / 9.0)),
+        ):
+            pv = np.zeros(600)
+            for k in range(4, 600):
+                pv[k] = 0.9 * pv[k - 1] + 0.1 * op[k - 4]
+            pv += 0.02 * rng.normal(size=600)
+            assert _sign(op, pv) == 0.0

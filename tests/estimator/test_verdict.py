@@ -144,3 +144,21 @@ def test_evidence_in_one_part_of_the_window_is_not_called() -> None:
     assert (found.verdict, found.uncertain) == (Verdict.NO_STICTION, True)
     codes = [reason.code for reason in found.reasons]
     assert codes == [ReasonCode.EVIDENCE_IN_ONE_PART, ReasonCode.UNCERTAIN]
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"effect": 0.0004}, "0.04% of PV's variance"),
+        ({"gain_sign": 0}, "which way the controller acts"),
+        ({"gain_sign": 0, "log_bayes_factor": -40.0}, "which way the controller acts"),
+    ],
+)
+def test_what_clear_evidence_may_rest_on_makes_it_uncertain(
+    changes: dict[str, float], word: str
+) -> None:
+    found = judge(replace(CLEAR, **changes), Fit(0.95, 0.8), SETTINGS)
+    assert found.uncertain
+    assert word in str(found.reasons[-1])
+    certain = changes | {"effect": 0.5, "gain_sign": 1}
+    assert (found.verdict, False) == (_judge(**certain)[0], _judge(**certain)[2])

@@ -86,3 +86,14 @@ def test_stamps_in_whole_seconds_are_no_missing_rows(tmp_path: Path) -> None:
     recorded = _recorded(tmp_path, np.floor(1.5 * np.arange(121)))
     assert recorded.period == 1.5
     assert len(fill_missing_rows(recorded)) == 121
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_of_changes_with_fine_stamps_have_no_period_of_their_shortest_interval(
+    tmp_path: Path, seed: int
+) -> None:
+    """Intervals without memory, a median of 3.5 s, stamps of 0.01 s."""
+    gaps = np.random.default_rng(seed).exponential(5.0, 899)
+    recorded = _recorded(tmp_path, np.round(np.cumsum(np.maximum(gaps, 0.01)), 2))
+    assert recorded.period == pytest.approx(5.0 * np.log(2.0), rel=0.1)
+    assert "sampling is irregular" in recorded.notes[0]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from fieldlink.site import Recording, read_recording
+from fieldlink.site import Recording, RecordingError, read_recording
 
 N = 120
 OP = np.round(40.0 + 10.0 * np.sin(np.arange(N) / 9.0), 3)
@@ -136,7 +136,115 @@ def test_words_for_bad_values_are_bad_samples(word: str, tmp_path: Path) -> None
     assert any(f"{word!r} in 3 rows" in note for note in recording.notes)
 
 
-@pytest.mark.parametrize(("good", "bad"), [("Good", "Bad"), ("192", "0")])
+@pytest.mark.parametrize(
+    "word", ["#N/A", "#NV", "#REF!", "#DIV/0!", "#WERT!", "#\u00a1VALOR!", "#NAME?", "####"]
+)
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_a_row_that_begins_with_an_error_of_a_spreadsheet_is_a_bad_sample(
+    word: str, mark: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(
+        lines(
+            f"# exported\npv{mark}op",
+            lambda k: (
+                f"{word if k % 40 == 5 else PV[k]}{mark}{OP[k]}"
+                + ("\n#N/A is what the export writes, not a row" if k == 9 else "")
+            ),
+        ),
+        "utf-8",
+    )
+    recording = read_recording(path, period=2.0)
+    check(recording, bad=3)
+    assert f"pv: {word!r} in 3 rows: bad samples" in recording.notes
+
+
+@pytest.mark.parametrize("word", ["Bad", "I/O Timeout", "", "#N/A"])
+@pytest.mark.parametrize("head", ["time,op,pv", "time,op,pv\ns,%,m3/h", "Export\ntime,op,pv"])
+@pytest.mark.parametrize("count", [5, 30])
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S", "%d-%b-%y %H:%M:%S", "%I:%M:%S %p"])
+def test_a_record_may_begin_with_bad_rows(
+    word: str, head: str, count: int, form: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "loop.csv"
+
+    def row(k: int) -> str:
+        values = f"{word},{word}" if k < count else f"{OP[k]},{PV[k]}"
+        return f"{stamp(k).strftime(form)},{values}"
+
+    path.write_text(lines(head, row))
+    recording = read_recording(path)
+    assert np.flatnonzero(np.isnan(recording.op)).tolist() == list(range(count))
+    np.testing.assert_allclose(recording.pv[count:], PV[count:])
+
+
+def test_bad_rows_without_a_time_are_bad_samples(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("op,pv", lambda k: "Bad,Bad" if k < 9 else f"{OP[k]},{PV[k]}"))
+    recording = read_recording(path, period=2.0)
+    assert np.flatnonzero(np.isnan(recording.op)).tolist() == list(range(9))
+
+
+@pytest.mark.parametrize("head", ["# time,op,pv", "#time,op,pv", "# of a mill\n# time,op,pv"])
+@pytest.mark.parametrize("mark", [",", ";", " "])
+def test_a_header_may_be_a_comment(head: str, mark: str, tmp_path: Path) -> None:
+    """As numpy.savetxt writes it."""
+    path = tmp_path / "loop.csv"
+    text = lines(head, lambda k: f"{2 * k},{OP[k]},{PV[k]}")
+    path.write_text(text.replace(",", mark))
+    check(read_recording(path))
+
+
+def test_decimal_commas_between_blanks(tmp_path: Path) -> None:
+    path = tmp_path / "loop.txt"
+    path.write_text(lines("time op pv", lambda k: f"{2 * k} {comma(OP[k])} {comma(PV[k])}"))
+    check(read_recording(path))
+
+
+def test_one_column_is_not_two_signals(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("time,op,pv", plain))
+    with pytest.raises(RecordingError, match="1: pv: is meant as op and pv at once; name another"):
+        read_recording(path, op="pv", pv="PV")
+
+
+def test_durations_in_a_workbook(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.append(["time", "op", "pv"])
+    for k in range(N):
+        book.active.append([timedelta(minutes=20 * k), OP[k], PV[k]])
+        book.active.cell(k + 2, 1).number_format = "[h]:mm:ss"
+    book.save(tmp_path / "loop.xlsx")
+    recording = read_recording(tmp_path / "loop.xlsx")
+    assert (len(recording), recording.period, recording.irregular) == (N, 1200.0, 0)
+
+
+@pytest.mark.parametrize("other", ["0", "10682368"])
+def test_codes_of_more_than_16_bits_are_those_of_opc_ua(other: str, tmp_path: Path) -> None:
+    """Below 2^30 all of them are good, 0 too, which is bad in OPC Data Access."""
+    path = tmp_path / "loop.csv"
+    path.write_text(
+        lines("time,op,pv,quality", lambda k: f"{plain(k)},{10682368 if k % 9 else other}")
+    )
+    check(read_recording(path))
+
+
+@pytest.mark.parametrize(
+    ("good", "bad"),
+    [
+        ("Good", "Bad"),
+        ("Good NonSpecific", ""),
+        ("192", "0"),
+        ("216", "24"),
+        ("0xC0", "0x00"),
+        ("0", "2147483648"),  # BadUnexpectedError and others begin with 0x80
+        ("0", "1073741824"),  # Uncertain
+        ("0x00000000", "0x80350000"),  # BadAttributeIdInvalid
+        ("0", "-2147483648"),  # the same 32 bits with a sign
+        ("10682368", "2147483648"),  # 0x00A30000: severity 00
+    ],
+)
 def test_a_column_of_quality_leaves_bad_values_out(good: str, bad: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.csv"
     head = "time,FC1.OP,FC1.PV,FC1.PV.Quality"
@@ -144,6 +252,13 @@ def test_a_column_of_quality_leaves_bad_values_out(good: str, bad: str, tmp_path
         lines(head, lambda k: f"{plain(k, 999)},{bad}" if k % 40 == 5 else f"{plain(k)},{good}")
     )
     check(read_recording(path), bad=3)
+
+
+def test_words_that_begin_with_good_are_good(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    words = ["Good", "Good NonSpecific", "Good, annotated"]
+    path.write_text(lines("time,op,pv,quality", lambda k: f'{plain(k)},"{words[k % 3]}"'))
+    check(read_recording(path))
 
 
 def test_matlab_excel_and_parquet(tmp_path: Path) -> None:

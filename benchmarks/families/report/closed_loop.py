@@ -89,7 +89,8 @@ def simulate(
     """OP, PV, set point and stem of the first loop, shape ``(n,)`` each.
 
     ``set_points``, ``inflow`` (load beside the valve's flow, OP units), ``outflow`` (load on PV)
-    and ``noise`` (of measurement, seen by the controller) have shape ``(2, n)``.
+    and ``noise`` (of measurement, seen by the controller) have shape ``(2, n)``. Where the first
+    loop's noise is NaN its transmitter repeats the last value.
     """
     n = set_points.shape[1]
     ops, pvs, sps, stems = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -108,8 +109,10 @@ def simulate(
     for i in range(2):
         start_stem(stem[i], memory[i, 0])
     at = 0
+    pv_0 = 0.0
     for k in range(n):
-        pv_0 = min(max(state[0, 4] + noise[0, k], wiring.lowest), wiring.highest)
+        if k == 0 or not np.isnan(noise[0, k]):
+            pv_0 = min(max(state[0, 4] + noise[0, k], wiring.lowest), wiring.highest)
         pv_1 = state[1, 4] + noise[1, k]
         sp = set_points[0, k]
         if loops == 2 and k % controllers[1].every == 0:

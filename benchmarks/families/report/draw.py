@@ -21,6 +21,7 @@ from benchmarks.families.report.records import (
     store_swinging_door,
 )
 from benchmarks.families.report.scenario import Scenario, draw_scenario, log_uniform
+from benchmarks.families.report.transmitter import add_spikes, freeze
 from compiled import kernel
 
 __all__ = ["draw"]
@@ -102,6 +103,9 @@ def _simulate(rng: Rng, kind: Kind, s: Scenario) -> tuple[Array, Array, Array, A
     if kind.name == "tight-tuning":
         share = rng.uniform(0.05, 0.6)
     noise[0] = share * swing * measurement_noise(rng, n)
+    if kind.name in ("spikes", "frozen"):
+        spoil = add_spikes if kind.name == "spikes" else freeze
+        spoil(rng, noise[0, SETTLED:], swing)
     if s.wiring.second:
         ratio = abs(s.plants[1].gain / s.plants[0].gain)
         noise[1] = 0.3 * share * swing * ratio * measurement_noise(rng, n)

@@ -49,6 +49,8 @@ KINDS: dict[str, Kind] = {
         Kind("interpolated"),
         Kind("decimated", plant="slow", laws=SIMPLE_LAWS),
         Kind("missing"),
+        Kind("spikes"),
+        Kind("frozen"),
         Kind("noisy-op"),
         Kind("sensor-lag"),
         Kind("oscillatory", plant="resonant"),

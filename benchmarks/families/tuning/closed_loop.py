@@ -53,7 +53,10 @@ class Controller:
 
 @dataclass(frozen=True)
 class LoopPart:
-    """One loop of the simulation; `load` in percent of OP at the valve, `noise` in PV, per scan."""
+    """One loop of the simulation; `load` in percent of OP at the valve, `noise` in PV, per scan.
+
+    Where `noise` is NaN the transmitter repeats its last value.
+    """
 
     process: Process
     controller: Controller
@@ -105,7 +108,9 @@ def _run(  # type: ignore[no-untyped-def]
     written_sp = np.empty(loops)
     for k in range(scans):
         for i in range(loops - 1, -1, -1):
-            measured[i, 0] = _quantise(x[i, 2] + noise[i, k], quantum[1])
+            # a transmitter that froze repeats its last value
+            if not np.isnan(noise[i, k]):
+                measured[i, 0] = _quantise(x[i, 2] + noise[i, k], quantum[1])
             written_sp[i] = sp[i, k]
             if cascade and i == 0:
                 # One percent of the outer OP moves the inner set point by the inner gain's size.

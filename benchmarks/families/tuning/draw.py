@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.families.loop import Law, RecordedLoop
 from benchmarks.families.tuning.closed_loop import LoopPart, Simulated
 from benchmarks.families.tuning.loads import Floats, count_knots, find_strokes
-from benchmarks.families.tuning.records import compress, draw_holes, hold
+from benchmarks.families.tuning.records import compress, draw_holes, draw_spikes, hold
 from benchmarks.families.tuning.scenes import SHORTEST_WINDOW, Scene, draw_scene, log_uniform
 
 __all__ = ["HEALTHY_KINDS", "KINDS", "STICKY_KINDS", "draw"]
@@ -22,6 +22,7 @@ _BOTH = (
     *("pi", "integrating", "cascade", "interacting", "sine", "triangle", "sines", "load-steps"),
     *("ramps", "drift", "saturation", "curved", "quantised", "held", "interpolated", "decimated"),
     *("missing", "noisy-op", "sensor-lag", "oscillatory", "few-strokes", "setpoint-steps"),
+    *("spikes", "frozen"),
 )
 HEALTHY_KINDS = (*_BOTH, *_ONLY_HEALTHY)
 STICKY_KINDS = (*_BOTH, *_ONLY_STICKY)
@@ -96,7 +97,12 @@ def _draw_once(kind: str, sticky: bool, rng: np.random.Generator) -> RecordedLoo
             scene,
             quantum=(log_uniform(rng, 0.1, 1.0), high * log_uniform(rng, 0.01, 0.15)),
         )
-    part = replace(part, controller=control, noise=noise * rng.standard_normal(len(scene.sp)))
+    drawn = noise * rng.standard_normal(len(scene.sp))
+    if kind == "spikes":
+        drawn += draw_spikes(rng, drawn.size, cycle)
+    if kind == "frozen":
+        drawn[draw_holes(rng, drawn.size, rng.uniform(0.02, 0.2))] = np.nan
+    part = replace(part, controller=control, noise=drawn)
     signals = scene.run(part)
     if not _is_sensible(signals, part.process.gain, allow_limits=kind == "saturation"):
         return None
@@ -146,7 +152,7 @@ def _record(
     if kind in ("held", "interpolated"):
         # A straight line follows a cycle longer than a held value, at the same deviation.
         reach = (0.05, 0.6) if kind == "held" else (0.01, 0.3)
-        shaking = float(np.std(part.noise)) * np.array([abs(part.controller.gain), 1.0])
+        shaking = float(np.nanstd(part.noise)) * np.array([abs(part.controller.gain), 1.0])
         # A deviation below the noise would store every sample.
         sizes = [
             max(log_uniform(rng, *reach) * float(np.std(s)), float(shake))

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["compress", "draw_holes", "hold"]
+__all__ = ["compress", "draw_holes", "draw_spikes", "hold"]
 
 Floats = NDArray[np.float64]
 
@@ -58,3 +58,12 @@ def draw_holes(rng: np.random.Generator, samples: int, share: float) -> NDArray[
         at = int(rng.integers(0, samples))
         missing[at : at + int(rng.integers(3, 41))] = True
     return missing
+
+
+def draw_spikes(rng: np.random.Generator, samples: int, size: float) -> Floats:
+    """Single samples far off, three to thirty a thousand, by one to ten times `size`."""
+    found = np.zeros(samples)
+    count = max(1, int(samples * rng.uniform(0.003, 0.03)))
+    at = rng.choice(samples, count, replace=False)
+    found[at] = size * rng.uniform(1.0, 10.0, count) * rng.choice([-1.0, 1.0], count)
+    return found

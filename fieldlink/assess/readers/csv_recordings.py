@@ -13,6 +13,7 @@ from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named
 from fieldlink.assess.series import Recorded, Series, runs_in_order
 from fieldlink.printable import as_text
+from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.recording import Recording, read_recordings
 
 __all__ = ["csv_pieces", "csv_windows"]
@@ -45,7 +46,7 @@ def csv_windows(job: Job, piece: Piece) -> Iterator[Named]:
 def _series(recording: Recording) -> Series:
     rows = np.arange(len(recording), dtype=np.float64)
     seconds = recording.time
-    if seconds is None:
+    if seconds is None or contradicts_clock(recording):
         seconds = rows * recording.period
     elif np.isnan(seconds).any():
         known = ~np.isnan(seconds)
@@ -59,4 +60,5 @@ def _series(recording: Recording) -> Series:
         auto=None if recording.auto is None else recording.auto.astype(np.float64),
         period=recording.period,
         dated=start is not None,
+        notes=recording.notes,
     )

@@ -21,9 +21,16 @@ from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.series import Recorded, Series
 from fieldlink.printable import as_text
-from fieldlink.site.column_names import guess_columns
+from fieldlink.site.column_names import PANDAS_INDEX, guess_columns
 from fieldlink.site.errors import nearest
-from fieldlink.site.timestamps import counts_a_second, is_moment
+from fieldlink.site.numbered_times import (
+    TIME_UNITS,
+    counts_a_second,
+    find_time_unit,
+    is_moment,
+    is_plausible,
+)
+from fieldlink.site.recording import PERIODS_DIFFER
 
 __all__ = ["parquet_pieces", "parquet_windows"]
 
@@ -150,6 +157,11 @@ def _find_columns(schema: Any, path: str, job: Job) -> _Columns:
     named = {role: number for role, number in known.items() if role != "loop"}
     guess = guess_columns(names, named)
     found |= {role: names[number] for role, number in guess.columns.items() if not found[role]}
+    if found["time"] is None and PANDAS_INDEX in names:
+        import pyarrow as pa
+
+        if pa.types.is_timestamp(schema.field(PANDAS_INDEX).type):
+            found["time"] = PANDAS_INDEX
     for role in ("op", "pv"):
         if found[role] is None and role in guess.ambiguous:
             several = ", ".join(guess.ambiguous[role])
@@ -164,17 +176,20 @@ def _find_columns(schema: Any, path: str, job: Job) -> _Columns:
 
 
 def _counts_a_second(file: Any, columns: _Columns) -> float:
-    """How many of what a column of numbers counts a second has, by the first; 1 for seconds."""
+    """How many of what a column of numbers counts a second has, by the first and the heading."""
     if columns.time is None:
         return 1.0
+    named = find_time_unit(columns.time, ())
+    of_heading = 1.0 if named is None else 1.0 / TIME_UNITS[named]
     with _explained():
         for batch in file.iter_batches(columns=[columns.time], batch_size=FIRST_TIMES):
             times = _seconds(batch.column(columns.time), 1.0)
             known = times[np.isfinite(times)]
             if known.size:
-                counted = counts_a_second(float(known[0]))
-                return 1.0 if counted is None else counted[1]
-    return 1.0
+                first = float(known[0])
+                counted = None if is_moment(first / of_heading) else counts_a_second(first)
+                return of_heading if counted is None else counted[1]
+    return of_heading
 
 
 def _seconds(column: Any, unit: float) -> Floats:
@@ -256,10 +271,19 @@ def _series(table: Any, columns: _Columns, period: float | None, unit: float) ->
     # Files that overlap hold a moment twice: the last one counts.
     order = order[np.append(np.diff(time[order]) > 0.0, np.ones(min(1, order.size), dtype=bool))]
     time = time[order]
-    step = period or (float(np.median(np.diff(time))) if time.size > 1 else 0.0)
+    own = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    step = period or own
     if not step > 0.0:
         raise ReadingError("its times do not increase; check the time column, or give --period")
     dated = columns.time is not None and is_moment(float(time[0]))
+    if period is None and columns.time is not None and not dated and not is_plausible(step):
+        raise ReadingError(
+            f"its times are {step:g} s apart if they count seconds; name their unit in the column, "
+            "such as time_min, or give --period"
+        )
+    if not dated and abs(own / step - 1.0) > PERIODS_DIFFER:
+        # The given period counts, and a row is one.
+        time = step * np.arange(time.size, dtype=np.float64)
     sp = numbers(columns.sp)
     return Series(
         time=time if dated else time - time[0],

@@ -22,12 +22,16 @@ from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.readers.sql_description import LOOP, SqlTable
 from fieldlink.assess.readers.sql_loops import MomentLoop, ValueLoop
 from fieldlink.site.errors import nearest
-from fieldlink.site.timestamps import counts_a_second, is_moment
+from fieldlink.site.number_cells import find_decimal_mark, parse_numbers, plain_number
+from fieldlink.site.numbered_times import counts_a_second, is_moment
 from fieldlink.store.database import cause_of, is_away, open_for_reading, shown
 
 __all__ = ["SqlReader", "TableReader"]
 
 Floats = NDArray[np.float64]
+
+_FIRST_TEXTS = 1000
+"""Rows that show how a table writes numbers: a quarter of an hour of a loop sampled each second."""
 
 _UNITS = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 
@@ -177,14 +181,44 @@ class TableReader:
 
     def numbers(self, values: Sequence[Any]) -> Floats:
         """Values as numbers; NaN for NULL, and for a text such as ``Bad`` among numbers."""
-        found = np.array([_number(one) for one in values], dtype=np.float64)
         texts = [one for one in values if isinstance(one, str)]
+        parsed = parse_numbers(
+            [text.strip() for text in texts],
+            comma_separates=False,
+            proven=lambda: self._decimal_mark,
+        )
+        # A word among numbers is a bad value, a number written in another way than the others not.
+        odd = next((texts[n] for n in parsed.wrong if _is_number(texts[n])), parsed.ambiguous)
+        if odd is not None:
+            raise ReadingError(
+                f"{self._shown}: table {self.description.table} holds {odd!r}, which may be "
+                "decimals or grouped digits; give a view with numbers"
+            )
+        of_texts = iter(parsed.values.tolist())
+        found = np.array(
+            [next(of_texts) if isinstance(one, str) else _number(one) for one in values],
+            dtype=np.float64,
+        )
         if len(texts) >= MIN_ROWS and np.isnan(found).all():
             raise ReadingError(
                 f"{self._shown}: table {self.description.table} holds text where numbers belong "
                 f"({texts[0]!r}); check the names of the columns"
             )
         return found
+
+    @cached_property
+    def _decimal_mark(self) -> str | None:
+        """What begins decimals in numbers that are text, by the first values of the table."""
+        about = self.description
+        names = {"op": about.op, "pv": about.pv, "sp": about.sp, "value": about.value}
+        columns = [self.column(name, key) for key, name in names.items() if name is not None]
+        rows = self.rows(select(*columns).limit(_FIRST_TEXTS))
+        found = {
+            find_decimal_mark(value for value in values if isinstance(value, str))
+            for values in zip(*rows, strict=True)
+        }
+        marks = found - {None}
+        return marks.pop() if len(marks) == 1 else None
 
     def _stored(self, moment: float) -> Any:
         kind = self.time.type
@@ -229,11 +263,16 @@ class TableReader:
         )
 
 
+def _is_number(text: str) -> bool:
+    try:
+        plain_number(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
 def _number(value: Any) -> float:
     try:
-        if isinstance(value, str) and "." not in value:
-            # A decimal comma.
-            value = value.replace(",", ".", 1)
         return math.nan if value is None else float(value)
     except (TypeError, ValueError):
         return math.nan

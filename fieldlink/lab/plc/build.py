@@ -23,6 +23,7 @@ from fieldlink.lab.plc.op_sources import ByClient, ByHand, OpSource, Supervised,
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.program import LoopProgram, ReplayedLoop
 from fieldlink.site import Loop, PlantSettings, Site, read_recording
+from fieldlink.site.missing_rows import fill_missing_rows
 from fmu_models import (
     CatalogueModel,
     LoopVariables,
@@ -71,7 +72,7 @@ class Programs:
             raise PlcError(f"loop {name} has no plant; add a table [loops.{name}.plant]")
         if loop.plant.recording is not None:
             recording = self._site.resolve(loop.plant.recording)
-            return ReplayedLoop(read_recording(recording, period=loop.period))
+            return ReplayedLoop(fill_missing_rows(read_recording(recording, period=loop.period)))
         setup = LoopSetup.of(self._site, name)
         if setup.owner not in self._plants:
             self._plants[setup.owner] = HostedPlant(setup.open(isolated=self._isolated))

@@ -22,18 +22,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
-from estimator.diagnosis.controller_fits import (
+from estimator.controller.fits import (
     TIE,
     Fit,
     fit_columns,
     fit_instrumented,
     triangle_of,
 )
-from estimator.diagnosis.oscillation import bridge
-from estimator.diagnosis.settings import DIAGNOSIS, Reading
-from estimator.window import carry_on
+from estimator.controller.settings import READING, Reading
+from estimator.window import bridge, carry_on
 
-__all__ = ["Controller", "read_controller"]
+__all__ = ["Aligned", "Controller", "at_limit", "read_aligned", "read_controller"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +94,8 @@ class Controller:
         }
 
 
+_LATE = (0, 1, 2)
+"""Samples by which PV may be recorded later than OP."""
 _CANDIDATES = (
     ("p",), ("i",), ("p", "i"), ("p", "i", "d"), ("p", "i", "dpv"), ("i", "ppv"),
     ("p", "i", "f"), ("p", "i", "d", "f"), ("p", "i", "dpv", "f"),
@@ -108,7 +109,7 @@ def read_controller(
     *,
     auto: ArrayLike | None = None,
     period: float = 1.0,
-    settings: Reading = DIAGNOSIS.reading,
+    settings: Reading = READING,
 ) -> Controller | None:
     """Read structure and settings of the controller.
 
@@ -127,6 +128,63 @@ def read_controller(
     Source: the regression is the textbook velocity form (Astrom and Hagglund, Advanced PID Control,
     2006, section 3.4); instruments against noise: Soderstrom and Stoica (1983).
     """
+    given = _prepare(op, pv, sp, auto, settings)
+    if given is None:
+        return None
+    found = _read_exactly(given, period, settings)
+    return found or _read_noisy(given, period, settings)
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """PV ``(n,)`` as the controller saw it.
+
+    Attributes:
+        pv: moved forward by ``late`` samples, the last ones NaN.
+        late: samples by which PV was recorded later than OP.
+        controller: what explains OP's moves to rounding; None where nothing does.
+    """
+
+    pv: Array
+    late: int
+    controller: Controller | None
+
+
+def read_aligned(
+    op: Array, pv: Array, sp: Array | None, *, period: float = 1.0, settings: Reading = READING
+) -> Aligned:
+    """PV as the controller saw it, where that shows: ``(n,)`` each, NaN where bad.
+
+    A historian that polls one signal after the other may store PV a sample or two after OP. Then
+    OP's moves are explained to rounding only once PV is moved forward. PV stays as it is where they
+    never are.
+    """
+    for late in _LATE:
+        moved = np.append(pv[late:], np.full(late, math.nan))
+        given = _prepare(op, moved, sp, None, settings)
+        found = None if given is None else _read_exactly(given, period, settings)
+        if found is not None:
+            return Aligned(moved, late, found)
+    return Aligned(pv, 0, None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """Signals without holes, ``(n,)``, and the rows that count."""
+
+    u: Array
+    y: Array
+    e: Array
+    rows: Mask
+
+
+def _prepare(
+    op: ArrayLike,
+    pv: ArrayLike,
+    sp: ArrayLike | None,
+    auto: ArrayLike | None,
+    settings: Reading,
+) -> _Given | None:
     u, y = bridge(op), bridge(pv)
     target = None if sp is None else carry_on(sp)
     e = -y if target is None else target - y
@@ -134,16 +192,19 @@ def read_controller(
     if u.size < settings.least_rows or span <= 1e-9 * max(1.0, float(np.abs(u).max())):
         return None
     rows = _usable(op, pv, auto, u)
-    if int(rows.sum()) < settings.least_rows:
+    return _Given(u, y, e, rows) if int(rows.sum()) >= settings.least_rows else None
+
+
+def _read_exactly(given: _Given, period: float, settings: Reading) -> Controller | None:
+    u, rows = given.u, given.rows
+    best = _best(u, given.y, given.e, rows, settings)
+    if best is None:
         return None
-    best = _best(u, y, e, rows, settings)
-    if best is not None:
-        moves = np.diff(u)[rows[1:]]
-        whole = float(np.mean((moves - moves.mean()) ** 2))
-        explained = 1.0 - best.squares / best.rows / whole if whole > 0.0 else 0.0
-        if explained > settings.exact:
-            return _controller(best, period, explained, exact=True)
-    return _read_noisy(u, e, rows, period, settings)
+    moves = np.diff(u)[rows[1:]]
+    whole = float(np.mean((moves - moves.mean()) ** 2))
+    explained = 1.0 - best.squares / best.rows / whole if whole > 0.0 else 0.0
+    is_exact = explained > settings.exact
+    return _controller(best, period, explained, exact=True) if is_exact else None
 
 
 def _usable(op: ArrayLike, pv: ArrayLike, auto: ArrayLike | None, u: Array) -> Mask:
@@ -244,10 +305,9 @@ def _controller(fit: Fit, period: float, explained: float, *, exact: bool) -> Co
     )
 
 
-def _read_noisy(
-    u: Array, e: Array, rows: Mask, period: float, settings: Reading
-) -> Controller | None:
+def _read_noisy(given: _Given, period: float, settings: Reading) -> Controller | None:
     """PI or P settings from sums over several samples, instrumented by the record before them."""
+    u, e, rows = given.u, given.e, given.rows
     best, found = -math.inf, None
     n = u.size
     sums = np.concatenate([[0.0], np.cumsum(e)])
