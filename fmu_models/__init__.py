@@ -17,6 +17,7 @@ from .errors import (
     PlantTimeoutError,
 )
 from .plant import Piece, Plant, PlantInfo
+from .preview import preview_plant
 from .ssp_export import RunExport, export_run
 from .ssp_structure import Master
 from .start_values import StartValue
@@ -55,6 +56,7 @@ __all__ = [
     "export_run",
     "fmu_path",
     "open_plant",
+    "preview_plant",
     "run_sweep",
     "summarise",
 ]

@@ -14,7 +14,7 @@ from .describe import FmiVersion
 from .errors import PlantNameError, nearest
 from .packing import build, is_current, target_file
 
-__all__ = ["CatalogueModel", "LoopVariables", "catalogue", "fmu_path"]
+__all__ = ["CatalogueModel", "LoopVariables", "catalogue", "fmu_path", "plant_file"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,3 +215,23 @@ def fmu_path(name: str, version: FmiVersion = 3) -> Path:
     if not is_current(file, name, version):
         build(name)
     return file
+
+
+def plant_file(model: str | Path) -> Path:
+    """Return the file of a plant: a name of the catalogue, or a path.
+
+    Args:
+        model: a string that ends in ``.fmu`` or ``.ssp`` is a path, any other a name.
+
+    Raises:
+        PlantNameError: there is no such plant.
+        PlantBuildError: it had to be built and could not be.
+    """
+    if isinstance(model, Path) or model.endswith((".fmu", ".ssp")):
+        return Path(model)
+    if model not in catalogue:
+        raise PlantNameError(
+            f"the catalogue has no plant {model!r}; {nearest(model, catalogue)}; the path of an "
+            "FMU ends in .fmu"
+        )
+    return fmu_path(model)

@@ -18,7 +18,7 @@ from .plant import PlantInfo
 from .start_values import StartValue, StartValues, list_texts, sort_start_values
 from .variables import VariableAccess
 
-__all__ = ["LoadedFmu", "OpenOptions", "load_fmu"]
+__all__ = ["DescribedFmu", "LoadedFmu", "OpenOptions", "describe_fmu", "load_fmu"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,23 @@ class OpenOptions:
     kind: str | None = None
     watch: Sequence[str] = ()
     intermediate: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedFmu:
+    """An FMU by its archive alone, for one set of options.
+
+    Attributes:
+        description: FMPy's model description.
+        info: what it is.
+        variables: for reading and writing.
+        starts: the start values that were asked for.
+    """
+
+    description: Any
+    info: PlantInfo
+    variables: VariableAccess
+    starts: StartValues
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,28 +80,17 @@ class LoadedFmu:
     intermediate: IntermediateLog | None
 
 
-def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu:
-    """Read, extract and load an FMU.
-
-    Args:
-        file: the ``.fmu``.
-        options: how to open it.
-        folder: where to extract; None makes a temporary folder, which is in the answer.
+def describe_fmu(file: Path, options: OpenOptions) -> DescribedFmu:
+    """Read what an FMU is, without running anything of it.
 
     Raises:
-        PlantError: what `open_plant` says.
+        PlantFileError: it cannot be read, or does not run here in that kind.
+        PlantNameError: a watched variable does not exist.
+        PlantInputError: a start value or a period that it cannot take.
     """
-    intermediate = options.intermediate
     description, kind = read_description(file, options.kind)
     exchange = kind == MODEL_EXCHANGE
     interface = description.modelExchange if exchange else description.coSimulation
-    version = int(description.fmiVersion[0])
-    offered = version == 3 and not exchange and bool(interface.providesIntermediateUpdate)
-    if intermediate and not offered:
-        raise PlantInputError(
-            f"{file}: it offers no outputs between the ends of a step (that takes co-simulation of "
-            "FMI 3 with providesIntermediateUpdate); take shorter steps instead"
-        )
     starts = sort_start_values(description, options.parameters)
     variables = VariableAccess(description, options.watch, starts.structural)
     roles = variables.roles
@@ -100,7 +106,31 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
         can_restore=bool(interface.canGetAndSetFMUstate and interface.canSerializeFMUstate),
         can_vary_step=exchange or bool(interface.canHandleVariableCommunicationStepSize),
     )
-    log = IntermediateLog(variables, info.outputs) if intermediate else None
+    return DescribedFmu(description, info, variables, starts)
+
+
+def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu:
+    """Read, extract and load an FMU.
+
+    Args:
+        file: the ``.fmu``.
+        options: how to open it.
+        folder: where to extract; None makes a temporary folder, which is in the answer.
+
+    Raises:
+        PlantError: what `open_plant` says.
+    """
+    described = describe_fmu(file, options)
+    description, info, variables = described.description, described.info, described.variables
+    version, exchange = int(description.fmiVersion[0]), info.kind == MODEL_EXCHANGE
+    interface = description.modelExchange if exchange else description.coSimulation
+    offered = version == 3 and not exchange and bool(interface.providesIntermediateUpdate)
+    if options.intermediate and not offered:
+        raise PlantInputError(
+            f"{file}: it offers no outputs between the ends of a step (that takes co-simulation of "
+            "FMI 3 with providesIntermediateUpdate); take shorter steps instead"
+        )
+    log = IntermediateLog(variables, info.outputs) if options.intermediate else None
     own: tempfile.TemporaryDirectory[str] | None = None
     if folder is None:
         own = tempfile.TemporaryDirectory(prefix="fieldlink-fmu-", ignore_cleanup_errors=True)
@@ -108,7 +138,7 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
     try:
         extract_fmu(file, folder)
         listener = None if log is None else (log.listen, variables.output_references)
-        fmu = load(description, kind, folder, listener)
+        fmu = load(description, info.kind, folder, listener)
     except BaseException:
         if own is not None:
             own.cleanup()
@@ -122,7 +152,7 @@ def load_fmu(file: Path, options: OpenOptions, folder: Path | None) -> LoadedFmu
         event_mode = version == 3 and bool(interface.hasEventMode)
         instance = CoSimulation(fmu, version, event_mode=event_mode)
     start = _start_time(description)
-    return LoadedFmu(info, instance, variables, start, starts, own, log)
+    return LoadedFmu(info, instance, variables, start, described.starts, own, log)
 
 
 def _start_time(description: Any) -> float:

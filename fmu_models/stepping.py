@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-from .catalogue import catalogue, fmu_path
-from .errors import PlantInputError, PlantNameError, nearest
+from .catalogue import plant_file
+from .errors import PlantInputError
 from .inprocess import InProcessPlant
 from .isolated import IsolatedPlant
 from .opening import OpenOptions
@@ -59,7 +59,7 @@ def open_plant(
         PlantStepError: the FMU refused to start.
         PlantCrashError: it crashed while starting, or did not answer.
     """
-    file = _file(model)
+    file = plant_file(model)
     if file.suffix == ".ssp":
         if intermediate:
             raise PlantInputError(f"{file}: a system keeps no outputs between the ends of a step")
@@ -77,14 +77,3 @@ def open_plant(
         raise PlantInputError(f"{file}: a master is for systems of FMUs (.ssp), this is one FMU")
     options = OpenOptions(parameters, period, kind, tuple(watch), intermediate)
     return IsolatedPlant(file, options, timeout) if isolated else InProcessPlant(file, options)
-
-
-def _file(model: str | Path) -> Path:
-    if isinstance(model, Path) or model.endswith((".fmu", ".ssp")):
-        return Path(model)
-    if model not in catalogue:
-        raise PlantNameError(
-            f"the catalogue has no plant {model!r}; {nearest(model, catalogue)}; the path of an "
-            "FMU ends in .fmu"
-        )
-    return fmu_path(model)

@@ -39,18 +39,40 @@ from .plant import Piece, Plant, PlantInfo
 from .ssp_components import extract_components, name_component, summarise_components
 from .ssp_file import read_system
 from .ssp_starts import resolve_starts
-from .ssp_structure import Master
+from .ssp_structure import Master, SystemStructure
 from .ssp_texts import leave_out_texts
 from .start_values import StartValue
 from .summary import FmuSummary
 from .system_values import SystemValues
 
-__all__ = ["SystemPlant"]
+__all__ = ["SystemPlant", "system_info"]
 
 _PIECE_SECONDS = 0.1
 """Of the wall clock, after which rows are yielded."""
 _WAIT = 1.0
 """Seconds of one look at a component that steps; how long it may take is its own timeout."""
+
+
+def system_info(
+    structure: SystemStructure, infos: Mapping[str, PlantInfo], period: float
+) -> PlantInfo:
+    """Return what a system is, from what its components are."""
+    outputs = [f"{c}.{n}" for c, info in infos.items() for n in info.outputs]
+    return PlantInfo(
+        name=structure.name,
+        fmi_version="SSP 1.0",
+        kind="system of FMUs",
+        period=period,
+        inputs=tuple(structure.inputs),
+        tunable=tuple(f"{c}.{n}" for c, info in infos.items() for n in info.tunable),
+        outputs=(*structure.outputs, *outputs),
+        parameters=(
+            *structure.parameters,
+            *(f"{c}.{n}" for c, info in infos.items() for n in info.parameters),
+        ),
+        can_restore=False,
+        can_vary_step=all(info.can_vary_step for info in infos.values()),
+    )
 
 
 class SystemPlant(Plant):
@@ -126,22 +148,7 @@ class SystemPlant(Plant):
             self.close()
             raise
         infos = {component: plant.info for component, plant in self._plants.items()}
-        outputs = [f"{c}.{n}" for c, info in infos.items() for n in info.outputs]
-        self._info = PlantInfo(
-            name=self._structure.name,
-            fmi_version="SSP 1.0",
-            kind="system of FMUs",
-            period=step,
-            inputs=tuple(self._structure.inputs),
-            tunable=tuple(f"{c}.{n}" for c, info in infos.items() for n in info.tunable),
-            outputs=(*self._structure.outputs, *outputs),
-            parameters=(
-                *self._structure.parameters,
-                *(f"{c}.{n}" for c, info in infos.items() for n in info.parameters),
-            ),
-            can_restore=False,
-            can_vary_step=all(info.can_vary_step for info in infos.values()),
-        )
+        self._info = system_info(self._structure, infos, step)
 
     @property
     def info(self) -> PlantInfo:

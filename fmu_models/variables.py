@@ -141,6 +141,17 @@ class VariableAccess:
             group.call(fmu)
             self._remember(group)
 
+    def check_start(self, values: Mapping[str, float]) -> None:
+        """Check start values without setting them.
+
+        Raises:
+            PlantNameError, PlantInputError: as `write` does.
+        """
+        self._check_names(values, before_start=True)
+        for group in self._groups(tuple(values), "Set"):
+            for name in group.given:
+                group.check(self._model, name, values[name])
+
     @property
     def output_references(self) -> list[int]:
         """Value references of the outputs and of what is watched."""

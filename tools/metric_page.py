@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from fieldlink.daemon import DaemonStatus
+from fieldlink.daemon.diagnosis.counts import FindingsReport
+from fieldlink.notices import NoticesReport
 from fieldlink.store import StoreReport
 from fieldlink.upward import UpwardReport
 from fieldlink.web.metrics import collect_metrics
@@ -20,7 +22,14 @@ process (`process_...`). Counts start again when the daemon does. What to look a
 
 def metric_page() -> str:
     """Return the page in Markdown."""
-    status = DaemonStatus(devices={}, loops={}, store=StoreReport(), upward=UpwardReport())
+    status = DaemonStatus(
+        devices={},
+        loops={},
+        store=StoreReport(),
+        upward=UpwardReport(),
+        findings=FindingsReport(),
+        notices=NoticesReport(),
+    )
     rows = []
     for metric in collect_metrics(status):
         suffix = "_total" if metric.type == "counter" else ""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fieldlink.cli.time_arguments import parse_length, parse_moment
+from fieldlink.one_window import LONGEST_WINDOW
 
 if TYPE_CHECKING:
     from fieldlink.assess.assessment import Outcome
@@ -46,7 +47,7 @@ def assess(
         ),
     ] = None,
     samples: Annotated[
-        int, typer.Option(min=50, max=20_000, help="Samples of a window, at most.")
+        int, typer.Option(min=50, max=LONGEST_WINDOW, help="Samples of a window, at most.")
     ] = 1000,
     engine: Annotated[str, typer.Option(help="local or dask.")] = "local",
     scheduler: Annotated[

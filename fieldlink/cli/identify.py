@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fieldlink.cli.progress import show_work
+from fieldlink.one_window import LONGEST_WINDOW, refuse_too_long
+from fieldlink.printable import as_text
 
 if TYPE_CHECKING:
     from estimator import Identification
@@ -63,7 +65,12 @@ def identify(
         ),
     ] = "auto",
     confidence: Annotated[float, typer.Option(help="Confidence of the intervals.")] = 0.9,
-    window: Annotated[str | None, typer.Option(help="Judge these rows only: START:STOP.")] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(
+            help=f"Judge these rows only: START:STOP; at most {LONGEST_WINDOW} at a time."
+        ),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture (PNG, SVG or PDF).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object only.")] = False,
 ) -> None:
@@ -75,6 +82,7 @@ def identify(
     recording = read_recording(file, op=op, pv=pv, sp=sp, auto=auto, time=time, period=period)
     rows = _window(window, len(recording.op))
     cut = fill_missing_rows(recording.cut(rows))
+    refuse_too_long(as_text(str(file)), len(cut), rows)
     with show_work(f"judging {len(cut)} samples"):
         result = estimator.identify(
             cut.op,

@@ -69,8 +69,8 @@ def report(
 ) -> None:
     """Write the work list: what is wrong, what to do, by whom, and the evidence for each loop.
 
-    CSV goes to the screen unless --out is given. After an interruption the same command goes on
-    with the recordings that are left.
+    CSV goes to the screen unless --out names a file (- is the screen). After an interruption the
+    same command goes on with the recordings that are left.
     """
     from fieldlink.worklist import (
         AUDIENCES,
@@ -81,7 +81,15 @@ def report(
         write_report,
     )
 
+    to_screen = out == Path("-")
+    if to_screen:
+        out = None
     chosen = format_of(out, kind)
+    if to_screen and chosen != "csv" and not as_json:
+        raise typer.BadParameter(
+            "only CSV and JSON go to the screen; add --format csv or --json, or name a file",
+            param_hint="--out",
+        )
     path = out or Path(f"fieldlink-report.{chosen}")
     partial = PartialReport(path) if out is not None or not (as_json or chosen == "csv") else None
     with show_work("reading") as say, closing(partial) if partial else nullcontext():

@@ -37,11 +37,12 @@ def plant(
 ) -> None:
     """Serve the site's simulated loops as a Modbus PLC."""
     from fieldlink.daemon import configure_logging, stop_on_signals
-    from fieldlink.lab.plc import serve
+    from fieldlink.lab.plc import check_plants, serve
     from fieldlink.site import load_site
 
     configure_logging()
     loaded = load_site(site)
+    check_plants(loaded)
     if speed is not None and not speed > 0.0:
         raise typer.BadParameter("must be positive", param_hint="--speed")
 
@@ -129,9 +130,10 @@ async def _live(site: Site, duration: float | None, read_only: bool) -> DaemonSt
 def _lockstep(site: Site, duration: float | None, read_only: bool) -> DaemonStatus:
     import signal
 
-    import fieldlink.lab.plc  # noqa: F401  (makes link = "fmu" known)
     from fieldlink.daemon import LockstepRun, stop_on_signals
+    from fieldlink.lab.plc import check_plants
 
+    check_plants(site)
     endless = any(site.devices[loop.device].link == "fmu" for loop in site.loops.values())
     if duration is None and endless:
         raise typer.BadParameter(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +13,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fieldlink.site import CheckReport
+    from fieldlink.site import CheckReport, Site
     from fieldlink.site.check_report import DeviceReport, LoopReport, RequestReport
 
 __all__ = ["SiteFile", "check", "schema"]
@@ -29,12 +31,35 @@ def check(
     from fieldlink.site import check as report_on
     from fieldlink.site import load_site
 
-    report = report_on(load_site(site))
+    loaded = load_site(site)
+    unchecked = _check_plants(loaded)
+    report = report_on(loaded)
+    report = replace(report, warnings=(*report.warnings, *unchecked))
     if as_json:
         typer.echo(json.dumps(report.to_dict()))
         return
     # Names are data: what looks like markup in one is printed as it is.
     _print(Console(soft_wrap=True, highlight=False, markup=False), report)
+
+
+def _check_plants(site: Site) -> tuple[str, ...]:
+    """Check the FMUs of a site; return a warning where this installation cannot.
+
+    Raises:
+        SiteError: an FMU, a variable, a parameter or a controller is wrong.
+    """
+    names = [name for name, loop in site.loops.items() if loop.plant and loop.plant.fmu]
+    if not names:
+        return ()
+    if find_spec("fmpy") is None:
+        return (
+            f"loop {names[0]}: plants with an fmu are not checked here; that takes "
+            "pip install 'fieldlink[lab]'",
+        )
+    from fieldlink.lab.plc import check_plants
+
+    check_plants(site)
+    return ()
 
 
 def schema() -> None:

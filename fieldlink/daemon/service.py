@@ -39,6 +39,7 @@ from fieldlink.site import Site, load_site
 from fieldlink.store import (
     Historian,
     HistorianSettings,
+    Writer,
 )
 
 __all__ = ["Daemon"]
@@ -163,17 +164,23 @@ class Daemon:
 
         Raises:
             InUseError: another daemon has the data directory.
-            StoreError: the historian cannot be opened.
+            StoreError: the historian cannot be opened, or another daemon writes one of the loops.
             FieldlinkError: a link that cannot ever work.
         """
         with only_daemon(self._site.data_dir) as identity:
             self._runner.identify(identity)
-            return await self._run(duration, stop)
+            return await self._run(identity, duration, stop)
 
-    async def _run(self, duration: float | None, stop: asyncio.Event | None) -> DaemonStatus:
+    async def _run(
+        self, identity: int, duration: float | None, stop: asyncio.Event | None
+    ) -> DaemonStatus:
         journal = self._runner.journal
         self._since = self._clock.utc()
-        self._historian.start(journal.event_record("daemon.start", "daemon", self._site.name))
+        begun = journal.event_record("daemon.start", "daemon", self._site.name)
+        loops = frozenset(self._site.loops)
+        writer = Writer(self._data_dir.absolute(), identity, loops, begun.utc_ms)
+        # It may wait for a writer before it that ended without a word.
+        await asyncio.to_thread(self._historian.start, begun, writer)
         try:
             await self._runner.resume_from(self._site.historian_url)
             await self._rounds.resume()
@@ -261,6 +268,7 @@ class Daemon:
                 site = await self._takeover.take_over(self._site, schedule)
                 if site is not self._site:
                     self._outgoing.follow(site)
+                    self._historian.follow(site.loops)
                 self._site = site
                 self._rounds.follow(schedule)
                 watch.follow(self._site)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from fieldlink.registers import Apart, ReadRequest, Table, find_apart
 from fieldlink.site.checked_site import Site
+from fieldlink.site.copied_loops import find_copies
 from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.models import Loop
 from fieldlink.site.recording import read_recording
@@ -32,6 +33,7 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
     for name, loop in site.loops.items():
         yield from _loop_warnings(name, loop)
         yield from _recording_warnings(site, name, loop)
+    yield from find_copies(site)
 
 
 def find_apart_tags(

@@ -15,7 +15,7 @@ from typing import Any
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.errors import Problem, SiteError
 
-__all__ = ["TomlSource"]
+__all__ = ["Key", "TomlSource"]
 
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
 _PATH = rf"{_PART}(?:\s*\.\s*{_PART})*"

@@ -35,6 +35,7 @@ from fieldlink.store.records import (
 from fieldlink.store.sample_stretches import SampleReader
 from fieldlink.store.settings_and_counts import HistorianSettings, StoreReport
 from fieldlink.store.work_notes import REPAIR_KINDS, WORK_DONE, WORK_STATES, record_work
+from fieldlink.store.writers import Writer
 
 __all__ = [
     "CLOSED",
@@ -62,6 +63,7 @@ __all__ = [
     "StoreReport",
     "WorkRecord",
     "WritebackRecord",
+    "Writer",
     "back_up",
     "export",
     "last_blocks",

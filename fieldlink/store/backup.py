@@ -15,6 +15,8 @@ from pathlib import Path
 from fieldlink.file_at import why_no_file
 from fieldlink.store.database import FILE_MODE, file_of, shown
 from fieldlink.store.errors import StoreError
+from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
+from fieldlink.unfinished_file import remove_unfinished
 
 __all__ = ["Backup", "back_up"]
 
@@ -60,12 +62,14 @@ def back_up(url: str, target: Path, *, overwrite: bool = False) -> Backup:
             "sqlite3's integrity_check whether the historian is damaged"
         ) from error
     finally:
-        part.unlink(missing_ok=True)
+        remove_unfinished(part)
     return Backup(target, target.stat().st_size, samples)
 
 
 def _copy(source: Path, part: Path) -> int:
-    address = f"{source.absolute().as_uri()}?mode=ro"
+    refuse_hidden_rows(source)
+    alone = "&immutable=1" if is_read_alone(source) else ""
+    address = f"{source.absolute().as_uri()}?mode=ro{alone}"
     with (
         closing(sqlite3.connect(address, uri=True, timeout=30.0)) as original,
         closing(sqlite3.connect(part)) as copy,

@@ -18,8 +18,10 @@ from fieldlink.store.database_identity import (
     refuse_unreadable_file,
 )
 from fieldlink.store.errors import StoreCorruptError, StoreError
+from fieldlink.store.read_only_folder import is_read_alone, refuse_hidden_rows
 from fieldlink.store.records import Record
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION, upgrade
+from fieldlink.store.writers import Claim
 
 __all__ = ["cause_of", "file_of", "is_away", "open_for_reading", "open_for_writing", "shown"]
 
@@ -28,13 +30,16 @@ FILE_MODE = 0o640
 """The owner writes, the group reads, nobody else does either; SQLite's companions follow."""
 
 
-def open_for_writing(url: str, opened: Record, busy_timeout: float = 5.0) -> Engine:
+def open_for_writing(
+    url: str, opened: Record, busy_timeout: float = 5.0, claim: Claim | None = None
+) -> Engine:
     """Create what is missing, store the record ``opened``, and return the engine.
 
     The record is the proof that the database can be written; a daemon that finds out later has
     samples that it cannot keep.
 
     Raises:
+        StoreInUseError: another writer has a loop of ``claim``.
         StoreCorruptError: the file was a historian and is damaged.
         StoreMismatchError: the database is another program's, or was made by another release.
         StoreError: the address is wrong, the folder or file cannot be written, or the file is no
@@ -47,7 +52,7 @@ def open_for_writing(url: str, opened: Record, busy_timeout: float = 5.0) -> Eng
         _make_file(file)
     engine = _engine(address, busy_timeout, writes=True)
     try:
-        _prepare(engine, opened)
+        _prepare(engine, opened, claim)
     except SQLAlchemyError as error:
         engine.dispose()
         if file is not None and is_corruption(error) and was_a_database(file):
@@ -70,7 +75,7 @@ def open_for_reading(url: str) -> Engine:
 
     Raises:
         StoreMismatchError: it was made by a release whose tables this one does not read.
-        StoreError: there is no such file, or the address is wrong.
+        StoreError: there is no such file, its rows cannot all be read, or the address is wrong.
     """
     address = _address(url)
     file = file_of(url)
@@ -79,7 +84,12 @@ def open_for_reading(url: str) -> Engine:
             f"there is no historian at {file} ({why}); run the daemon first, or check data_dir"
         )
     if file is not None:
+        refuse_hidden_rows(file)
         refuse_unreadable_file(file)
+        if is_read_alone(file):
+            address = address.set(
+                database=file.absolute().as_uri(), query={"immutable": "1", "uri": "true"}
+            )
     return _engine(address, busy_timeout=5.0)
 
 
@@ -146,7 +156,7 @@ def _make_file(file: Path) -> None:
         ) from error
 
 
-def _prepare(engine: Engine, opened: Record) -> None:
+def _prepare(engine: Engine, opened: Record, claim: Claim | None) -> None:
     if engine.dialect.name != "sqlite":
         refuse_foreign_tables(engine)
     METADATA.create_all(engine)
@@ -156,6 +166,9 @@ def _prepare(engine: Engine, opened: Record) -> None:
             connection.execute(insert(META), {"key": "schema", "value": str(SCHEMA_VERSION)})
         elif int(version) < SCHEMA_VERSION:
             upgrade(connection, int(version))
+    with engine.begin() as connection:
+        if claim is not None:
+            claim.take(connection)
         connection.execute(insert(opened.table), opened.row())
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from sqlalchemy import Engine, inspect, select
 
 from fieldlink.store.errors import StoreMismatchError
+from fieldlink.store.read_only_folder import is_read_alone
 from fieldlink.store.schema import META, METADATA, SCHEMA_VERSION
 
 __all__ = ["refuse_foreign_file", "refuse_foreign_tables", "refuse_unreadable_file"]
@@ -68,7 +69,9 @@ def _look_into(file: Path) -> tuple[Tables, str | None] | None:
     if not os.path.isfile(file) or file.stat().st_size == 0:
         return None
     try:
-        with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as found:
+        alone = "&immutable=1" if is_read_alone(file) else ""
+        address = f"{file.absolute().as_uri()}?mode=ro{alone}"
+        with closing(sqlite3.connect(address, uri=True)) as found:
             names = found.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
             tables = {
                 name: {

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from fieldlink.errors import FieldlinkError
 
-__all__ = ["StoreAwayError", "StoreCorruptError", "StoreError", "StoreMismatchError"]
+__all__ = [
+    "StoreAwayError",
+    "StoreCorruptError",
+    "StoreError",
+    "StoreInUseError",
+    "StoreMismatchError",
+]
 
 
 class StoreError(FieldlinkError):
@@ -21,3 +27,16 @@ class StoreMismatchError(StoreError):
 
 class StoreCorruptError(StoreError):
     """The file was a historian and is damaged: what is in it cannot be trusted as a whole."""
+
+
+class StoreInUseError(StoreError):
+    """Another daemon writes one of our loops.
+
+    Args:
+        message: who, where and since when.
+        alive: whether it was seen to write; otherwise it may have ended without a word.
+    """
+
+    def __init__(self, message: str, *, alive: bool) -> None:
+        super().__init__(message)
+        self.alive = alive

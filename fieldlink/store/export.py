@@ -43,6 +43,7 @@ from fieldlink.store.schema import (
     WORK,
     WRITEBACKS,
 )
+from fieldlink.unfinished_file import remove_unfinished
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -129,11 +130,12 @@ def export(
         ) from error
     except OSError as error:
         raise StoreError(
-            f"{target} cannot be written: {error.strerror}; check the folder and the free space"
+            f"{target} cannot be written: {error.strerror or error}; "
+            "check the folder and the free space"
         ) from error
     finally:
         engine.dispose()
-        part.unlink(missing_ok=True)
+        remove_unfinished(part)
     return Export(target, rows)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future
 
 import structlog
@@ -20,8 +20,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.once_a_minute import OnceAMinute
 from fieldlink.store.damage import is_corruption
-from fieldlink.store.database import cause_of
-from fieldlink.store.errors import StoreError, StoreMismatchError
+from fieldlink.store.database import cause_of, shown
+from fieldlink.store.errors import StoreError, StoreInUseError, StoreMismatchError
 from fieldlink.store.housekeeping import Housekeeping, Retention
 from fieldlink.store.inserting import insert_batch, may_pass
 from fieldlink.store.open_database import OpenDatabase
@@ -29,10 +29,14 @@ from fieldlink.store.record_queue import RecordQueue, now_ms
 from fieldlink.store.records import EventRecord, Record
 from fieldlink.store.running_counts import RunningCounts
 from fieldlink.store.settings_and_counts import HistorianSettings, StoreReport
+from fieldlink.store.writers import Claim, Writer
 
 __all__ = ["Historian"]
 
 _log = structlog.get_logger(__name__)
+
+LOOK = 1 / 60
+"""Share of the time after which a silent writer counts as dead, between two looks at it."""
 
 TIDY_TIME = 0.1
 """Seconds that housekeeping may take between two batches."""
@@ -54,6 +58,7 @@ class Historian:
         *,
         retention: Retention | None = None,
     ) -> None:
+        self._url = url
         self._settings = settings or HistorianSettings()
         self._counts = RunningCounts()
         self._records = RecordQueue(self._settings.queue, self._counts)
@@ -67,17 +72,47 @@ class Historian:
         self._deadline = float("inf")
         self._thread: threading.Thread | None = None
 
-    def start(self, opened: EventRecord) -> None:
+    def start(self, opened: EventRecord, writer: Writer | None = None) -> None:
         """Open the database, store ``opened`` in it, and begin to write.
 
-        A damaged file is set aside and a new one begun; that is an event in the new one.
+        A damaged file is set aside and a new one begun; that is an event in the new one. Where
+        another writer of the loops may have been killed, this waits until that is known.
+
+        Args:
+            opened: the first record.
+            writer: who writes, so that no loop has two writers; anybody may write unless given.
 
         Raises:
+            StoreInUseError: another daemon writes one of the loops.
             StoreError: see `open_for_writing`.
         """
-        self._database.open(opened)
+        if writer is not None:
+            where = shown(self._url)
+            self._database.claim = Claim(writer, self._settings.expires, where)
+        self._open(opened)
         self._thread = threading.Thread(target=self._run, name="historian", daemon=True)
         self._thread.start()
+
+    def _open(self, opened: EventRecord) -> None:
+        waiting = False
+        while True:
+            try:
+                self._database.open(opened)
+            except StoreInUseError as error:
+                if error.alive:
+                    raise
+                if not waiting:
+                    seconds = self._settings.expires
+                    _log.warning("store.waiting_for_writer", seconds=seconds, error=str(error))
+                waiting = True
+                time.sleep(LOOK * self._settings.expires)
+            else:
+                return
+
+    def follow(self, loops: Iterable[str]) -> None:
+        """Write other loops from now on."""
+        if self._database.claim is not None:
+            self._database.claim.follow(loops)
 
     def put(self, record: Record, *, wait: bool = False) -> bool:
         """Hand over a record; see `RecordQueue.put`."""
@@ -126,9 +161,15 @@ class Historian:
                     self._write(batch)
                 elif stopping:
                     return
+                elif self._is_to_beat():
+                    self._write([])
                 self._tidy()
         finally:
             self._database.close()
+
+    def _is_to_beat(self) -> bool:
+        claim = self._database.claim
+        return claim is not None and claim.is_due(self._settings.beat)
 
     def _next_batch(self) -> list[Record]:
         """Wait for records; empty when none came for a while, or when stopping and none is left."""
@@ -144,13 +185,14 @@ class Historian:
 
     def _write(self, batch: Sequence[Record]) -> None:
         """Write a batch, however long that takes."""
-        failed = False
+        failure: EventRecord | None = None
         while True:
             try:
                 if self._database.is_lost():
                     self._sweep = None
                     self._database.find_again()
-                written = insert_batch(self._database.engine, batch)
+                rows = [*batch, *_outage(failure)]
+                written = insert_batch(self._database.engine, rows, self._database.claim)
                 if self._database.is_lost():
                     # It went into a file that has no name any more.
                     continue
@@ -158,8 +200,7 @@ class Historian:
                 if isinstance(error, StoreMismatchError) and self._is_beyond_patience():
                     self._refuse(batch, str(error), failing=True)
                     break
-                self._note_failure(str(error), first=not failed)
-                failed = True
+                failure = self._note_failure(str(error), failure)
                 if self._give_up(batch):
                     break
                 continue
@@ -170,8 +211,7 @@ class Historian:
                     # Not the database but a record is wrong: the others must not suffer.
                     self._write_singly(batch, cause_of(error))
                     break
-                self._note_failure(cause_of(error), first=not failed)
-                failed = True
+                failure = self._note_failure(cause_of(error), failure)
                 if self._give_up(batch):
                     break
                 continue
@@ -181,7 +221,7 @@ class Historian:
             self._mismatch_since = None
             self._counts.succeed(written)
             self._records.settle(batch, stored=True)
-            if failed:
+            if failure is not None:
                 _log.info("store.writable_again", retries=self._counts.retries)
             break
         self._counts.hold(0)
@@ -240,21 +280,33 @@ class Historian:
         except SQLAlchemyError as error:
             # The next sweep begins where this one ended.
             self._sweep = None
-            self._note_failure(cause_of(error), first=True)
+            self._note_failure(cause_of(error), None)
             if is_corruption(error):
                 self._replace(error)
                 return
             self._counts.recover()
         except Exception as error:  # noqa: BLE001  (logged; samples go on being stored)
             self._sweep = None
-            self._note_failure(" ".join(str(error).split()), first=True)
+            self._note_failure(" ".join(str(error).split()), None)
             self._counts.recover()
 
     def _replace(self, error: SQLAlchemyError) -> bool:
         self._sweep = None
         return self._database.replace(cause_of(error))
 
-    def _note_failure(self, cause: str, *, first: bool) -> None:
+    def _note_failure(self, cause: str, before: EventRecord | None) -> EventRecord:
+        """Count a failure; return the event of the first one in a row, to be stored later."""
         self._counts.retry(cause)
-        if first:
-            _log.error("store.cannot_write", error=cause, waiting=len(self._records))
+        if before is not None:
+            return before
+        _log.error("store.cannot_write", error=cause, waiting=len(self._records))
+        return EventRecord(now_ms(), "store.cannot_write", "store", cause)
+
+
+def _outage(failure: EventRecord | None) -> list[Record]:
+    """Return the events of an outage that is over with the transaction that stores them."""
+    if failure is None:
+        return []
+    now = now_ms()
+    message = f"records waited for {max(0.0, (now - failure.utc_ms) / 1000.0):.1f} s"
+    return [failure, EventRecord(now, "store.writable_again", "store", message)]

@@ -11,16 +11,23 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlch
 
 from fieldlink.store.damage import is_corruption
 from fieldlink.store.records import Record
+from fieldlink.store.writers import Claim
 
 __all__ = ["insert_batch", "may_pass"]
 
 
-def insert_batch(engine: Engine, batch: Sequence[Record]) -> int:
-    """Insert all of ``batch`` in one transaction and return how many records that were."""
+def insert_batch(engine: Engine, batch: Sequence[Record], claim: Claim | None = None) -> int:
+    """Insert all of ``batch`` in one transaction and return how many records that were.
+
+    Raises:
+        StoreInUseError: another writer has taken the claim over; nothing is inserted.
+    """
     by_table = defaultdict(list)
     for record in batch:
         by_table[record.table].append(record.row())
     with engine.begin() as connection:
+        if claim is not None:
+            claim.renew(connection)
         for table, rows in by_table.items():
             connection.execute(insert(table), rows)
     return len(batch)

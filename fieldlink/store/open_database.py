@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import structlog
 from sqlalchemy import Engine
+from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.damage import set_aside
-from fieldlink.store.database import file_of, open_for_writing
+from fieldlink.store.database import cause_of, file_of, open_for_writing
 from fieldlink.store.errors import StoreCorruptError, StoreError
 from fieldlink.store.file_presence import Presence
 from fieldlink.store.record_queue import RecordQueue, now_ms
 from fieldlink.store.records import EventRecord
 from fieldlink.store.running_counts import RunningCounts
 from fieldlink.store.wal import keep_damaged_log
+from fieldlink.store.writers import Claim
 
 __all__ = ["OpenDatabase"]
 
@@ -27,6 +29,9 @@ class OpenDatabase:
         busy_timeout: seconds one attempt waits for another program's lock.
         records: takes the events of what happened to the file.
         counts: of the historian.
+
+    Attributes:
+        claim: the right to write, for every file that is opened; None for who needs none.
     """
 
     def __init__(
@@ -37,6 +42,7 @@ class OpenDatabase:
         self._records = records
         self._counts = counts
         self._presence: Presence | None = None
+        self.claim: Claim | None = None
         self._engine: Engine | None = None
 
     @property
@@ -58,8 +64,16 @@ class OpenDatabase:
         self._counts.add(written=1)
 
     def close(self) -> None:
-        """Close it."""
-        self.engine.dispose()
+        """Give the claim back and close it."""
+        try:
+            if self.claim is not None:
+                with self.engine.begin() as connection:
+                    self.claim.release(connection)
+        except SQLAlchemyError as error:
+            # It runs out by itself.
+            _log.warning("store.claim_left", error=cause_of(error))
+        finally:
+            self.engine.dispose()
 
     def is_lost(self) -> bool:
         """Whether the file under the database's name is no longer the one that is open."""
@@ -100,7 +114,7 @@ class OpenDatabase:
     def _open(self, opened: EventRecord) -> Engine:
         file = file_of(self._url)
         damage = "" if file is None else keep_damaged_log(file)
-        engine = open_for_writing(self._url, opened, self._busy_timeout)
+        engine = open_for_writing(self._url, opened, self._busy_timeout, self.claim)
         self._presence = None if file is None else Presence(file)
         if damage:
             _log.error("store.log_damaged", error=damage)

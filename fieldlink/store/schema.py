@@ -36,6 +36,7 @@ __all__ = [
     "SLOTS",
     "WORK",
     "WRITEBACKS",
+    "WRITERS",
     "upgrade",
 ]
 
@@ -218,6 +219,20 @@ FINDINGS = Table(
     Index("findings_by_finding", "finding", "utc_ms"),
     Index("findings_by_time", "utc_ms"),
 )
+
+WRITERS = Table(
+    "writers",
+    METADATA,
+    Column("session", String(40), primary_key=True),
+    Column("installation", Text, nullable=False),
+    Column("host", Text, nullable=False),
+    Column("data_dir", Text, nullable=False),
+    Column("process", Integer, nullable=False),
+    Column("since_ms", BigInteger, nullable=False),
+    Column("loops", JSON, nullable=False),
+    Column("beat", BigInteger, nullable=False),
+)
+"""The one table whose rows change and go: the daemons at work, see `fieldlink.store.writers`."""
 
 
 def upgrade(connection: Connection, version: int) -> None:

@@ -20,6 +20,9 @@ class HistorianSettings:
         flush: seconds that stopping may take.
         patience: seconds that records wait while another program's database is in the place of
             ours, so that the change can be undone; then they are lost.
+        beat: seconds after which a writer that has nothing to write shows that it is alive.
+        expires: seconds without a sign of life after which another writer counts as dead: six
+            beats, or five attempts at a locked database.
     """
 
     queue: int = 200_000
@@ -29,6 +32,8 @@ class HistorianSettings:
     busy_timeout: float = 5.0
     flush: float = 20.0
     patience: float = 60.0
+    beat: float = 5.0
+    expires: float = 30.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.routing import Route
 
-from fieldlink.daemon.operators.orders import Action, Order
+from fieldlink.daemon.operators.orders import Action, Order, OrderError
 from fieldlink.errors import FieldlinkError
 from fieldlink.web.access import COOKIE, SESSION_SECONDS, Access
 from fieldlink.web.requests import BadRequestError, body_of, refuse
@@ -53,19 +53,11 @@ class _Actions:
                 f"this needs the operator's token; it is in {self._access.token_place}",
             )
         try:
-            asked = json.loads(await body_of(request))
-            if not isinstance(asked, dict):
-                raise BadRequestError("an action is a JSON object with action, who and why")
-            order = Order(
-                request.path_params["name"],
-                Action.of(str(asked.get("action", ""))),
-                str(asked.get("who", "")),
-                str(asked.get("why", "")),
-            )
+            order = _order_of(request.path_params["name"], await body_of(request))
+        except (BadRequestError, OrderError) as error:
+            return refuse(request, 400, str(error))
+        try:
             done = self._source.carry_out(order)
-        except (ValueError, BadRequestError) as error:
-            said = str(error) if isinstance(error, BadRequestError) else "the body is not JSON"
-            return refuse(request, 400, said)
         except FieldlinkError as error:
             return refuse(request, 409, str(error))
         return json_answer(request, {"done": done, "action": order.action.code})
@@ -101,3 +93,23 @@ class _Actions:
     async def static(self, request: Request) -> Response:
         """Give a file that the pages load; there is nothing secret in it."""
         return static_answer(request, request.path_params["name"])
+
+
+def _order_of(loop: str, body: bytes) -> Order:
+    """Return the order that a body asks for.
+
+    Raises:
+        BadRequestError: it is not an object of texts.
+        OrderError: there is no such action, or who or why is missing or too long.
+    """
+    try:
+        asked = json.loads(body)
+    except ValueError as error:
+        raise BadRequestError("the body is not JSON") from error
+    if not isinstance(asked, dict):
+        raise BadRequestError("an action is a JSON object with action, who and why")
+    texts = {key: asked.get(key, "") for key in ("action", "who", "why")}
+    for key, text in texts.items():
+        if not isinstance(text, str):
+            raise BadRequestError(f'{key} is not a text; write "{key}": "..."')
+    return Order(loop, Action.of(texts["action"]), texts["who"], texts["why"])

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator import EstimatorError, Interval
 from fieldlink.errors import FieldlinkError
+from fieldlink.one_window import keep_newest
 from fieldlink.printable import as_text
 from fieldlink.worklist.finding import Cause, Finding, Wrong, finding_of_estimate
 from fieldlink.worklist.from_store import Diagnose, ReportedLoop
@@ -167,7 +168,7 @@ def _read(job: _Job) -> Recording:
     from fieldlink.site.recording import read_recording
 
     file, period = job
-    return fill_missing_rows(read_recording(file, period=period))
+    return keep_newest(fill_missing_rows(read_recording(file, period=period)))
 
 
 def _judge(job: _Job) -> _Judged:

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from fieldlink.unfinished_file import remove_unfinished
 from fieldlink.worklist.document import WorkDocument
 from fieldlink.worklist.errors import ReportError
 
@@ -54,11 +55,16 @@ def format_of(path: Path | None, wanted: str | None) -> str:
     """Return the format that is wanted, or that of the file's ending; HTML where neither names one.
 
     Raises:
-        ReportError: an unknown ending.
+        ReportError: an unknown ending, or that of another format than is wanted.
     """
-    if wanted is not None:
-        return wanted
     ending = "" if path is None else path.suffix.lower().removeprefix(".")
+    if wanted is not None:
+        if ending in FORMATS and ending != wanted:
+            raise ReportError(
+                f"{path}: --format {wanted} does not fit a file that ends in .{ending}; leave "
+                f"--format out, or end the name in .{wanted}"
+            )
+        return wanted
     if ending in FORMATS:
         return ending
     if ending:
@@ -98,7 +104,7 @@ def write_report(document: WorkDocument, path: Path, kind: str) -> None:
         part.replace(path)
     except OSError as error:
         if part is not None:
-            part.unlink(missing_ok=True)
+            remove_unfinished(part)
         raise ReportError(
             f"{path}: the report cannot be written: {error.strerror or error}; name a file in a "
             "folder that exists and may be written"

@@ -103,6 +103,12 @@ def test_plot_is_a_picture(fieldlink: Run, tmp_path: Path, recording: Path) -> N
         (("bad.csv", "--plot", "x.docx"), None, ("x.docx", ".png")),
         (("bad.csv", "--window", "10-90"), None, ("10-90", "START:STOP")),
         (("bad.csv", "--window", "10:9000"), None, ("10:9000", "0:600")),
+        (
+            ("bad.csv",),
+            "op,pv\n" + "1,2\n" * 86_400,
+            ("bad.csv: 86400", "20000", "--window 66400:86400", "fieldlink assess bad.csv --out"),
+        ),
+        (("bad.csv", "--window", ":20001"), "op,pv\n" + "1,2\n" * 30_000, ("--window 1:20001",)),
         (("bad.csv", "--criterion", "best"), None, ("best", "oe")),
         (("bad.csv", "--confidence", "1.5"), None, ("1.5", "confidence")),
     ],

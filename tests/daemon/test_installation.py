@@ -6,6 +6,7 @@ import asyncio
 import json
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from fieldlink.cli.app import app
 from fieldlink.daemon import Daemon
 from fieldlink.daemon.installation import InUseError, is_in_use, writer_identity
 from fieldlink.registers import Fallback
-from fieldlink.store import read_events, read_writebacks
+from fieldlink.store import StoreError, read_events, read_writebacks
 from tests.daemon.live import PATIENCE, POOL, STORE, plant_on, running, site_for, until
 
 WRITEBACK = """
@@ -51,6 +52,22 @@ async def test_a_second_daemon_on_a_data_directory_is_refused(device: Any, tmp_p
             await Daemon(site, store=STORE, pool=POOL).run(duration=1.0)
         assert is_in_use(site.data_dir)
     assert not is_in_use(site.data_dir)
+    events = read_events(site.historian_url)["kind"].tolist()
+    assert events.count("daemon.start") == 1
+
+
+async def test_a_second_daemon_on_a_historian_is_refused(device: Any, tmp_path: Path) -> None:
+    site = site_for(tmp_path, {"plc": device.port})
+    # Another data directory, and the address of the same historian.
+    table = site.historian.model_copy(update={"url": site.historian_url})
+    file = site.file.model_copy(update={"historian": table})
+    other = replace(site, file=file).with_data_dir(tmp_path / "other")
+    assert other.historian_url == site.historian_url
+    async with plant_on(device), running(site) as daemon:
+        await until(lambda: daemon.status().loops["PLC"].counts.read >= 5, "samples")
+        with pytest.raises(StoreError, match="gets loop PLC from another daemon") as refused:
+            await Daemon(other, store=STORE, pool=POOL).run(duration=1.0)
+        assert f"data_dir {site.data_dir.absolute()}" in str(refused.value)
     events = read_events(site.historian_url)["kind"].tolist()
     assert events.count("daemon.start") == 1
 

@@ -7,6 +7,9 @@ import sys
 import textwrap
 from pathlib import Path
 
+import pytest
+
+from fieldlink.daemon.reporting.logs import hide_secrets
 from tests.cli.typed import run_typed
 
 PROGRAM = textwrap.dedent(
@@ -39,6 +42,35 @@ def test_lines_and_secrets() -> None:
     assert "two lines and a" in lines[0]
     for secret in ("hunter2", "0123456789abcdef", "\x1b"):
         assert secret not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "password: hunter2hunter2",
+        "Password = hunter2hunter2",
+        "db_password=hunter2hunter2",
+        "operator-token: hunter2hunter2",
+        "{'token': 'hunter2hunter2'}",
+        "http://host/page?token=hunter2hunter2",
+        "/api/page?access_token=hunter2hunter2&since=0",
+        "/data/operator-token: token=hunter2hunter2",
+        "Authorization: Bearer hunter2hunter2",
+    ],
+)
+def test_secrets_are_hidden(text: str) -> None:
+    assert "hunter2" not in hide_secrets(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "the token cannot be kept in /data/operator-token: Read-only file system; make it writable",
+        "/etc/fieldlink/mqtt.password: Permission denied",
+    ],
+)
+def test_what_happened_to_a_file_of_secrets_is_said(text: str) -> None:
+    assert hide_secrets(text) == text
 
 
 def test_the_password_of_the_store_is_never_said(tmp_path: Path) -> None:

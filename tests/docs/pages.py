@@ -8,7 +8,7 @@ What stands behind the language of a block says how it is tested:
     ```sh tested: PATH          the test named runs it
     ```sh parsed: REASON        it cannot run here; commands and options must exist
     ```toml file: NAME          the block is the content of this file
-    ```text printed             the block was printed by the command before it, but for figures
+    ```text printed             the block is what the command before it prints, to the last figure
 """
 
 from __future__ import annotations

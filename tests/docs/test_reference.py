@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from fieldlink.cli.examples import PANELS
@@ -14,6 +16,21 @@ from tools.reference_pages import PAGES, main
 def test_a_page_is_current(name: str) -> None:
     kept = (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8")
     assert kept == PAGES[name](), "run python -m tools.reference_pages"
+
+
+def test_every_metric_that_can_be_served_is_there() -> None:
+    """Those that a site serves only with findings, notices or MQTT too: read from the program."""
+    text = (ROOT / "docs" / "reference" / "metrics.md").read_text(encoding="utf-8")
+    served = {
+        (kind, name)
+        for file in (ROOT / "fieldlink").rglob("*.py")
+        for kind, name in re.findall(
+            r'(Counter|Gauge|Histogram)MetricFamily\(\s*"(\w+)"', file.read_text(encoding="utf-8")
+        )
+    }
+    assert ("Counter", "fieldlink_diagnoses") in served
+    for kind, name in served:
+        assert f"| `{name}{'_total' if kind == 'Counter' else ''}` |" in text
 
 
 def test_pages_are_written(tmp_path) -> None:

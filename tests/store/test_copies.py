@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -156,6 +156,17 @@ def test_an_export_is_cut_by_time(folder: Path) -> None:
     )  # fmt: skip
     assert datetime.fromtimestamp(NOON_MS / 1000.0, UTC).isoformat() == "2026-11-21T12:00:00+00:00"
     assert pd.read_csv(folder / "cut.csv")["slot"].tolist() == [5, 6, 7, 8, 9, 10]
+
+
+@pytest.mark.parametrize(
+    ("copy", "name"), [(export, "a.csv"), (export, "a.parquet"), (back_up, "a.sqlite")]
+)
+def test_a_read_only_file_system_is_named(
+    url: str, read_only_disk: Path, copy: Callable[[str, Path], object], name: str
+) -> None:
+    with pytest.raises(StoreError, match=f"{name} cannot be written: .*[Rr]ead-only file system"):
+        copy(url, read_only_disk / name)
+    assert list(read_only_disk.iterdir()) == []
 
 
 def test_documents_are_text(url: str, folder: Path) -> None:

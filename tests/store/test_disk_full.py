@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -30,19 +28,6 @@ OPENED = EventRecord(1_795_262_400_000, "start", "daemon", "started")
 
 def sample(slot: int) -> SampleRecord:
     return SampleRecord("FC101", 1_795_262_400_000 + 1000 * slot, slot, 1.0, 2.0, None, None, 0)
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of one megabyte."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=1m", "none", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("a file system of one megabyte can be mounted by root only")
-    yield folder
-    # Lazily: an error that a test has kept may hold a file open until it is forgotten.
-    subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def fill_up(ballast: Path) -> None:
@@ -92,7 +77,11 @@ def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:
     assert report.dropped >= 1
     assert read_samples(url)["slot"].iloc[-1] == slot
     assert len(read_samples(url)) == slot + 1 - report.dropped
-    assert "store.lost" in read_events(url)["kind"].tolist()
+    events = read_events(url).set_index("kind")["message"]
+    assert "store.lost" in events.index
+    # The outage has its begin and its end there, once each.
+    assert "full" in events["store.cannot_write"]
+    assert "records waited for" in events["store.writable_again"]
 
 
 def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
@@ -130,5 +119,6 @@ def test_a_bound_on_the_size_of_files_is_waited_out(tmp_path: Path) -> None:
         out, _ = process.communicate("\n", timeout=300)
     lines = out.splitlines()
     assert "full" in out
-    assert lines[-1] == "20001 0 False"
+    # The samples, the start, and the outage with its end.
+    assert lines[-1] == "20003 0 False"
     assert len(read_samples(url)) == 20_000

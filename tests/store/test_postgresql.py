@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from fieldlink.store import (
     read_samples,
     read_writebacks,
 )
+from tests.store.writers import killed_is_replaced, second_is_refused, sleeper_waits
 from tests.web.test_newest_rows import check_newest, fill_windows
 
 pytest.importorskip("psycopg", reason="the driver is an extra: pip install 'fieldlink[postgresql]'")
@@ -173,7 +174,9 @@ def test_a_server_that_is_restarted_loses_nothing(server: Server, url: str) -> N
     report = historian.stop()
     assert (report.dropped, report.failing) == (0, False)
     assert read_samples(url)["slot"].tolist() == list(range(100))
-    assert len(read_events(url)) == 1
+    assert read_events(url)["kind"].tolist() == [
+        "start", "store.cannot_write", "store.writable_again"
+    ]  # fmt: skip
 
 
 def test_a_server_that_is_not_there_is_named_without_the_password(tmp_path: Path) -> None:
@@ -269,3 +272,10 @@ def test_a_fleet_is_read_from_the_historian_and_from_a_table_of_another(
 def test_the_pages_find_the_newest_rows_there_as_well(url: str) -> None:
     fill_windows(url)
     check_newest(url)
+
+
+@pytest.mark.parametrize("check", [second_is_refused, sleeper_waits, killed_is_replaced])
+def test_no_loop_has_two_writers(
+    check: Callable[[str, Path], None], url: str, tmp_path: Path
+) -> None:
+    check(url, tmp_path)

@@ -195,11 +195,18 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
             for wrong, message in (
                 ({**asked, "action": "enable"}, "there is no action 'enable'"),
                 ({**asked, "who": ""}, "who is empty"),
+                ({**asked, "who": 5, "why": None}, "who is not a text"),
+                ({**asked, "action": "annotate", "who": {"a": 1}, "why": []}, "who is not a text"),
+                ({**asked, "why": None}, "why is not a text"),
+                ({"action": "hold", "who": "A"}, "why is empty"),
+                ({**asked, "who": "x" * 81}, "at most 80"),
                 ([], "JSON object"),
             ):
                 refused = await client.post(path, json=wrong, headers=right)
-                assert refused.status_code in (400, 409)
+                assert refused.status_code == 400
                 assert message in refused.json()["error"]
+            garbled = await client.post(path, content=b"{", headers=right)
+            assert (garbled.status_code, garbled.json()["error"]) == (400, "the body is not JSON")
             huge = await client.post(path, content=b"x" * 20_000, headers=right)
             assert huge.status_code == 400
             done = await client.post(path, json=asked, headers=right)

@@ -225,6 +225,23 @@ def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
     assert PartialReport(out).find(tmp_path / "FC7.csv", None) is None
 
 
+def test_of_a_long_recording_the_newest_part_is_judged_and_the_page_says_so(tmp_path: Path) -> None:
+    rows = "".join(f"40,{50 + k % 7}\n" for k in range(20_100))
+    (tmp_path / "FC7.csv").write_text("op,pv\n" + rows)
+    (row,) = json.loads(run("report", tmp_path / "FC7.csv", "--json").stdout)["loops"]
+    assert "the newest 20000 of 20100 samples are judged" in " ".join(row["remarks"])
+
+
+def test_a_line_for_a_file_name_is_the_screen(
+    fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    there = run("report", fleet.file, "--format", "csv", "--out", "-").stdout
+    assert there == run("report", fleet.file, "--format", "csv").stdout
+    assert there.startswith("rank,tag,")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -233,6 +250,8 @@ def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
         (("nowhere.csv",), "check the path"),
         (("{fleet}", "--out", "list.docx"), "end it in .html"),
         (("{fleet}", "--out", "nowhere/list.html"), "folder that exists"),
+        (("{fleet}", "--format", "csv", "--out", "list.xlsx"), "or end the name in .csv"),
+        (("{fleet}", "--out", "-"), "add --format csv or --json"),
         (("{fleet}", "other.csv"), "name it alone"),
     ],
 )

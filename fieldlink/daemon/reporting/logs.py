@@ -20,7 +20,9 @@ __all__ = ["configure_logging", "hide_secrets"]
 
 _PASSWORD = re.compile(r"(\w+://[^\s:/@\"']*):[^\s\"']+@")
 """Up to the last @ of a word, because a password may hold / and @."""
-_TOKEN = re.compile(r"(?i)\b(bearer\s+|(?:password|passwd|token)\s*[=:]\s*)[^\s;,]{6,}")
+_TOKEN = re.compile(r"(?i)(\bbearer\s+|(?:password|passwd|token)[\"']?\s*([=:])\s*)([^\s;,]{6,})")
+_IN_A_FOLDER = re.compile(r"/[^\s/?&]*\Z")
+"""The end of a path: ``/data/operator-token: ...`` says what happened to a file of that name."""
 
 
 def configure_logging(level: int = logging.INFO) -> None:
@@ -69,4 +71,10 @@ def _without_secrets(record: logging.LogRecord) -> bool:
 
 def hide_secrets(text: str) -> str:
     """Put stars in place of what looks like a password or a token."""
-    return _TOKEN.sub(r"\1***", _PASSWORD.sub(r"\1:***@", text))
+    return _TOKEN.sub(_starred, _PASSWORD.sub(r"\1:***@", text))
+
+
+def _starred(match: re.Match[str]) -> str:
+    if match[2] == ":" and _IN_A_FOLDER.search(match.string[: match.start()]):
+        return match[1] + hide_secrets(match[3])
+    return f"{match[1]}***"

@@ -22,6 +22,7 @@ from fieldlink.site import Site, check, load_site
 from fieldlink.site.bounded_file import UnreadableFileError, read_bytes
 from fieldlink.site.toml_source import LARGEST
 from fieldlink.store import EventStream
+from fieldlink.unfinished_file import remove_unfinished
 from fieldlink.versions import find_versions
 
 __all__ = ["EVENTS_KEPT", "BundleError", "write_bundle"]
@@ -69,7 +70,7 @@ def write_bundle(site: Path | None, out: Path) -> tuple[str, ...]:
                 bundle.writestr(name, text.encode("utf-8", "backslashreplace"))
     except OSError as error:
         # half a bundle would be sent, and stand in the way of the next one
-        out.unlink(missing_ok=True)
+        remove_unfinished(out)
         raise _unwritable(out, error) from error
     return tuple(parts)
 

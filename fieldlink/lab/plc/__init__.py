@@ -5,6 +5,7 @@ Importing this package makes ``link = "fmu"`` known to `fieldlink.links.open_lin
 
 from fieldlink.lab.plc.batched import BatchedPlc
 from fieldlink.lab.plc.build import LoopSetup, PlcError
+from fieldlink.lab.plc.checking import check_plants
 from fieldlink.lab.plc.control import ControlledLoop
 from fieldlink.lab.plc.listening import Listening, PortError
 from fieldlink.lab.plc.lockstep import LockstepLink
@@ -31,6 +32,7 @@ __all__ = [
     "PortError",
     "Truth",
     "VirtualPlc",
+    "check_plants",
     "serve",
 ]
 

@@ -29,6 +29,7 @@ from fmu_models import (
     LoopVariables,
     Plant,
     PlantError,
+    PlantInfo,
     StartValue,
     catalogue,
     open_plant,
@@ -129,19 +130,27 @@ class LoopSetup:
         op = _first_op(owning, signals.op, limits)
         return cls(site, name, loop, settings, owner, model, known, signals, limits, op)
 
+    def sharing(self) -> list[LoopSetup]:
+        """Return the setups of all loops of the FMU, that of its owner first."""
+        return [LoopSetup.of(self.site, name) for name in _sharing(self.site, self.owner)]
+
+    def start_values(self) -> dict[str, StartValue]:
+        """Return what the FMU is opened with: the site's parameters, and what follows from it."""
+        settings = self.site.loops[self.owner].plant
+        assert settings is not None
+        return _parameters(settings, self.known, self.sharing())
+
     def open(self, *, isolated: bool = True) -> Plant:
         """Start the FMU for every loop that it has.
 
         Raises:
             PlcError: it cannot be started, or lacks a variable of one of them.
         """
-        setups = [LoopSetup.of(self.site, name) for name in _sharing(self.site, self.owner)]
-        settings = self.site.loops[self.owner].plant
-        assert settings is not None
+        setups = self.sharing()
         try:
             plant = open_plant(
                 self.model,
-                parameters=_parameters(settings, self.known, setups),
+                parameters=self.start_values(),
                 period=self.loop.period,
                 isolated=isolated,
                 timeout=ANSWER_WITHIN,
@@ -150,7 +159,8 @@ class LoopSetup:
             raise PlcError(f"loop {self.name}: {error}") from error
         try:
             for setup in setups:
-                setup._require_variables(plant)
+                for missing in setup.missing_variables(plant.info).values():
+                    raise PlcError(f"loop {setup.name}: {missing}")
         except BaseException:
             plant.close()
             raise
@@ -179,11 +189,19 @@ class LoopSetup:
         Raises:
             PlcError: the controller does not fit the plant.
         """
+        source = self.op_source(supervise)
+        return ControlledLoop(self.name, plant, self.signals, source, self.op if op is None else op)
+
+    def op_source(self, supervise: type[Supervisor] = Supervisor) -> OpSource:
+        """Return who decides OP of a loop whose controller is not in the FMU.
+
+        Raises:
+            PlcError: the controller does not fit the plant.
+        """
         try:
-            source = self._source(supervise)
+            return self._source(supervise)
         except CompensatorError as error:
             raise PlcError(f"loop {self.name}: {error}") from error
-        return ControlledLoop(self.name, plant, self.signals, source, self.op if op is None else op)
 
     def _source(self, supervise: type[Supervisor]) -> OpSource:
         kind, period, limits = self.settings.controller_kind, self.loop.period, self.limits
@@ -229,22 +247,19 @@ class LoopSetup:
             )
         return UnawareMpc(process, MpcSettings(limits=self.limits))
 
-    def _require_variables(self, plant: Plant) -> None:
-        info = plant.info
-        inside = self.settings.controller_kind == "fmu"
-        wanted = {"pv": (self.signals.pv, "output", info.outputs)}
-        if inside:
-            wanted["op"] = (self.signals.op, "output", info.outputs)
-        else:
-            wanted["op"] = (self.signals.op, "input", info.inputs)
+    def missing_variables(self, info: PlantInfo) -> dict[str, str]:
+        """Return what a plant lacks of the loop's signals: a sentence for each, by role."""
+        op_kind = "output" if self.settings.controller_kind == "fmu" else "input"
+        wanted = {"pv": (self.signals.pv, "output"), "op": (self.signals.op, op_kind)}
         if self.signals.sp is not None:
-            wanted["sp"] = (self.signals.sp, "input", info.inputs)
-        for role, (name, kind, known) in wanted.items():
-            if name not in known:
-                raise PlcError(
-                    f"loop {self.name}: {self.model} has no {kind} {name!r} for {role}, it has "
-                    f"{', '.join(known) or 'none'}; name it in [loops.{self.name}.plant.variables]"
-                )
+            wanted["sp"] = (self.signals.sp, "input")
+        known = {"output": info.outputs, "input": info.inputs}
+        return {
+            role: f"{self.model} has no {kind} {name!r} for {role}, it has "
+            f"{', '.join(known[kind]) or 'none'}; name it in [loops.{self.name}.plant.variables]"
+            for role, (name, kind) in wanted.items()
+            if name not in known[kind]
+        }
 
 
 def _sharing(site: Site, owner: str) -> list[str]:
