@@ -1,4 +1,4 @@
-"""PV as the controller saw it: without its sensor's faults, beside the OP that answers it."""
+"""A record as the controller saw it: each sample once, PV without faults and beside its OP."""
 
 from __future__ import annotations
 
@@ -6,15 +6,59 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
 from estimator.controller.reading import Controller, read_aligned
 from estimator.faults import faults_of
 from estimator.outcomes import Reason, ReasonCode
 from estimator.settings import Screening
-from estimator.window import Window
+from estimator.window import Window, signal_of
 
-__all__ = ["Cleaned", "as_recorded", "clean", "screen_faults"]
+__all__ = ["Cleaned", "Held", "as_recorded", "clean", "find_held", "screen_faults"]
+
+_CHANGES = 20
+"""Changes that must all come a number of samples apart: one record in a million does by chance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A record that was polled more slowly than it is stored.
+
+    Attributes:
+        every: samples for which each value stands; 1 where each is one of its own.
+        first: the sample at which the first whole value begins.
+    """
+
+    every: int
+    first: int
+
+    def thin(self, name: str, signal: ArrayLike | None) -> Array | None:
+        """Each value of a signal ``(n,)``, if there is one, once."""
+        return None if signal is None else signal_of(name, signal)[self.first :: self.every]
+
+    def hold(self, values: Array, samples: int) -> Array:
+        """Thinned values ``(m,)`` as the record stores them, ``(samples,)``."""
+        place = (np.arange(samples) - self.first) // self.every
+        held: Array = values[np.maximum(place, 0)]
+        return held
+
+    def tell(self) -> str:
+        """What was done, in words."""
+        return f"the record keeps each value for {self.every} samples: each is taken once"
+
+
+def find_held(op: Array, pv: Array | None) -> Held:
+    """How a record ``(n,)`` repeats itself, where OP and PV do at the same samples."""
+    changes = np.zeros(op.size, dtype=np.bool_)
+    for signal in (op,) if pv is None else (op, pv):
+        known = np.nan_to_num(signal, nan=math.inf)
+        changes[1:] |= known[1:] != known[:-1]
+    places = np.flatnonzero(changes)
+    if places.size < _CHANGES:
+        return Held(1, 0)
+    every = int(np.gcd.reduce(np.diff(places)))
+    return Held(every, int(places[0]) % every) if every > 1 else Held(1, 0)
 
 
 @dataclass(frozen=True, slots=True)

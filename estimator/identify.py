@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.averaging import average, block_of, with_every_sample
-from estimator.cleaning import Cleaned, as_recorded, clean, screen_faults
+from estimator.cleaning import Cleaned, Held, as_recorded, clean, find_held, screen_faults
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
@@ -90,6 +90,26 @@ def identify(
     window = harmonise(op, pv, sp, auto, period, settings.screening)
     given, measured = signal_of("op", op), signal_of("pv", pv)
     setpoint = None if sp is None else signal_of("sp", sp)
+    held = find_held(given, measured) if method == "search" else Held(1, 0)
+    if held.every > 1:
+        result = identify(
+            given[held.first :: held.every],
+            measured[held.first :: held.every],
+            sp=held.thin("sp", sp),
+            auto=held.thin("auto", auto),
+            period=held.every * window.period,
+            criterion=criterion,
+            confidence=confidence,
+            surface=surface,
+            settings=settings,
+        )
+        return replace(
+            result,
+            identifiability=(*result.identifiability, held.tell()),
+            stem=held.hold(result.stem, window.size),
+            pv_model=held.hold(result.pv_model, window.size),
+            seconds=time.perf_counter() - begun,
+        )
     informed = informed_share(measured)
     reasons = screen(window, informed, settings.screening)
     # the methods of the paper take every sample, as it is

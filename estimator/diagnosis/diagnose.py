@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array
+from estimator.cleaning import find_held
 from estimator.controller.reading import Controller, read_aligned, read_controller
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
@@ -42,6 +43,7 @@ from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
 from estimator.faults import faults_of
 from estimator.settings import SETTINGS
+from estimator.window import signal_of
 from loop_model import ProcessModel, ValveModel
 
 __all__ = ["diagnose"]
@@ -82,6 +84,20 @@ def diagnose(
             above zero.
     """
     record = loop_record(op, pv, sp, auto, period)
+    held = find_held(signal_of("op", op), None if pv is None else signal_of("pv", pv))
+    if held.every > 1:
+        found = diagnose(
+            signal_of("op", op)[held.first :: held.every],
+            held.thin("pv", pv),
+            held.thin("sp", sp),
+            auto=held.thin("auto", auto),
+            period=held.every * period,
+            advice=advice,
+            figures=figures,
+            valve_is_healthy=valve_is_healthy,
+            settings=settings,
+        )
+        return replace(found, notes=(*found.notes, held.tell()))
     swing, signal = _oscillation(record, settings)
     if record.pv is None or record.error is None:
         limits = limits_of(record.op, record.op - record.op.mean(), None,

@@ -68,3 +68,12 @@ def test_what_is_no_signal_is_named(more: dict[str, object], word: str) -> None:
     for ask in (diagnose, identify):
         with pytest.raises(EstimatorError, match=word):
             ask(loop.op, loop.pv, **more)  # type: ignore[operator]
+
+
+def test_a_record_that_keeps_each_value_is_diagnosed_on_each_value_once() -> None:
+    loop = run(band=4.0, jump=2.0, n=600)
+    held = [np.repeat(one, 4) for one in (loop.op, loop.pv, loop.sp)]
+    found, once = diagnose(*held), diagnose(loop.op, loop.pv, loop.sp, period=4.0)
+    assert [cause.to_dict() for cause in found.causes] == [one.to_dict() for one in once.causes]
+    assert found.oscillation == once.oscillation
+    assert "keeps each value for 4 samples" in found.notes[-1]
