@@ -118,4 +118,4 @@ def screen_faults(window: Window, faults: Mask, settings: Screening) -> tuple[Re
 
 
 def _words(faults: Mask) -> str:
-    return f"PV jumps away and back, or stands still, in {int(faults.sum())} samples"
+    return f"PV jumps away, or stands still, in {int(faults.sum())} samples"

@@ -1,4 +1,4 @@
-"""Samples of PV that its sensor made and not the process: spikes, and a value that stands still.
+"""Samples of PV that are not the process's: spikes, a value that stands still, marks for no value.
 
 The controller answers a spike, and OP winds up while PV stands still: both look like a process that
 does not follow OP, which a sticky valve explains well. So such samples are no samples at all.
@@ -6,6 +6,8 @@ does not follow OP, which a sticky valve explains well. So such samples are no s
 A run of one value is a fault in a record that seldom stays at a value. A record that often does (a
 coarse resolution, a historian that stores by exception) has long runs where PV turns: there a run
 must be longer than comes by chance, and PV must leave the value with a jump.
+
+A mark is one number, such as -9999, that a recorder stores where it has none.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from estimator.arrays import Array, Mask
 from estimator.settings import Screening
 from estimator.window import bridge
 
-__all__ = ["faults_of", "find_spikes", "find_standing", "runs_of"]
+__all__ = ["faults_of", "find_marks", "find_spikes", "find_standing", "runs_of"]
 
 _TURNS = 8
 """Looks at how often a record repeats itself, each without the runs that the one before found."""
@@ -44,6 +46,9 @@ sample."""
 _SELDOM, _LEAST_RUN = 0.02, 8
 """Share of its samples after which a record stays at a value, below which it stays there seldom;
 repeats in a row that are a fault in such a record."""
+_BESIDE, _APART = 50, 5.0
+"""Other samples that there must be, and times that the span of these is as wide as their distance
+from a mark."""
 _CHANCE = 1e-3
 """Records in which a run comes by chance that is taken for a fault."""
 
@@ -54,6 +59,8 @@ def faults_of(pv: Array, settings: Screening) -> Mask:
     found = np.zeros(pv.size, dtype=np.bool_)
     if int(known.sum()) < settings.min_samples or np.ptp(pv[known]) == 0.0:
         return found
+    found[known] = find_marks(pv[known])
+    known &= ~found
     found[known] = find_standing(pv[known])
     moving = known & ~found
     if int(moving.sum()) < settings.min_samples:
@@ -67,6 +74,18 @@ def runs_of(where: Mask) -> list[tuple[int, int]]:
     """First sample of each run of true samples, and the one behind its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], where, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def find_marks(values: Array) -> Mask:
+    """Samples in ``(n,)`` that have the one lowest or highest value, far from all others."""
+    found = np.zeros(values.size, dtype=np.bool_)
+    for extreme in (float(values.min()), float(values.max())):
+        others = values[~found & (values != extreme)]
+        if others.size < _BESIDE or np.ptp(others) == 0.0:
+            continue
+        apart = float(np.abs(others - extreme).min())
+        found |= (values == extreme) & (apart > _APART * float(np.ptp(others)))
+    return found
 
 
 def find_spikes(values: Array, deviation: float) -> tuple[Mask, Array]:

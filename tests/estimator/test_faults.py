@@ -81,6 +81,25 @@ def test_a_rounded_value_that_stands_still_is_found_by_its_jump() -> None:
     assert _faults(pv) == list(range(149, 280))
 
 
+@pytest.mark.parametrize("mark", [-9999.0, 0.0, 1e10])
+def test_a_number_that_stands_for_none_is_found(mark: float) -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        pv = 50.0 + 0.1 * _coloured(seed, 0.9)
+        at = np.sort(rng.choice(K.size, 5, replace=False))
+        for one in at:
+            pv[one : one + 30] = mark
+        assert _faults(pv) == np.flatnonzero(pv == mark).tolist()
+
+
+def test_two_positions_and_a_step_are_no_marks() -> None:
+    for seed in SEEDS:
+        assert _faults(np.where(_coloured(seed, 0.95) > 0.0, 80.0, 20.0)) == []
+        pv = 0.05 * np.random.default_rng(seed).normal(size=K.size)
+        pv[400:] += 30.0
+        assert _faults(pv) == []
+
+
 def _spiked(seed: int, size: float) -> Array:
     rng = np.random.default_rng(seed)
     added = np.zeros(1500)
