@@ -30,7 +30,7 @@ _LEAST, _ROWS_EACH = 50, 8
 _EXPLAINED = 0.7
 """Share of OP's moves that sums over several samples must explain where nothing else tells the
 sign: of OP that no controller moves they explain less (tuning family: 0.70 and more for all loops
-that need it; random walks and steps of OP: below 0.7 for 95 of 100)."""
+that need it; random walks and steps of OP: below for 75 of 80)."""
 
 
 def gain_sign(
