@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
 from estimator.controller.reading import Controller, read_aligned
 from estimator.faults import faults_of
 from estimator.outcomes import Reason, ReasonCode
 from estimator.settings import Screening
-from estimator.window import Window, signal_of
+from estimator.window import Window
 
 __all__ = ["Cleaned", "Held", "as_recorded", "clean", "find_held", "screen_faults"]
 
@@ -33,9 +32,9 @@ class Held:
     every: int
     first: int
 
-    def thin(self, name: str, signal: ArrayLike | None) -> Array | None:
+    def thin(self, signal: Array | None) -> Array | None:
         """Each value of a signal ``(n,)``, if there is one, once."""
-        return None if signal is None else signal_of(name, signal)[self.first :: self.every]
+        return None if signal is None else signal[self.first :: self.every]
 
     def hold(self, values: Array, samples: int) -> Array:
         """Thinned values ``(m,)`` as the record stores them, ``(samples,)``."""

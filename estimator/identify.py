@@ -30,7 +30,7 @@ from estimator.result import Evidence, Fit, Identification
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS, Settings
 from estimator.surface import cost_surface
-from estimator.window import Window, harmonise, screen, signal_of
+from estimator.window import Window, harmonise, screen, signals_of
 
 __all__ = ["METHODS", "identify", "warm_up"]
 
@@ -88,15 +88,15 @@ def identify(
     if not 0.5 <= confidence <= 0.999:
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
     window = harmonise(op, pv, sp, auto, period, settings.screening)
-    given, measured = signal_of("op", op), signal_of("pv", pv)
-    setpoint = None if sp is None else signal_of("sp", sp)
+    given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
+    measured, setpoint = others["pv"], others.get("sp")
     held = find_held(given, measured) if method == "search" else Held(1, 0)
     if held.every > 1:
         result = identify(
             given[held.first :: held.every],
             measured[held.first :: held.every],
-            sp=held.thin("sp", sp),
-            auto=held.thin("auto", auto),
+            sp=held.thin(setpoint),
+            auto=held.thin(others.get("auto")),
             period=held.every * window.period,
             criterion=criterion,
             confidence=confidence,
@@ -116,8 +116,9 @@ def identify(
     cleaned = Cleaned(measured, np.zeros(window.size, dtype=np.bool_), 0, None)
     if not reasons and method == "search":
         cleaned = clean(given, measured, setpoint, settings.screening)
-        window = harmonise(op, cleaned.pv, sp, auto, period, settings.screening)
-        reasons = screen_faults(window, cleaned.faults, settings.screening)
+        if cleaned.faults.any() or cleaned.late > 0:
+            window = harmonise(op, cleaned.pv, sp, auto, period, settings.screening)
+            reasons = screen_faults(window, cleaned.faults, settings.screening)
     if reasons:
         result = unassessed(window, reasons, criterion, confidence)
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,16 @@ from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
 from estimator.settings import Screening
 
-__all__ = ["Window", "bridge", "carry_on", "harmonise", "period_of", "screen", "signal_of"]
+__all__ = [
+    "Window",
+    "bridge",
+    "carry_on",
+    "harmonise",
+    "period_of",
+    "screen",
+    "signal_of",
+    "signals_of",
+]
 
 _TINY = 1e-9
 """Span or deviation, as a share of the value, that is rounding."""
@@ -61,23 +71,16 @@ def harmonise(
         EstimatorError: not one-dimensional numbers, different lengths, no usable sample, a period
             that is not positive.
     """
-    op_raw, pv_raw = signal_of("op", op), signal_of("pv", pv)
-    length = op_raw.size
-    optional = [(name, s) for name, s in (("sp", sp), ("auto", auto)) if s is not None]
-    for name, signal in [("pv", pv_raw), *((name, signal_of(name, s)) for name, s in optional)]:
-        if signal.size != length:
-            raise EstimatorError(
-                f"op has {length} samples and {name} has {signal.size}: "
-                f"give every signal of the window with the same number of samples"
-            )
+    op_raw, given = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
+    pv_raw, length = given["pv"], op_raw.size
     if length < 2:
         raise EstimatorError(
             f"a window of {length} samples is too short: give {screening.min_samples}+"
         )
     period = period_of(period)
     in_auto = np.ones(length, dtype=bool)
-    if auto is not None:
-        flag = signal_of("auto", auto)
+    if "auto" in given:
+        flag = given["auto"]
         in_auto = np.isfinite(flag) & (flag != 0.0)
     op_good, pv_good = np.isfinite(op_raw), np.isfinite(pv_raw)
     for name, ok in (("op", op_good), ("pv", pv_good)):
@@ -127,6 +130,25 @@ def signal_of(name: str, values: ArrayLike) -> Array:
             f"{name} has shape {signal.shape}: give one row of samples, shape (n,)"
         )
     return signal
+
+
+def signals_of(
+    op: ArrayLike, others: Mapping[str, ArrayLike | None]
+) -> tuple[Array, dict[str, Array]]:
+    """OP and those of the other signals that there are, by name, ``(n,)`` each.
+
+    Raises:
+        EstimatorError: one is not a row of numbers, or has another length than OP.
+    """
+    first = signal_of("op", op)
+    found = {name: signal_of(name, one) for name, one in others.items() if one is not None}
+    for name, signal in found.items():
+        if signal.size != first.size:
+            raise EstimatorError(
+                f"op has {first.size} samples and {name} has {signal.size}: "
+                f"give every signal of the window with the same number of samples"
+            )
+    return first, found
 
 
 def period_of(period: float) -> float:

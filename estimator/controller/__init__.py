@@ -1,1 +1,1 @@
-"""The running controller, read off the record: its law, its settings and its sign."""
+"""The running controller, read off the record: its law and its settings."""

@@ -119,7 +119,7 @@ def read_controller(
         auto: non-zero where the controller is in automatic, shape ``(n,)``; other rows do not
             count, nor do those in which OP is at its highest or lowest value for a while.
         period: seconds between samples.
-        settings: see `estimator.diagnosis.settings`.
+        settings: see `estimator.controller.settings`.
 
     Returns:
         The controller; None where OP does not answer the error: manual, a constant, or another
@@ -142,7 +142,8 @@ class Aligned:
     Attributes:
         pv: moved forward by ``late`` samples, the last ones NaN.
         late: samples by which PV was recorded later than OP.
-        controller: what explains OP's moves to rounding; None where nothing does.
+        controller: what explains OP's moves to rounding, its times in samples; None where nothing
+            does.
     """
 
     pv: Array
@@ -150,9 +151,7 @@ class Aligned:
     controller: Controller | None
 
 
-def read_aligned(
-    op: Array, pv: Array, sp: Array | None, *, period: float = 1.0, settings: Reading = READING
-) -> Aligned:
+def read_aligned(op: Array, pv: Array, sp: Array | None, settings: Reading = READING) -> Aligned:
     """PV as the controller saw it, where that shows: ``(n,)`` each, NaN where bad.
 
     A historian that polls one signal after the other may store PV a sample or two after OP. Then
@@ -162,7 +161,7 @@ def read_aligned(
     for late in _LATE:
         moved = np.append(pv[late:], np.full(late, math.nan))
         given = _prepare(op, moved, sp, None, settings)
-        found = None if given is None else _read_exactly(given, period, settings)
+        found = None if given is None else _read_exactly(given, 1.0, settings)
         if found is not None:
             return Aligned(moved, late, found)
     return Aligned(pv, 0, None)

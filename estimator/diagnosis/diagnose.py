@@ -43,7 +43,7 @@ from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
 from estimator.faults import faults_of
 from estimator.settings import SETTINGS
-from estimator.window import signal_of
+from estimator.window import signals_of
 from loop_model import ProcessModel, ValveModel
 
 __all__ = ["diagnose"]
@@ -84,13 +84,14 @@ def diagnose(
             above zero.
     """
     record = loop_record(op, pv, sp, auto, period)
-    held = find_held(signal_of("op", op), None if pv is None else signal_of("pv", pv))
+    given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
+    held = find_held(given, others.get("pv"))
     if held.every > 1:
         found = diagnose(
-            signal_of("op", op)[held.first :: held.every],
-            held.thin("pv", pv),
-            held.thin("sp", sp),
-            auto=held.thin("auto", auto),
+            given[held.first :: held.every],
+            held.thin(others.get("pv")),
+            held.thin(others.get("sp")),
+            auto=held.thin(others.get("auto")),
             period=held.every * period,
             advice=advice,
             figures=figures,
@@ -197,7 +198,7 @@ def _read_controller(
     found = read(record, measured)
     if found is not None and found.exact:
         return found, record
-    aligned = read_aligned(record.op, measured, record.sp, settings=settings.reading)
+    aligned = read_aligned(record.op, measured, record.sp, settings.reading)
     if aligned.late == 0:
         return found, record
     auto = None if record.auto is None else record.auto.astype(float)

@@ -50,8 +50,7 @@ class Sensor:
     Attributes:
         frozen: share of the samples in long runs of one value; still: which samples, ``(n,)``.
         step: resolution over the standard deviation of the control error.
-        spikes: share of the samples that are spikes; spike_cost: their share of the squared error;
-            spiked: which samples, ``(n,)``.
+        spikes: share of the samples that are spikes; spike_cost: their share of the squared error.
         noise: standard deviation of the noise, units of PV.
         noise_share: its share of the variance of the control error.
         shaken: how far noise moves OP from sample to sample, as a share of 100 % of OP.
@@ -65,7 +64,6 @@ class Sensor:
     noise_share: float
     shaken: float
     still: Mask
-    spiked: Mask
 
 
 def by_hand_of(
@@ -155,7 +153,7 @@ def sensor_of(
     """What PV itself tells about its sensor; only ``usable`` samples count."""
     y = pv[usable]
     if y.size < settings.least_run or float(np.ptp(y)) == 0.0:
-        return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable, np.zeros(pv.size, dtype=bool))
+        return Sensor(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, usable)
     e = error[usable]
     deviation = max(float(np.std(e)), 1e-12 * max(1.0, float(np.abs(y).max())))
     still = in_long_runs(y, max(settings.least_run, int(settings.run_share * y.size)))
@@ -168,8 +166,8 @@ def sensor_of(
     spikes, rest = find_spikes(y, deviation)
     cost = float(np.sum(rest[spikes] ** 2)) / max(float(np.sum((e - e.mean()) ** 2)), 1e-300)
     noise = _noise(y)
-    where, spiked = np.zeros((2, pv.size), dtype=bool)
-    where[usable], spiked[usable] = still, spikes
+    where = np.zeros(pv.size, dtype=bool)
+    where[usable] = still
     gain = abs(controller.gain) if controller is not None else 0.0
     return Sensor(
         frozen=float(still.mean()),
@@ -180,7 +178,6 @@ def sensor_of(
         noise_share=min(1.0, (noise / deviation) ** 2),
         shaken=gain * noise / 100.0,
         still=where,
-        spiked=spiked,
     )
 
 

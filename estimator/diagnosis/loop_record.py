@@ -20,8 +20,7 @@ from estimator.diagnosis.oscillation import (
 )
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.faults import runs_of
-from estimator.outcomes import EstimatorError
-from estimator.window import bridge, carry_on, period_of, signal_of
+from estimator.window import bridge, carry_on, period_of, signals_of
 
 __all__ = [
     "LoopRecord",
@@ -94,19 +93,8 @@ def loop_record(
 ) -> LoopRecord:
     """Check the signals of a loop and bridge their holes; errors as `diagnose` has them."""
     period = period_of(period)
-    moved = signal_of("op", op)
-    u, good = bridge(moved), np.isfinite(moved)
-    given = {
-        name: signal_of(name, values)
-        for name, values in (("pv", pv), ("sp", sp), ("auto", auto))
-        if values is not None
-    }
-    for name, signal in given.items():
-        if signal.size != u.size:
-            raise EstimatorError(
-                f"op has {u.size} samples and {name} has {signal.size}: give every "
-                f"signal of the window with the same number of samples"
-            )
+    recorded, given = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
+    u, good = bridge(recorded), np.isfinite(recorded)
     if "pv" not in given:
         return LoopRecord(u, None, None, None, None, good, period)
     y = bridge(given["pv"])

@@ -50,7 +50,7 @@ def parse_dates(cells: Sequence[str], filled: Sequence[int], *, day_first: bool)
             counts where the dates themselves do not tell.
 
     Raises:
-        NoClockError: naming the first cell that is no date and time.
+        NoClockError: naming the first cell that is not a date and time.
     """
     # Here, because only recordings with dates need pandas, and a daemon has none.
     import pandas as pd

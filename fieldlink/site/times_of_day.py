@@ -69,7 +69,7 @@ def parse_times_of_day(cells: Sequence[str], filled: Sequence[int]) -> tuple[Flo
         filled: indices of the cells that are not empty.
 
     Raises:
-        NoClockError: naming the first cell that is no time of day.
+        NoClockError: naming the first cell that is not a time of day.
     """
     texts = [cells[index] for index in filled]
     pairs = [found for text in texts if (found := re.fullmatch(r"(\d{1,4}):\d{2}([.,]\d+)?", text))]

@@ -1,4 +1,4 @@
-"""Spikes and a frozen value are no samples of PV: neither accuses a valve nor hides one."""
+"""Spikes and a frozen value are not samples of PV: they accuse no valve, and hide none."""
 
 from __future__ import annotations
 
