@@ -184,9 +184,10 @@ class BlockWriter:
         attempt = self._handover.recall(record)
         if attempt is None:
             return
+        outcome = attempt.outcome
         if attempt.candidate.withdrawal:
             self._permission.held = "withdrawn before the daemon started again"
-        if attempt.outcome.leaves_open:
+        if outcome.leaves_withdrawal_open if attempt.candidate.withdrawal else outcome.leaves_open:
             self._unsettled.leave(attempt)
 
     def submit(
@@ -275,7 +276,7 @@ class BlockWriter:
 
     def _follow_operator(self) -> None:
         """Forget what held until an operator decides: the enable bit was cleared and set again."""
-        if not self._waiting.is_withdrawal:
+        if not self._waiting.forget_withdrawal():
             self._permission.held = ""
         self._use.refused = None
         if self._permission.sole.standing is Standing.CONTESTED:
