@@ -240,7 +240,11 @@ class BlockWriter:
             standing = self._permission.sole.look(control, now)
             self._use.watch_orders(now)
             if control.enabled and not self._orders.off:
-                await self._show_life(control)
+                if control.names_a_bank:
+                    await self._show_life(control)
+                else:
+                    # Registers of something else, perhaps: they are not written to.
+                    self._told.tell("writeback.disagrees", control.disagreement)
             if await self._use.in_force.look(self._exchange, control, now):
                 self._heed_a_withdrawn_block()
         except LinkError as error:
