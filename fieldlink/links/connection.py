@@ -145,7 +145,9 @@ class ModbusConnection:
         finally:
             line.turns.release()
         if request.is_exception(pdu):
-            raise ExceptionReplyError(self._device, request.text, pdu[1])
+            raise ExceptionReplyError(
+                self._device, request.text, pdu[1], is_write=not request.is_read
+            )
         return pdu
 
     async def _ask(self, line: Line, request: Request, *, again: bool = False) -> bytes:
