@@ -16,6 +16,7 @@ from fieldlink.registers import (
     BlockLimits,
     BlockReader,
     ExchangeLayout,
+    Fallback,
 )
 from tests.daemon.bench import Bench
 
@@ -171,6 +172,26 @@ async def test_a_rejected_withdrawal_is_written_again_until_an_operator_decides(
     await b.seconds(30)
     assert b.outcomes.count(WritebackOutcome.COMMITTED) == tries
     assert b.writeback.waiting is None
+
+
+async def test_a_heartbeat_register_that_keeps_nothing_means_no_compensation(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    """Else windows without compensation are judged as if it were there, and never written."""
+    b = bench(min_interval=10.0)
+    b.submit(findings(7.0))
+    for _ in range(40):
+        await b.seconds(1, scanning=False)
+        device.words[layout.heartbeat] = 0
+        b.plc.scan()
+    assert b.plc.state.fallback is Fallback.HEARTBEAT_DEAD
+    assert b.writeback.compensates is False
+    ((kind, said),) = b.told
+    assert kind == "writeback.heartbeat_lost"
+    assert "does not keep what is written" in said
+    await b.seconds(6)
+    assert b.plc.state.fallback is None
+    assert b.writeback.compensates is True
 
 
 async def test_an_answer_that_names_the_other_bank_accepts_nothing(

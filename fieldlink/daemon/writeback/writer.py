@@ -47,6 +47,11 @@ __all__ = ["BlockWriter", "Receipt"]
 RETRY = 30.0
 """Plant seconds after an attempt that failed before its commit, or the interval if that is less."""
 
+_UNHEARD = (
+    "the heartbeat register does not keep what is written, so the PLC uses no block; look for a "
+    "program that writes it, and at the register's address"
+)
+
 
 class BlockWriter:
     """Writes the blocks of one loop.
@@ -260,7 +265,12 @@ class BlockWriter:
             self._not_before = now + self._settings.min_interval
         self._unsettled.look_for_answer(control, now)
         before = self._use.in_use
-        self._use.watch(control, now)
+        unheard = self._permission.sole.is_unheard(now)
+        if unheard:
+            self._told.tell("writeback.heartbeat_lost", _UNHEARD)
+        else:
+            self._told.forget("writeback.heartbeat_lost")
+        self._use.watch(control, now, is_unheard=unheard)
         self._intake.follow_use(before, self._use.in_use, now)
         if self._orders.off:
             self._waiting.explain(WritebackOutcome.SWITCHED_OFF, self._orders.off)
