@@ -162,7 +162,7 @@ def find_target(target: str, connect: Connect) -> Target:
 
 
 def _device_of(site: Site, device: str | None) -> str:
-    names = [name for name, found in site.devices.items() if found.is_modbus or found.is_opcua]
+    names = [name for name, found in site.devices.items() if not found.is_stepped]
     if device is None and len(names) == 1:
         return names[0]
     if device not in names:

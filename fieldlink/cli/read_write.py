@@ -126,9 +126,7 @@ def _point(target: str, text: str, connect: Connect) -> Point:
         owners = [
             name
             for name, tags in site.maps.items()
-            if text in tags
-            and (site.devices[name].is_modbus or site.devices[name].is_opcua)
-            and connect.device in (None, name)
+            if text in tags and not site.devices[name].is_stepped and connect.device in (None, name)
         ]
         if len(owners) > 1:
             raise typer.BadParameter(

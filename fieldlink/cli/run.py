@@ -90,7 +90,7 @@ def run(
     configure_logging()
     loaded = load_site(site)
     stepped = {
-        name: not loaded.devices[name].is_modbus
+        name: loaded.devices[name].is_stepped
         for name in {loop.device for loop in loaded.loops.values()}
     }
     if all(stepped.values()):

@@ -33,7 +33,7 @@ from fieldlink.links.frames import (
     write_many_request,
     write_one_request,
 )
-from fieldlink.links.late_replies import LateReplies, proves
+from fieldlink.links.late_replies import LateReplies
 from fieldlink.links.line import Line, Lines, LineSettings
 from fieldlink.links.wire import (
     Wire,
@@ -145,7 +145,9 @@ class ModbusConnection:
         finally:
             line.turns.release()
         if request.is_exception(pdu):
-            raise ExceptionReplyError(self._device, request.text, pdu[1])
+            raise ExceptionReplyError(
+                self._device, request.text, pdu[1], is_write=not request.is_read
+            )
         return pdu
 
     async def _ask(self, line: Line, request: Request, *, again: bool = False) -> bytes:
@@ -243,7 +245,7 @@ class ModbusConnection:
             return
         probe = self._late.probe_for(request)
         pdu = await self._exchange(line, wire, probe)
-        if not proves(probe, pdu):
+        if not self._late.proves(probe, pdu):
             self._late.refused(probe, self._clock.monotonic())
             raise self._failed(
                 LinkUnreachableError(

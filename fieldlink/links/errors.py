@@ -54,6 +54,20 @@ class ExceptionCode(Enum):
         return self in (ExceptionCode.GATEWAY_PATH, ExceptionCode.GATEWAY_TARGET)
 
 
+_OF_A_WRITE = {
+    ExceptionCode.ILLEGAL_FUNCTION: (
+        "the device does not know this function: see its manual for the ways to write it"
+    ),
+    ExceptionCode.ILLEGAL_ADDRESS: (
+        "the register does not exist or cannot be written: check its address, and whether the "
+        "device protects it"
+    ),
+    ExceptionCode.ILLEGAL_VALUE: (
+        "the device refuses the value, or so many registers in one request: see its manual"
+    ),
+}
+"""Advice on exceptions to a write, where that to a read would mislead."""
+
 _BLAMES_AN_ADDRESS = frozenset(
     {ExceptionCode.ILLEGAL_ADDRESS, ExceptionCode.ILLEGAL_VALUE, ExceptionCode.DEVICE_FAILURE}
 )
@@ -91,11 +105,14 @@ class ReplyMismatchError(LinkError):
 class ExceptionReplyError(LinkError):
     """The device answered with an exception code."""
 
-    def __init__(self, device: str, what: str, code: int) -> None:
+    def __init__(self, device: str, what: str, code: int, *, is_write: bool = False) -> None:
         self.code = ExceptionCode.of(code)
         self.number = code
+        advice = self.code.advice
+        if is_write:
+            advice = _OF_A_WRITE.get(self.code, advice)
         super().__init__(
-            device, f"{what} answered with exception {code} ({self.code.name})", self.code.advice
+            device, f"{what} answered with exception {code} ({self.code.name})", advice
         )
 
 

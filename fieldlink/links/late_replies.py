@@ -5,7 +5,8 @@ of a write. Devices answer in order, so that a reply to a probe proves that no o
 if it cannot be anything else than the reply to the probe. Two kinds of probe take turns:
 
 - the echo of diagnostics (FC8, sub-function 0): nothing else is answered with that function, and a
-  device that does not know it answers with an exception of that function, which proves as much;
+  device that does not know it answers with an exception of that function, which proves as much,
+  unless it may be the late answer to an echo before;
 - for devices that say nothing to FC8: a read with a length that no owed reply has. An exception to
   it proves nothing, because it may be the late answer to another read.
 """
@@ -25,7 +26,7 @@ from fieldlink.links.frames import (
 )
 from fieldlink.registers import Table
 
-__all__ = ["LateReplies", "proves"]
+__all__ = ["LateReplies"]
 
 FORGET_AFTER = 60.0
 """Seconds after which a reply that has not come is held to be lost."""
@@ -45,19 +46,23 @@ class LateReplies:
 
     def __init__(self) -> None:
         self._owed: list[_Owed] = []
+        self._owed_echoes = 0
         self._probes = self._refusals = self._passed = self._echoes = 0
 
     def __bool__(self) -> bool:
         return bool(self._owed)
 
     def owe(self, request: Request, now: float) -> None:
-        """Note a request that got no answer (yet); an echo is never taken for anything else."""
-        if request.function != DIAGNOSTICS:
+        """Note a request that got no answer (yet); an echo is only counted: it has its number."""
+        if request.function == DIAGNOSTICS:
+            self._owed_echoes += 1
+        else:
             self._owed.append(_Owed(request, now))
 
     def recognise(self, pdu: bytes) -> bool:
         """Whether ``pdu`` is a late reply, not to what is being waited for; notes that it came."""
         if pdu[0] & ~EXCEPTION == DIAGNOSTICS:
+            self._owed_echoes = max(0, self._owed_echoes - 1)
             return True
         for owed in self._owed:
             if owed.request.is_regular(pdu):
@@ -77,15 +82,24 @@ class LateReplies:
         self._echoes += 1
         return echo_request(self._echoes & 0xFFFF)
 
+    def proves(self, probe: Request, pdu: bytes) -> bool:
+        """Whether the answer ``pdu`` to ``probe`` can be the answer to nothing else."""
+        if not probe.is_exception(pdu):
+            return True
+        return probe.function == DIAGNOSTICS and not self._owed_echoes
+
     def refused(self, probe: Request, now: float) -> None:
         """Note an answer to a probe that does not prove that it is the probe's."""
+        if probe.function == DIAGNOSTICS:
+            # The oldest echo is answered, and this one is owed in its place.
+            return
         self._refusals += 1
         self.owe(probe, now)
 
     def settled(self) -> int:
         """Forget what is owed: a probe was answered. Returns how many late replies had come."""
         self._owed.clear()
-        self._probes = self._refusals = 0
+        self._owed_echoes = self._probes = self._refusals = 0
         passed, self._passed = self._passed, 0
         return passed
 
@@ -93,12 +107,7 @@ class LateReplies:
         """Give up waiting for what has been owed for long."""
         self._owed = [owed for owed in self._owed if now - owed.since < FORGET_AFTER]
         if not self._owed:
-            self._probes = self._refusals = 0
-
-
-def proves(probe: Request, pdu: bytes) -> bool:
-    """Whether the answer ``pdu`` to ``probe`` can be the answer to nothing else."""
-    return probe.function == DIAGNOSTICS or not probe.is_exception(pdu)
+            self._owed_echoes = self._probes = self._refusals = 0
 
 
 def _alike(probe: Request, owed: Request) -> bool:

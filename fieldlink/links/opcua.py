@@ -114,6 +114,12 @@ class OpcuaLink:
                     continue
             for tag in request.tags:
                 readings[tag.name] = Reading(math.nan, quality, began, began_utc)
+        if self._session is not None and self._device.opcua.mode == "subscribe":
+            try:
+                await self._session.look_again()
+            except LinkError as error:
+                failures.append(error)
+                await self._drop(error)
         connected = self.connects > connects
         scan = Scan(readings, began, began_utc, requests, tuple(failures), connected)
         self._refused = tuple(refused)
@@ -178,6 +184,7 @@ class OpcuaLink:
         if self._device.opcua.mode == "read":
             return list(await session.read([tag.node for tag in request.tags]))
         await session.check_reports(began + min(SHARE * self._period, self._device.timeout))
+        session.check_watched()
         return [session.latest(tag.node) for tag in request.tags]
 
     async def _opened(self) -> OpcuaSession:

@@ -8,6 +8,10 @@ than the message. Three things may make it older, and each has its time stamps:
 - the server stood still: its stamp is far from that of the message before, and what it says may
   have been sampled before the pause; only the next message tells;
 - a value waited in the server: it comes later than usual after the value's stamp.
+
+Some servers say nothing when a node goes, or comes again with a project that is loaded: they keep
+the subscription alive and report that node no more. So nodes are read now and then as well, and one
+that reads as another value and is not reported for that is watched by nobody.
 """
 
 from __future__ import annotations
@@ -49,6 +53,7 @@ class Reports:
         self._values: dict[str, NodeValue] = {}
         self._stamps: dict[str, float] = {}
         self._late: set[str] = set()
+        self._doubted: dict[str, int] = {}
         self._ways, self._waits = UsualDelay(), UsualDelay()
         self._sent: float | None = None
         self._stood_still = False
@@ -89,6 +94,26 @@ class Reports:
         """Return the newest value of a node; None before the first."""
         found = self._values.get(node)
         return found if found is None or node not in self._late else replace(found, late=True)
+
+    def compare(self, node: str, read: NodeValue) -> None:
+        """Take note of what a node reads as; a report of it is due when that is another value."""
+        known = self._values.get(node)
+        if known is None or not (known.good or known.refused):
+            return
+        if known.good == read.good and (not read.good or _is_same(known.value, read.value)):
+            self._doubted.pop(node, None)
+        else:
+            self._doubted[node] = self._doubted.get(node, 0) + 1
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """The nodes that a report is due of."""
+        return tuple(self._doubted)
+
+    @property
+    def unwatched(self) -> str:
+        """A node that was read as another value twice without a report; empty without one."""
+        return next((node for node, reads in self._doubted.items() if reads > 1), "")
 
     def age(self, now: float) -> float | None:
         """Return by how much the values may be older than ``now``; None before the first."""
@@ -145,6 +170,7 @@ class Reports:
         if node is None:
             return usual
         self._values[node] = node_value(item.Value)
+        self._doubted.pop(node, None)
         stamp, before = stamp_of(item.Value), self._stamps.get(node)
         if stamp is None:
             self._stamps.pop(node, None)
@@ -158,3 +184,8 @@ class Reports:
         if delay - usual > self.publishing + self._spare:
             self._late.add(node)
         return usual
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    """Whether two values are one; NaN is NaN."""
+    return bool(one == other or (one != one and other != other))

@@ -38,6 +38,9 @@ PERIODS_SILENT = 3.0
 """Periods without a report, and a second more, after which a subscription is given up; the server
 sends a sign of life four times a period."""
 
+LOOK_AGAIN = 10.0
+"""Seconds from one reading of reported nodes to the next: seldom beside the reports."""
+
 LIFE_SHARE = 0.5
 """Share of `SESSION_LIFE` for which a server keeps a subscription that nothing is fetched of."""
 
@@ -71,6 +74,8 @@ class OpcuaSession:
         self._namespaces: list[str] = []
         self._reports = Reports(1.0)
         self._reported = asyncio.Event()
+        self._watched: tuple[str, ...] = ()
+        self._look_at = 0.0
         self._period = 1.0
 
     async def open(self) -> None:
@@ -116,6 +121,7 @@ class OpcuaSession:
             period: seconds from one look at them to the next.
         """
         self._period, self._reports = period, Reports(period)
+        self._watched, self._look_at = tuple(nodes), self._clock.monotonic() + LOOK_AGAIN
         await self._ask("subscribing", self._begin_reports(nodes, 1000.0 * SHARE * period))
         await self._wait_for_first(nodes)
 
@@ -206,6 +212,35 @@ class OpcuaSession:
         if reports.ended or silent > PERIODS_SILENT * max(self._period, reports.limit) + 1.0:
             raise LinkTimeoutError(self._name, what, advice)
         raise StatusError(self._name, what, advice)
+
+    async def look_again(self) -> None:
+        """Now and then, read some of the reported nodes: the server may report them no more."""
+        now, reports = self._clock.monotonic(), self._reports
+        if now < self._look_at:
+            return
+        most = self._device.opcua.max_nodes
+        nodes = reports.doubted[:most]
+        if not nodes:
+            nodes, rest = self._watched[:most], self._watched[most:]
+            self._watched = (*rest, *nodes)
+        for node, value in zip(nodes, await self.read(nodes), strict=True):
+            reports.compare(node, value)
+        # What has changed only now is reported before the second look.
+        self._look_at = now + (2.0 * reports.limit if reports.doubted else LOOK_AGAIN)
+
+    def check_watched(self) -> None:
+        """Raise when the server has ceased to report a node; the session is given up.
+
+        Raises:
+            LinkUnreachableError: it has.
+        """
+        node = self._reports.unwatched
+        if node:
+            raise LinkUnreachableError(
+                self._name,
+                f"{self._device.where} reports {node} no more, which has changed or is gone",
+                "a new session is opened; look at the server if it persists",
+            )
 
     def _is_known(self) -> bool:
         age = self._reports.age(self._clock.monotonic())

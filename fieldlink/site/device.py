@@ -142,6 +142,11 @@ class Device(Model):
         return self.link == "opcua"
 
     @property
+    def is_stepped(self) -> bool:
+        """Whether time goes on only when the device is scanned: a simulation or recordings."""
+        return not (self.is_modbus or self.is_opcua)
+
+    @property
     def is_rtu(self) -> bool:
         """Whether requests are framed as on a serial line, without a transaction id."""
         return self.link in ("modbus-rtu", "modbus-rtu-tcp")

@@ -104,7 +104,7 @@ def _order_of(loop: str, body: bytes) -> Order:
     """
     try:
         asked = json.loads(body)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BadRequestError("the body is not JSON") from error
     if not isinstance(asked, dict):
         raise BadRequestError("an action is a JSON object with action, who and why")

@@ -96,6 +96,31 @@ def test_a_lockstep_run_says_what_it_found(fieldlink: Run, tmp_path: Path) -> No
     assert "stiction" in result.stdout
 
 
+@pytest.mark.parametrize("beside_a_plc", [False, True])
+def test_run_polls_an_opcua_server_by_the_clock(
+    fieldlink: Run, tmp_path: Path, beside_a_plc: bool
+) -> None:
+    links = {"server": "opcua"} | ({"plc": "modbus-tcp"} if beside_a_plc else {})
+    site = ['[site]\nname = "works"\n[web]\nenabled = false\n']
+    for name, link in links.items():
+        rows = ("i=1", "i=2") if link == "opcua" else ("0,float32", "2,float32")
+        head = "node" if link == "opcua" else "address,type"
+        map_file = tmp_path / f"{name}.csv"
+        map_file.write_text(f"tag,{head}\nOP,{rows[0]}\nPV,{rows[1]}\n")
+        # Nothing listens there: what counts is that it is asked, by the clock.
+        site.append(
+            f'[devices.{name}]\nlink = "{link}"\nhost = "127.0.0.1"\nport = 1\n'
+            f'register_map = "{map_file.name}"\n[loops.{name}]\ndevice = "{name}"\n'
+            'op = "OP"\npv = "PV"\nperiod = 0.1\n'
+        )
+    file = tmp_path / "site.toml"
+    file.write_text("".join(site))
+    result = fieldlink("run", file, "--duration", "1")
+    assert result.returncode == 0, result.stderr
+    for name in links:
+        assert f"event=device.demoted source={name}" in result.stderr
+
+
 def test_sigterm_loses_nothing(demo_site: Path) -> None:
     text = demo_site.read_text()
     plant = _start("plant", demo_site, "--port", "0")

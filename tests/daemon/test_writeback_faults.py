@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 from fieldlink.daemon.estimation.estimating import Findings
 from fieldlink.daemon.writeback.outcomes import WritebackOutcome
 from fieldlink.registers import (
@@ -14,6 +16,7 @@ from fieldlink.registers import (
     BlockLimits,
     BlockReader,
     ExchangeLayout,
+    Fallback,
 )
 from tests.daemon.bench import Bench
 
@@ -121,6 +124,74 @@ async def test_a_plc_that_does_not_acknowledge_is_reported(
     b.submit(findings())
     await b.seconds(15, scanning=False)
     assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.NOT_ACKNOWLEDGED]
+
+
+@pytest.mark.parametrize("is_restarted", [False, True])
+async def test_a_withdrawal_whose_commit_is_lost_is_written_again(
+    bench: Callable[..., Bench],
+    findings: Make,
+    device: Any,
+    layout: ExchangeLayout,
+    is_restarted: bool,
+) -> None:
+    """Else the block that an operator has withdrawn stays in force until it expires."""
+    b = bench(min_interval=20.0)
+    await b.write(findings(7.0))
+    active = device.words[layout.commit]
+    b.writeback.withdraw("the valve is being repaired", 0.0)
+    await b.seconds(2, scanning=False)
+    assert device.words[layout.commit] != active
+    # as a gateway that has answered for the PLC and not passed it on
+    device.words[layout.commit] = active
+    await b.seconds(15)
+    assert b.outcomes[-1] in (WritebackOutcome.NOT_ACKNOWLEDGED, WritebackOutcome.TOO_SOON)
+    assert b.plc.state.in_force is not None
+    if is_restarted:
+        lost = [a for a in b.said if a.outcome is WritebackOutcome.NOT_ACKNOWLEDGED]
+        b = bench(min_interval=20.0)
+        b.writeback.resume(lost[-1].record("FC101", 0.0))
+    await b.seconds(20)
+    assert b.outcomes[-2:] == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
+    assert b.plc.state.in_force is None
+
+
+async def test_a_rejected_withdrawal_is_written_again_until_an_operator_decides(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench(min_interval=10.0)
+    await b.write(findings(7.0))
+    b.plc.reader = BlockReader(102)
+    b.writeback.withdraw("the valve is being repaired", 0.0)
+    await b.seconds(30)
+    assert b.outcomes.count(WritebackOutcome.REJECTED) >= 2
+    device.words[layout.enable] = 0
+    await b.seconds(4)
+    device.words[layout.enable] = 1
+    await b.seconds(4)
+    tries = b.outcomes.count(WritebackOutcome.COMMITTED)
+    await b.seconds(30)
+    assert b.outcomes.count(WritebackOutcome.COMMITTED) == tries
+    assert b.writeback.waiting is None
+
+
+async def test_a_heartbeat_register_that_keeps_nothing_means_no_compensation(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    """Else windows without compensation are judged as if it were there, and never written."""
+    b = bench(min_interval=10.0)
+    b.submit(findings(7.0))
+    for _ in range(40):
+        await b.seconds(1, scanning=False)
+        device.words[layout.heartbeat] = 0
+        b.plc.scan()
+    assert b.plc.state.fallback is Fallback.HEARTBEAT_DEAD
+    assert b.writeback.compensates is False
+    ((kind, said),) = b.told
+    assert kind == "writeback.heartbeat_lost"
+    assert "does not keep what is written" in said
+    await b.seconds(6)
+    assert b.plc.state.fallback is None
+    assert b.writeback.compensates is True
 
 
 async def test_an_answer_that_names_the_other_bank_accepts_nothing(

@@ -44,6 +44,23 @@ async def test_one_number_everywhere_is_no_exchange_area(
     assert b.told == []
 
 
+async def test_registers_of_something_else_are_not_written_to(
+    bench: Benches, findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench(identity=11)
+    own = list(b.plc.words)
+    # as with a base that is wrong: every register holds a number of its own, and bit 0 is set
+    b.plc.words[:] = [n + 1 for n in range(len(own))]
+    b.submit(findings(7.0))
+    await b.seconds(30, scanning=False)
+    assert device.writes == []
+    assert b.told == [("writeback.disagrees", "active_bank is 104, which is not a bank")]
+    b.plc.words[:] = own
+    await b.seconds(6)
+    assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+    assert layout.heartbeat in {address for _, address, _ in device.writes}
+
+
 async def test_a_writer_that_is_gone_again_was_none(
     bench: Benches, findings: Make, device: Any, layout: ExchangeLayout
 ) -> None:

@@ -222,10 +222,12 @@ base = 100
         ([(9, WITHDRAWN, "begun"), (9, WITHDRAWN, "write_failed")], True),
         ([(9, WITHDRAWN, "begun"), (9, WITHDRAWN, "interrupted")], True),
         ([(9, WITHDRAWN, "committed"), (9, WITHDRAWN, "rejected")], True),
+        ([(9, WITHDRAWN, "not_acknowledged"), (10, WITHDRAWN, "write_failed")], True),
         ([(9, WITHDRAWN, "begun"), (9, WITHDRAWN, "accepted")], False),
         ([(9, WITHDRAWN, "accepted"), (10, VALID, "begun"), (10, VALID, "write_failed")], False),
         # Looked for in the PLC first.
         ([(9, WITHDRAWN, "begun")], False),
+        ([(9, WITHDRAWN, "committed"), (9, WITHDRAWN, "not_acknowledged")], False),
     ],
 )
 async def test_a_withdrawal_that_the_plc_had_not_got_outlives_the_daemon(

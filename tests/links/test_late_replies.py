@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from pymodbus.framer import FramerType
 from fieldlink.links import LinkTimeoutError, SystemClock
 from fieldlink.links.backoff import BackoffSettings
 from fieldlink.links.frames import echo_request, read_request, write_one_request
-from fieldlink.links.late_replies import LateReplies, proves
+from fieldlink.links.late_replies import LateReplies
 from fieldlink.links.modbus import ModbusLink, ModbusSettings
 from fieldlink.registers import DataType, Table, Tag, plan_reads
 from fieldlink.site import Device
@@ -24,6 +24,7 @@ from tests.links.patience import PATIENCE, SHORT, expecting_silence, until
 from tests.links.slow_rtu import SlowRtu
 
 TIMEOUT = 0.08
+LONGEST_PAUSE = 0.02
 APART = [10, 110, 210, 310]
 TAGS = [Tag(f"R{n}", Table.HOLDING, n, DataType.UINT16) for n in APART]
 
@@ -43,7 +44,9 @@ async def new_slow() -> AsyncIterator[Callable[..., Any]]:
         await device.stop()
 
 
-def link_to(slow: SlowRtu, timeout: float = TIMEOUT) -> ModbusLink:
+def link_to(
+    slow: SlowRtu, timeout: float = TIMEOUT, tags: Sequence[Tag] = tuple(TAGS)
+) -> ModbusLink:
     device = Device(
         link="modbus-rtu-tcp",
         host="127.0.0.1",
@@ -51,8 +54,8 @@ def link_to(slow: SlowRtu, timeout: float = TIMEOUT) -> ModbusLink:
         timeout=timeout,
         register_map=Path("map.csv"),
     )
-    soon = BackoffSettings(first=0.005, cap=0.02)
-    return ModbusLink(ModbusSettings("plc", device, backoff=soon), plan_reads(TAGS), SystemClock())
+    soon = BackoffSettings(first=0.005, cap=LONGEST_PAUSE)
+    return ModbusLink(ModbusSettings("plc", device, backoff=soon), plan_reads(tags), SystemClock())
 
 
 async def scan_until_good(link: ModbusLink, tries: int = 400) -> None:
@@ -160,10 +163,45 @@ async def test_a_device_that_says_nothing_to_fc8_and_refuses_other_lengths_comes
     await link.close()
 
 
+async def test_the_late_refusal_of_an_echo_does_not_settle_what_came_after_it(
+    new_slow: Callable[..., Any],
+) -> None:
+    slow = await new_slow(echoes="refused", delay=lambda: 0.02)
+    slow.gate.clear()
+    # The read that is the second probe, of the five registers, has the length of the four others.
+    numbers = [*range(10, 15), *range(110, 114)]
+    tags = [Tag(f"R{n}", Table.HOLDING, n, DataType.UINT16) for n in numbers]
+    link = link_to(slow, PATIENCE, tags)
+    for _ in range(3):
+        with expecting_silence(link):
+            assert isinstance((await link.scan()).failures[0], LinkTimeoutError)
+        await asyncio.sleep(LONGEST_PAUSE)
+    scan = asyncio.create_task(link.scan())
+    await until(lambda: len(slow.requests) == 4)
+    slow.gate.set()
+    for _ in range(400):
+        found = await scan
+        for n in numbers:
+            reading = found[f"R{n}"]
+            assert reading.value == n or not reading.good
+        if not found.failures:
+            break
+        await asyncio.sleep(0.01)
+        scan = asyncio.create_task(link.scan())
+    assert not found.failures
+    await link.close()
+
+
 def test_an_exception_proves_something_for_an_echo_alone() -> None:
-    assert proves(echo_request(1), bytes((0x88, 1)))
-    assert not proves(read_request(Table.HOLDING, 0, 2), bytes((0x83, 2)))
-    assert proves(read_request(Table.HOLDING, 0, 2), bytes((3, 4, 0, 1, 0, 2)))
+    late = LateReplies()
+    assert late.proves(echo_request(1), bytes((0x88, 1)))
+    assert not late.proves(read_request(Table.HOLDING, 0, 2), bytes((0x83, 2)))
+    assert late.proves(read_request(Table.HOLDING, 0, 2), bytes((3, 4, 0, 1, 0, 2)))
+    late.owe(echo_request(1), 0.0)
+    assert late.proves(echo_request(2), echo_request(2).pdu)
+    assert not late.proves(echo_request(2), bytes((0x88, 1)))
+    assert late.recognise(bytes((0x88, 1)))
+    assert late.proves(echo_request(2), bytes((0x88, 1)))
 
 
 def test_a_probe_never_looks_like_what_is_owed() -> None:

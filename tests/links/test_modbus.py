@@ -314,6 +314,21 @@ async def test_a_write_without_a_reply_is_not_repeated(device: FakeDevice) -> No
     assert device.writes == [(16, 100, [5])]
 
 
+@pytest.mark.parametrize(
+    ("code", "advice"),
+    [(1, "does not know this function"), (2, "cannot be written"), (3, "so many registers")],
+)
+async def test_a_refused_write_is_explained_as_one(
+    device: FakeDevice, code: int, advice: str
+) -> None:
+    device.exception = code
+    async with link_to(device, writable=((100, 110),)) as link:
+        with pytest.raises(ExceptionReplyError, match=advice):
+            await link.write_registers(100, [5])
+        with pytest.raises(ExceptionReplyError, match=r"the map|max_registers"):
+            await link.read_registers(100, 1)
+
+
 async def test_a_write_overtakes_waiting_reads(device: FakeDevice) -> None:
     device.gate.clear()
     async with link_to(device, writable=((100, 100),)) as link:

@@ -40,6 +40,13 @@ class StampingServer:
     async def stop(self) -> None:
         await self._server.stop()
 
+    async def load_again(self, value: float) -> None:
+        """Replace PV's node, as loading a project does; this server does not tell subscribers."""
+        node = ua.NodeId("L0.PV", 1)
+        await self._server.delete_nodes([self._nodes["L0.PV"]])
+        added = await self._server.nodes.objects.add_variable(node, "L0.PV", value)
+        self._nodes["L0.PV"] = added
+
     async def write(self, value: float, *, age: float = 0.0, stamp: datetime | None = None) -> None:
         """Set PV, as taken ``age`` seconds ago or at ``stamp``."""
         stamp = stamp or datetime.now(UTC) + timedelta(hours=1.0) - timedelta(seconds=age)
@@ -104,6 +111,36 @@ async def test_a_value_of_a_second_ago_is_late_until_the_server_is_heard_again(
         assert (await link.scan())["L0.PV"].value == 50.0
         await server.write(6.0)
         assert {quality for _, quality in await look(0.7)} == {Quality.GOOD}
+    finally:
+        await link.close()
+
+
+@pytest.mark.asyncio
+# asyncua's server forgets a coroutine of its own where a watched node is deleted.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore:coroutine .* was never awaited:RuntimeWarning")
+async def test_a_node_that_is_reported_no_more_is_found_and_subscribed_again(
+    server: StampingServer,
+    make_opcua_site: Callable[..., Site],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("fieldlink.links.opcua_session.LOOK_AGAIN", 0.1)
+    site = make_opcua_site(server.port, opcua='mode = "subscribe"', loops=1)
+    link = OpcuaLink.of_site(site, "plc", SystemClock())
+    try:
+        for step in range(1, 9):
+            await server.write(float(step))
+            await asyncio.sleep(0.3)
+            assert (await link.scan())["L0.PV"].value == float(step)
+        # Nothing was doubted as long as values only changed.
+        assert link.connects == 1
+        await server.load_again(42.0)
+        until = time.monotonic() + 60.0
+        while (scan := await link.scan())["L0.PV"].value != 42.0:
+            assert time.monotonic() < until
+            await asyncio.sleep(0.1)
+        assert scan["L0.PV"].good
+        assert link.connects == 2
     finally:
         await link.close()
 

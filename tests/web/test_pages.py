@@ -205,8 +205,10 @@ async def test_actions_need_the_token_in_a_header_never_a_cookie(
                 refused = await client.post(path, json=wrong, headers=right)
                 assert refused.status_code == 400
                 assert message in refused.json()["error"]
-            garbled = await client.post(path, content=b"{", headers=right)
-            assert (garbled.status_code, garbled.json()["error"]) == (400, "the body is not JSON")
+            for content in (b"{", b"[" * 8000):
+                garbled = await client.post(path, content=content, headers=right)
+                said = garbled.json()["error"]
+                assert (garbled.status_code, said) == (400, "the body is not JSON")
             huge = await client.post(path, content=b"x" * 20_000, headers=right)
             assert huge.status_code == 400
             done = await client.post(path, json=asked, headers=right)

@@ -13,8 +13,6 @@ __all__ = ["WITHDRAWAL_ASKED", "find_open_withdrawals", "is_still_open"]
 WITHDRAWAL_ASKED = "writeback.withdrawal_asked"
 """Kind of the event; its detail ``after`` is the newest sequence number at that moment."""
 
-_SETTLED = frozenset({WritebackOutcome.ACCEPTED, WritebackOutcome.NOT_ACKNOWLEDGED})
-
 
 def is_still_open(after: int, rows: Sequence[WritebackRecord]) -> bool:
     """Whether a withdrawal still has to be written.
@@ -30,10 +28,10 @@ def is_still_open(after: int, rows: Sequence[WritebackRecord]) -> bool:
     if any(row.status != Status.WITHDRAWN.name.lower() for row in later):
         return False
     outcomes = [WritebackOutcome.of(row.outcome) for row in later]
-    if any(outcome in _SETTLED for outcome in outcomes):
+    if WritebackOutcome.ACCEPTED in outcomes:
         return False
     # What the newest row leaves open is looked for in the PLC.
-    return not outcomes or not outcomes[0].leaves_open
+    return not outcomes or not outcomes[0].leaves_withdrawal_open
 
 
 def find_open_withdrawals(url: str) -> list[EventRecord]:

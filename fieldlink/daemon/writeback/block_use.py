@@ -48,8 +48,14 @@ class BlockUse:
         elif self._off_since is None:
             self._off_since = now
 
-    def watch(self, control: ControlWords, now: float) -> None:
-        """Notice whether the block in force is used, and what the PLC's controller refuses."""
+    def watch(self, control: ControlWords, now: float, *, is_unheard: bool = False) -> None:
+        """Notice whether the block in force is used, and what the PLC's controller refuses.
+
+        Args:
+            control: the single words as read now.
+            now: the plant second.
+            is_unheard: whether the heartbeat does not reach the PLC.
+        """
         if control.disagreement and self.in_use is None:
             # Still nobody knows which block is in force, so the windows may be compensated.
             return
@@ -61,4 +67,5 @@ class BlockUse:
         self.refusal = refusal
         # Without a heartbeat the PLC drops its model.
         dropped = self._off_since is not None and now - self._off_since > HEARTBEAT_TIMEOUT
+        dropped = dropped or is_unheard
         self.in_use = valve is not None and control.enabled and not refusal and not dropped

@@ -34,6 +34,7 @@ class Candidate:
         since: plant second of the window's end, from which its age counts.
         compensated: whether a block may have been in force during the window.
         withdrawal: the operator's reason; empty for findings.
+        was_offered: whether the PLC has had it and has not taken it.
     """
 
     findings: Findings
@@ -42,6 +43,7 @@ class Candidate:
     since: float = 0.0
     compensated: bool = False
     withdrawal: str = ""
+    was_offered: bool = False
 
     @property
     def status(self) -> Status:

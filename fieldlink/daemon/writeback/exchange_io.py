@@ -69,6 +69,11 @@ class ControlWords:
         return tuple(word for word in words if word is not None)
 
     @property
+    def names_a_bank(self) -> bool:
+        """Whether the PLC names one of the banks as active: every PLC does, from its start on."""
+        return self.active_bank in (Bank.A, Bank.B)
+
+    @property
     def enabled(self) -> bool:
         """Whether the operator allows blocks to be written."""
         return bool(self.enable & 1)
@@ -80,7 +85,7 @@ class ControlWords:
         It is the one that the PLC does not name as active; before the PLC has accepted anything,
         the one that the commit word does not name.
         """
-        if self.ack_seq != 0 and self.active_bank in (Bank.A, Bank.B):
+        if self.ack_seq != 0 and self.names_a_bank:
             return Bank(self.active_bank).other
         try:
             return split_commit(self.commit)[0].other
@@ -90,10 +95,10 @@ class ControlWords:
     @property
     def disagreement(self) -> str:
         """Say how acknowledgement and commit contradict each other; empty when they do not."""
+        if not self.names_a_bank:
+            return f"active_bank is {self.active_bank}, which is not a bank"
         if self.ack_seq == 0:
             return ""
-        if self.active_bank not in (Bank.A, Bank.B):
-            return f"active_bank is {self.active_bank}, which is not a bank"
         if self.ack_result != ACCEPTED or self.ack_commit != self.commit:
             return ""
         said = commit_word(Bank(self.active_bank), self.ack_seq)

@@ -89,6 +89,11 @@ class WritebackOutcome(Enum):
         return self in _LEAVES_OPEN
 
     @property
+    def leaves_withdrawal_open(self) -> bool:
+        """The same for a withdrawal, which the PLC must get: its commit may be gone."""
+        return self.leaves_open or self is WritebackOutcome.NOT_ACKNOWLEDGED
+
+    @property
     def leaves_pending(self) -> bool:
         """Whether the candidate waits for another attempt."""
         return self in _LEAVES_PENDING

@@ -55,6 +55,7 @@ class SoleWriter:
         self._replaced: int | None = None
         self._beats: tuple[int, ...] = ()
         self._strange = 0
+        self._unkept_since: float | None = None
         self._objected = False
         self._doubted_since: float | None = None
         self._foreign = 0
@@ -75,6 +76,7 @@ class SoleWriter:
 
     def look(self, control: ControlWords, now: float) -> Standing:
         """Judge what was read at plant second ``now``."""
+        self._watch_own(control.heartbeat, now)
         if self.standing is Standing.CONTESTED:
             return self.standing
         if control.writer == self._identity:
@@ -130,8 +132,20 @@ class SoleWriter:
         """Forget what was found: the operator has decided."""
         self._claimed, self._watched, self._replaced = False, None, None
         self._beats, self._strange, self._objected = (), 0, False
+        self._unkept_since = None
         self._doubted_since = None
         self.standing = Standing.WATCHING
+
+    def is_unheard(self, now: float) -> bool:
+        """Whether the register has not kept our beats for so long that readers call us dead."""
+        since = self._unkept_since
+        return since is not None and now - since > HEARTBEAT_TIMEOUT
+
+    def _watch_own(self, heartbeat: int, now: float) -> None:
+        if not self._beats or heartbeat == self._beats[-1]:
+            self._unkept_since = None
+        elif self._unkept_since is None:
+            self._unkept_since = now
 
     def _doubted(self, now: float) -> Standing:
         """Tell another writer from a register that was read wrong for a moment."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from fieldlink.daemon.writeback.acknowledgement import Acknowledgement
 from fieldlink.daemon.writeback.block_use import BlockUse
+from fieldlink.daemon.writeback.candidate import Candidate
 from fieldlink.daemon.writeback.exchange_io import ControlWords
 from fieldlink.daemon.writeback.handover import Handover
 from fieldlink.daemon.writeback.outcomes import Attempt, WritebackOutcome
 from fieldlink.daemon.writeback.waiting import Waiting
-from fieldlink.registers import BlockFault
+from fieldlink.registers import BlockFault, commit_word
 
 __all__ = ["Unsettled"]
 
@@ -94,8 +96,27 @@ class Unsettled:
             # What a failed commit left waiting has arrived after all.
             self._waiting.clear(found.candidate)
         elif found.outcome is WritebackOutcome.REJECTED:
-            disabled = control.ack_result == BlockFault.NOT_ENABLED.code
-            if disabled and self._waiting.candidate is None:
+            if control.ack_result == BlockFault.NOT_ENABLED.code:
                 # Not the finding was refused: it is judged again and gets a new number.
-                self._waiting.put(found.candidate, WritebackOutcome.NOT_ENABLED)
+                self._wait_again(found.candidate, WritebackOutcome.NOT_ENABLED)
+            elif found.candidate.withdrawal:
+                self._offer_again(found)
+        elif found.candidate.withdrawal and not _is_committed(found, control):
+            self._offer_again(found)
         self._report(found)
+
+    def _wait_again(self, candidate: Candidate, why: WritebackOutcome) -> None:
+        """Let a candidate wait for another attempt, unless a newer one waits."""
+        if self._waiting.candidate is None:
+            self._waiting.put(candidate, why)
+
+    def _offer_again(self, attempt: Attempt) -> None:
+        """Let a withdrawal wait that the PLC has not taken: the block before it is in force."""
+        self._wait_again(replace(attempt.candidate, was_offered=True), attempt.outcome)
+
+
+def _is_committed(attempt: Attempt, control: ControlWords) -> bool:
+    """Whether the PLC still has the commit word: then it accepts the block when it looks."""
+    assert attempt.block is not None
+    assert attempt.bank is not None
+    return control.commit == commit_word(attempt.bank, attempt.block.seq)

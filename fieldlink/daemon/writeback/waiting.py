@@ -32,6 +32,15 @@ class Waiting:
         """Whether an operator's withdrawal waits."""
         return self.candidate is not None and bool(self.candidate.withdrawal)
 
+    def forget_withdrawal(self) -> bool:
+        """End the wait of a withdrawal that the PLC has not taken; return whether one waits still.
+
+        One that the PLC has not had yet may wait for the very enable bit that an operator sets.
+        """
+        if self.is_withdrawal and self.candidate is not None and self.candidate.was_offered:
+            self.candidate = None
+        return self.is_withdrawal
+
     @property
     def words(self) -> str | None:
         """What waits and why; None when nothing does."""

@@ -47,6 +47,11 @@ __all__ = ["BlockWriter", "Receipt"]
 RETRY = 30.0
 """Plant seconds after an attempt that failed before its commit, or the interval if that is less."""
 
+_UNHEARD = (
+    "the heartbeat register does not keep what is written, so the PLC uses no block; look for a "
+    "program that writes it, and at the register's address"
+)
+
 
 class BlockWriter:
     """Writes the blocks of one loop.
@@ -184,9 +189,10 @@ class BlockWriter:
         attempt = self._handover.recall(record)
         if attempt is None:
             return
+        outcome = attempt.outcome
         if attempt.candidate.withdrawal:
             self._permission.held = "withdrawn before the daemon started again"
-        if attempt.outcome.leaves_open:
+        if outcome.leaves_withdrawal_open if attempt.candidate.withdrawal else outcome.leaves_open:
             self._unsettled.leave(attempt)
 
     def submit(
@@ -239,7 +245,11 @@ class BlockWriter:
             standing = self._permission.sole.look(control, now)
             self._use.watch_orders(now)
             if control.enabled and not self._orders.off:
-                await self._show_life(control)
+                if control.names_a_bank:
+                    await self._show_life(control)
+                else:
+                    # Registers of something else, perhaps: they are not written to.
+                    self._told.tell("writeback.disagrees", control.disagreement)
             if await self._use.in_force.look(self._exchange, control, now):
                 self._heed_a_withdrawn_block()
         except LinkError as error:
@@ -255,7 +265,12 @@ class BlockWriter:
             self._not_before = now + self._settings.min_interval
         self._unsettled.look_for_answer(control, now)
         before = self._use.in_use
-        self._use.watch(control, now)
+        unheard = self._permission.sole.is_unheard(now)
+        if unheard:
+            self._told.tell("writeback.heartbeat_lost", _UNHEARD)
+        else:
+            self._told.forget("writeback.heartbeat_lost")
+        self._use.watch(control, now, is_unheard=unheard)
         self._intake.follow_use(before, self._use.in_use, now)
         if self._orders.off:
             self._waiting.explain(WritebackOutcome.SWITCHED_OFF, self._orders.off)
@@ -275,7 +290,7 @@ class BlockWriter:
 
     def _follow_operator(self) -> None:
         """Forget what held until an operator decides: the enable bit was cleared and set again."""
-        if not self._waiting.is_withdrawal:
+        if not self._waiting.forget_withdrawal():
             self._permission.held = ""
         self._use.refused = None
         if self._permission.sole.standing is Standing.CONTESTED:
