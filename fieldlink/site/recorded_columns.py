@@ -15,7 +15,7 @@ from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
 from fieldlink.site.numbered_times import find_time_unit, is_plausible
 from fieldlink.site.quality_codes import find_good
-from fieldlink.site.recorded_table import holds_values
+from fieldlink.site.recorded_table import holds_values, is_moment
 from fieldlink.site.row_order import Rows, put_in_order
 from fieldlink.site.times import NoClockError
 from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
@@ -28,6 +28,8 @@ _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _MAX_PROBLEMS = 10
+_LOOKED_AT = 20
+"""First rows from which a column of moments is known."""
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, int | None]
@@ -69,6 +71,8 @@ class RecordedColumns:
             if role not in known and role not in asked and role not in self._several
         }
         self._unsure = guess.unsure & guessed.keys()
+        if not {"time"} & (asked | known.keys() | guessed.keys() | guess.ambiguous.keys()):
+            self._find_moments(guessed)
         for role, names in guess.ambiguous.items():
             if role not in asked and role not in self._several:
                 self.report(
@@ -86,10 +90,29 @@ class RecordedColumns:
         for role in missing:
             if role not in asked and role not in guess.ambiguous and role not in self._several:
                 self._report_missing(role, role, is_named=False)
-        if guessed:
-            taken = ", ".join(f"{role} is {header[number]!r}" for role, number in guessed.items())
+        if guess.columns.keys() & guessed.keys():
+            taken = ", ".join(
+                f"{role} is {header[number]!r}"
+                for role, number in guessed.items()
+                if role in guess.columns
+            )
             self.notes.append(f"columns taken by their names: {taken}")
         return found | guessed
+
+    def _find_moments(self, guessed: dict[str, int]) -> None:
+        """Take the only column of dates or times of day for the time, whatever its heading."""
+        first = self._file.rows[:_LOOKED_AT]
+        moments = [
+            number
+            for number in range(len(self._file.header))
+            if number not in guessed.values() and all(is_moment(row.cells[number]) for row in first)
+        ]
+        if first and len(moments) == 1 and "time" not in self._several:
+            guessed["time"] = moments[0]
+            self._unsure |= {"time"}
+            name = self._file.header[moments[0]]
+            column = f"column {name!r}" if name else "the column without a heading"
+            self.notes.append(f"{column} holds dates or times of day: taken for the time")
 
     def is_guessed(self, role: str) -> bool:
         """Whether a role's column was taken by a name that means it only vaguely."""

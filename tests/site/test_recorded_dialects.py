@@ -277,3 +277,18 @@ def test_matlab_excel_and_parquet(tmp_path: Path) -> None:
         parquet.write_table(table, tmp_path / f"{unit}.parquet")
     for path in sorted(tmp_path.iterdir()):
         check(read_recording(path))
+
+
+@pytest.mark.parametrize("heading", ["", "When"])
+def test_a_column_of_moments_is_the_time_whatever_its_heading(tmp_path: Path, heading: str) -> None:
+    """What pandas writes for an index of moments has no heading."""
+    (tmp_path / "loop.csv").write_text(lines(f"{heading},op,pv", plain))
+    found = read_recording(tmp_path / "loop.csv")
+    check(found)
+    assert any("holds dates or times of day" in note for note in found.notes)
+
+
+def test_a_column_of_row_numbers_without_a_heading_is_no_time(tmp_path: Path) -> None:
+    text = lines(",op,pv", lambda k: f"{k},{OP[k]},{PV[k]}")
+    (tmp_path / "loop.csv").write_text(text)
+    assert read_recording(tmp_path / "loop.csv").time is None
