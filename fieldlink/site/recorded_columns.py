@@ -27,6 +27,7 @@ _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 """Headings of a table with a row for each value."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
+_OWN_EXPORT = frozenset({"loop", "slot", "quality", "late_ms"})
 _MAX_PROBLEMS = 10
 _LOOKED_AT = 20
 """First rows from which a column of moments is known."""
@@ -61,6 +62,12 @@ class RecordedColumns:
         What was named has to be there; the needed ones have to be there in any case.
         """
         found = {role: self._find(role, name) for role, name in wanted.items()}
+        for role in ("sp", "auto"):
+            number = found.get(role)
+            if wanted.get(role) is None and number is not None and self._is_empty(number):
+                # An export of a loop without the signal has its column nevertheless.
+                self.notes.append(f"{self._file.header[number]} is left out: it holds nothing")
+                found[role] = None
         known = {role: number for role, number in found.items() if number is not None}
         asked = {role for role, name in wanted.items() if name is not None}
         guess = guess_columns(self._file.header, known)
@@ -68,7 +75,10 @@ class RecordedColumns:
         guessed = {
             role: number
             for role, number in guess.columns.items()
-            if role not in known and role not in asked and role not in self._several
+            if role not in known
+            and role not in asked
+            and role not in self._several
+            and not (role in ("sp", "auto") and self._is_empty(number))
         }
         self._unsure = guess.unsure & guessed.keys()
         if not {"time"} & (asked | known.keys() | guessed.keys() | guess.ambiguous.keys()):
@@ -98,6 +108,9 @@ class RecordedColumns:
             )
             self.notes.append(f"columns taken by their names: {taken}")
         return found | guessed
+
+    def _is_empty(self, column: int) -> bool:
+        return not any(row.cells[column] for row in self._file.rows)
 
     def _find_moments(self, guessed: dict[str, int]) -> None:
         """Take the only column of dates or times of day for the time, whatever its heading."""
@@ -221,7 +234,10 @@ class RecordedColumns:
         asked = {role: found.get(role) for role in numbers}
         for number, roles in quality_columns(self._file.header, asked).items():
             name = self._file.header[number]
-            good = find_good([row.cells[number] for row in self._file.rows])
+            cells = [row.cells[number] for row in self._file.rows]
+            # In an export of our own historian 0 is good, and every other code is not.
+            own = set(self._file.header) >= _OWN_EXPORT
+            good = np.array([cell == "0" for cell in cells]) if own else find_good(cells)
             if good is None:
                 self.notes.append(f"{name} is left out: which of its values mean good is not known")
                 continue
