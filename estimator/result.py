@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -228,9 +228,9 @@ class Identification:
     period_s: float
     seconds: float
     model: LoopModel | None
-    stem: Array
-    pv_model: Array
-    surface: CostSurface | None
+    stem: Array = field(repr=False)
+    pv_model: Array = field(repr=False)
+    surface: CostSurface | None = field(repr=False)
     uncertain: bool = False
     runners_up: tuple[RunnerUp, ...] = ()
     identifiability: tuple[str, ...] = ()

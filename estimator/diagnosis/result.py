@@ -68,12 +68,19 @@ _ACTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One cause: its weight (share of what the loop suffers, 0 to 1) and what speaks for it."""
+    """One cause: its weight (share of what the loop suffers, 0 to 1), what speaks for it, and what
+    to do about it: what its name advises unless given.
+    """
 
     name: CauseName
     weight: float
     evidence: tuple[str, ...]
     action: str = ""
+
+    def __post_init__(self) -> None:
+        """Give a cause without an action of its own what its name advises."""
+        if not self.action:
+            object.__setattr__(self, "action", self.name.action)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types."""
@@ -81,7 +88,7 @@ class Cause:
             "name": self.name.value,
             "weight": self.weight,
             "evidence": list(self.evidence),
-            "action": self.action or self.name.action,
+            "action": self.action,
         }
 
 

@@ -119,7 +119,7 @@ def _print_one(name: str, found: Diagnosis) -> None:
         console.print(Text.assemble((cause.name.words, "bold"), weight))
         for sentence in cause.evidence:
             console.print(format_bullet(sentence))
-        console.print(format_bullet(cause.action or cause.name.action, "→"))
+        console.print(format_bullet(cause.action, "→"))
     console.print(_figures(found))
     for note in found.notes:
         console.print(labelled("note", note))

@@ -50,7 +50,7 @@ def init(
         float, typer.Option(min=0.001, max=1e8, help="Seconds between samples of every loop.")
     ] = 1.0,
     addresses: Annotated[
-        Literal["zero", "one", "modicon"] | None,
+        Literal["zero", "one", "modicon", "hex"] | None,
         typer.Option(help="How addresses are written; recognised unless given."),
     ] = None,
     word_order: Annotated[

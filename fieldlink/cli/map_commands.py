@@ -23,7 +23,7 @@ def import_(
     file: Annotated[Path, typer.Argument(help="A list of registers: .csv or .xlsx.")],
     out: Out = None,
     addresses: Annotated[
-        Literal["zero", "one", "modicon"] | None,
+        Literal["zero", "one", "modicon", "hex"] | None,
         typer.Option(help="How addresses are written; recognised unless given."),
     ] = None,
     sheet: Annotated[

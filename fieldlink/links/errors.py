@@ -23,7 +23,10 @@ class ExceptionCode(Enum):
     """The exception codes of the Modbus application protocol (V1.1b3, section 7), with advice."""
 
     ILLEGAL_FUNCTION = (1, "the device does not serve this table: check the map's table column")
-    ILLEGAL_ADDRESS = (2, "a register of the block does not exist: check the map's addresses")
+    ILLEGAL_ADDRESS = (
+        2,
+        "a register does not exist or may not be written: check the map's addresses",
+    )
     ILLEGAL_VALUE = (3, "the device refuses the count or value: lower max_registers")
     DEVICE_FAILURE = (4, "the device failed while answering: look at its own diagnostics")
     ACKNOWLEDGE = (5, "the device needs longer: raise the timeout")

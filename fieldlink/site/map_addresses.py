@@ -1,8 +1,9 @@
-"""Addresses as manuals write them: 100, 0x64, 40101, 4x0101, 40101.3.
+"""Addresses as manuals write them: 100, 0x64, 16#64, 64h, 40101, 4x0101, 40101.3.
 
 Modbus requests count from 0 within each table. Many manuals count from 1 and put a digit for the
 table in front: 40001 is holding register 0, 30001 input register 0, 10001 discrete input 0 and
-00001 coil 0 (five digits), or the same with six digits (400001).
+00001 coil 0 (five digits), or the same with six digits (400001). ``0x0010`` is a coil among
+addresses such as ``4x0101``, else a hexadecimal number.
 """
 
 from __future__ import annotations
@@ -16,14 +17,17 @@ from fieldlink.registers import Table
 
 __all__ = ["AddressStyle", "FoundAddress", "guess_style", "parse_address"]
 
-AddressStyle = Literal["zero", "one", "modicon"]
+AddressStyle = Literal["zero", "one", "modicon", "hex"]
 
 MOST = 0.8
 """The share of addresses like 40001 from which the others are taken for slips of the pen."""
 
 _TABLES = {"0": Table.COIL, "1": Table.DISCRETE, "3": Table.INPUT, "4": Table.HOLDING}
 _MODICON = re.compile(r"([0134])x?(\d{4,5})", re.IGNORECASE)
+_PREFIXED = re.compile(r"0x\d{4,5}", re.IGNORECASE)
 _NUMBER = re.compile(r"(0x[0-9a-f]+|\d+)(?:[./:](\d{1,2}))?", re.IGNORECASE)
+_MARKED_HEX = re.compile(r"(?:16#|&h)([0-9a-f]+)|([0-9a-f]+)h", re.IGNORECASE)
+_BARE_HEX = re.compile(r"[0-9a-f]{1,4}", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +42,10 @@ class FoundAddress:
 def guess_style(cells: Iterable[str]) -> AddressStyle:
     """Return ``modicon`` when most addresses are written so, else ``zero``."""
     texts = [cell.split(".")[0].strip() for cell in cells if cell.strip()]
-    written_so = sum(_MODICON.fullmatch(text) is not None for text in texts)
-    return "modicon" if texts and written_so >= MOST * len(texts) else "zero"
+    alike = [text for text in texts if _MODICON.fullmatch(text)]
+    if texts and len(alike) >= MOST * len(texts) and not all(map(_PREFIXED.fullmatch, alike)):
+        return "modicon"
+    return "zero"
 
 
 def parse_address(cell: str, style: AddressStyle) -> FoundAddress:
@@ -48,10 +54,13 @@ def parse_address(cell: str, style: AddressStyle) -> FoundAddress:
     Raises:
         ValueError: it holds none, with the reason and the remedy separated by a semicolon.
     """
-    text = re.sub(r"\.0+$", "", cell.strip()) if style == "zero" else cell.strip()
-    found = _NUMBER.fullmatch(re.sub(r"^([0134])x(\d{4,5})", r"\1\2", text, flags=re.IGNORECASE))
+    text = _plain(cell.strip(), style)
+    found = _NUMBER.fullmatch(text)
     if found is None:
-        raise ValueError(f"{cell!r} is not an address; give a number such as 100, 0x64 or 40101")
+        remedy = "give a number such as 100, 0x64 or 40101"
+        if _BARE_HEX.fullmatch(text):
+            remedy = "for hexadecimal addresses give --addresses hex"
+        raise ValueError(f"{cell!r} is not an address; {remedy}")
     digits, bit_text = found[1], found[2]
     bit = None if bit_text is None else int(bit_text)
     if bit is not None and bit > 15:
@@ -66,6 +75,21 @@ def parse_address(cell: str, style: AddressStyle) -> FoundAddress:
         return FoundAddress(_in_range(int(known[2]) - 1, cell), _TABLES[known[1]], bit)
     number = int(digits, 16) if digits.lower().startswith("0x") else int(digits)
     return FoundAddress(_in_range(number - (style == "one"), cell), None, bit)
+
+
+def _plain(text: str, style: AddressStyle) -> str:
+    """An address with its table's digit in front of the others, hexadecimal ones as 0x64."""
+    if style == "modicon":
+        return re.sub(r"^([0134])x(\d{4,5})", r"\1\2", text, flags=re.IGNORECASE)
+    if style == "zero":
+        text = re.sub(r"\.0+$", "", text)
+    number, *bit = re.split(r"(?=[./:])", text, maxsplit=1)
+    marked = _MARKED_HEX.fullmatch(number)
+    if marked is not None:
+        number = f"0x{marked[1] or marked[2]}"
+    elif style == "hex" and _BARE_HEX.fullmatch(number):
+        number = f"0x{number}"
+    return "".join([number, *bit])
 
 
 def _in_range(address: int, cell: str) -> int:

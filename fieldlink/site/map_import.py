@@ -9,16 +9,16 @@ Headings and cells are understood in the words of `map_words`, addresses as in `
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.registers import DataType, Order, Tag
-from fieldlink.site.csv_file import read_csv
+from fieldlink.site.csv_file import fit_rows, is_comment, parse_rows, read_csv, read_text
 from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.map_addresses import AddressStyle, guess_style, parse_address
 from fieldlink.site.map_row import REQUIRED, RowReader
-from fieldlink.site.map_words import column_of, meaning_of
+from fieldlink.site.map_words import column_of, meaning_of, says_hexadecimal
 from fieldlink.site.number_cells import may_group
 from fieldlink.site.register_map import COLUMNS, collect_tags
 from fieldlink.spreadsheet import from_cell
@@ -82,10 +82,12 @@ def import_map(
         SiteError: the file cannot be read, or names no columns that a register map needs.
     """
     workbook = path.suffix.lower() in (".xlsx", ".xlsm")
-    table = _read_workbook(path, sheet, headings or {}) if workbook else _read_text(path)
-    columns, notes = _columns(path, table, headings or {})
+    named = headings or {}
+    table = _read_workbook(path, sheet, named) if workbook else _read_text(path, named)
+    columns, notes = _columns(path, table, named)
     texts = [cells[columns["address"]] for _, cells in table.rows]
-    style = addresses or guess_style(texts)
+    heading = table.header[columns["address"]]
+    style = addresses or ("hex" if says_hexadecimal(heading) else guess_style(texts))
     notes.append(_about(style, guessed=addresses is None))
     rows: list[tuple[int, RowReader]] = []
     early: list[Problem] = []
@@ -101,12 +103,34 @@ def import_map(
     return ImportedMap(tags, tuple(found), tuple(notes), len(table.rows))
 
 
-def _read_text(path: Path) -> _Sheet:
-    file = read_csv(path, SiteError)
+def _read_text(path: Path, headings: Mapping[str, str]) -> _Sheet:
+    text = read_text(path, SiteError, pipe=False)
+    separator = _separator_of_header(text, headings)
+    if separator is None:
+        file = read_csv(path, SiteError)
+    else:
+        lines = parse_rows(path, text, separator, SiteError)
+        at = next(n for n, row in enumerate(lines) if _is_header(row.cells, headings))
+        file = fit_rows(path, separator, lines[at], lines[at + 1 :], SiteError)
     rows = tuple(
         (row.line, tuple(map(from_cell, row.cells))) for row in file.rows if any(row.cells)
     )
     return _Sheet(file.header, file.header_line, rows)
+
+
+def _separator_of_header(text: str, headings: Mapping[str, str]) -> str | None:
+    """The separator of the first line with the heading of an address; titles may stand above."""
+    lines = [line for line in text.split("\n", 2 * _HEADER_WITHIN) if not is_comment(line)]
+    for line in lines[:_HEADER_WITHIN]:
+        for separator in sorted(";\t,", key=line.count, reverse=True):
+            cells = [cell.strip(' "') for cell in line.split(separator)]
+            if len(cells) > 1 and _is_header(cells, headings):
+                return separator
+    return None
+
+
+def _is_header(cells: Sequence[str], headings: Mapping[str, str]) -> bool:
+    return "address" in map(column_of, cells) or headings.get("address") in cells
 
 
 def _read_workbook(path: Path, sheet: str | None, headings: Mapping[str, str]) -> _Sheet:
@@ -146,7 +170,7 @@ def _read_workbook(path: Path, sheet: str | None, headings: Mapping[str, str]) -
         for number, row in enumerate(frame.itertuples(index=False), start=1)
     ]
     for at, (number, cells) in enumerate(lines[:_HEADER_WITHIN]):
-        if "address" in {column_of(cell) for cell in cells} or headings.get("address") in cells:
+        if _is_header(cells, headings):
             return _Sheet(cells, number, tuple(row for row in lines[at + 1 :] if any(row[1])))
     remedy = "name a column address, or another sheet with --sheet"
     message = f"no heading of an address in the first {_HEADER_WITHIN} rows"
@@ -210,6 +234,7 @@ def _about(style: AddressStyle, *, guessed: bool) -> str:
     said = {
         "zero": "addresses count from 0, as requests do",
         "one": "addresses count from 1: 1 is address 0",
+        "hex": "addresses are hexadecimal and count from 0: 0010 is address 16",
         "modicon": "addresses are written with their table: 40001 is holding register 0, 30001 "
         "input register 0, 10001 discrete input 0, 00001 coil 0",
     }[style]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-__all__ = ["column_of", "fold", "meaning_of"]
+__all__ = ["column_of", "fold", "meaning_of", "says_hexadecimal"]
 
 _COLUMNS: Mapping[str, str] = {
     "tag": "tag tagname name signal signalname point pointname variable variablename symbol "
@@ -29,9 +29,10 @@ _COLUMNS: Mapping[str, str] = {
     "high": "high max maximum highlimit rangehigh upperlimit",
     "outside": "outside",
     "invalid": "invalid invalidvalue invalidvalues notavailable",
-    "writable": "writable writeable access accessrights accesstype rw readwrite readonly",
+    "writable": "writable writeable access accessrights accesstype rw readwrite readonly zugriff",
     "every": "every pollinterval pollperiod interval",
-    "comment": "comment comments description remark remarks note notes beschreibung",
+    "comment": "comment comments description remark remarks note notes beschreibung bemerkung "
+    "bemerkungen kommentar",
 }
 
 _MEANINGS: Mapping[str, Mapping[str, str]] = {
@@ -79,6 +80,11 @@ def column_of(heading: str) -> str | None:
     # "Address (dec)" and "Scale [V]" mean what stands before the bracket.
     folded = fold(re.split(r"[(\[]", heading)[0])
     return _FOLDED_COLUMNS.get(folded)
+
+
+def says_hexadecimal(heading: str) -> bool:
+    """Whether a heading says that numbers below it are hexadecimal: ``Address (hex)``."""
+    return re.search(r"(?<![a-z])hex(?:ade[cz]imal)?(?![a-z])", heading.lower()) is not None
 
 
 def meaning_of(column: str, cell: str) -> str:

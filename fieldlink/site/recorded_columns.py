@@ -15,7 +15,7 @@ from fieldlink.site.errors import Problem, nearest
 from fieldlink.site.number_cells import BAD, NumberCells, find_decimal_mark, parse_numbers
 from fieldlink.site.numbered_times import find_time_unit, is_plausible
 from fieldlink.site.quality_codes import find_good
-from fieldlink.site.recorded_table import holds_values
+from fieldlink.site.recorded_table import holds_values, is_moment
 from fieldlink.site.row_order import Rows, put_in_order
 from fieldlink.site.times import NoClockError
 from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
@@ -27,7 +27,10 @@ _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 """Headings of a table with a row for each value."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
+_OWN_EXPORT = frozenset({"loop", "slot", "quality", "late_ms"})
 _MAX_PROBLEMS = 10
+_LOOKED_AT = 20
+"""First rows from which a column of moments is known."""
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, int | None]
@@ -59,6 +62,12 @@ class RecordedColumns:
         What was named has to be there; the needed ones have to be there in any case.
         """
         found = {role: self._find(role, name) for role, name in wanted.items()}
+        for role in ("sp", "auto"):
+            number = found.get(role)
+            if wanted.get(role) is None and number is not None and self._is_empty(number):
+                # An export of a loop without the signal has its column nevertheless.
+                self.notes.append(f"{self._file.header[number]} is left out: it holds nothing")
+                found[role] = None
         known = {role: number for role, number in found.items() if number is not None}
         asked = {role for role, name in wanted.items() if name is not None}
         guess = guess_columns(self._file.header, known)
@@ -66,9 +75,14 @@ class RecordedColumns:
         guessed = {
             role: number
             for role, number in guess.columns.items()
-            if role not in known and role not in asked and role not in self._several
+            if role not in known
+            and role not in asked
+            and role not in self._several
+            and not (role in ("sp", "auto") and self._is_empty(number))
         }
         self._unsure = guess.unsure & guessed.keys()
+        if not {"time"} & (asked | known.keys() | guessed.keys() | guess.ambiguous.keys()):
+            self._find_moments(guessed)
         for role, names in guess.ambiguous.items():
             if role not in asked and role not in self._several:
                 self.report(
@@ -86,10 +100,32 @@ class RecordedColumns:
         for role in missing:
             if role not in asked and role not in guess.ambiguous and role not in self._several:
                 self._report_missing(role, role, is_named=False)
-        if guessed:
-            taken = ", ".join(f"{role} is {header[number]!r}" for role, number in guessed.items())
+        if guess.columns.keys() & guessed.keys():
+            taken = ", ".join(
+                f"{role} is {header[number]!r}"
+                for role, number in guessed.items()
+                if role in guess.columns
+            )
             self.notes.append(f"columns taken by their names: {taken}")
         return found | guessed
+
+    def _is_empty(self, column: int) -> bool:
+        return not any(row.cells[column] for row in self._file.rows)
+
+    def _find_moments(self, guessed: dict[str, int]) -> None:
+        """Take the only column of dates or times of day for the time, whatever its heading."""
+        first = self._file.rows[:_LOOKED_AT]
+        moments = [
+            number
+            for number in range(len(self._file.header))
+            if number not in guessed.values() and all(is_moment(row.cells[number]) for row in first)
+        ]
+        if first and len(moments) == 1 and "time" not in self._several:
+            guessed["time"] = moments[0]
+            self._unsure |= {"time"}
+            name = self._file.header[moments[0]]
+            column = f"column {name!r}" if name else "the column without a heading"
+            self.notes.append(f"{column} holds dates or times of day: taken for the time")
 
     def is_guessed(self, role: str) -> bool:
         """Whether a role's column was taken by a name that means it only vaguely."""
@@ -198,7 +234,10 @@ class RecordedColumns:
         asked = {role: found.get(role) for role in numbers}
         for number, roles in quality_columns(self._file.header, asked).items():
             name = self._file.header[number]
-            good = find_good([row.cells[number] for row in self._file.rows])
+            cells = [row.cells[number] for row in self._file.rows]
+            # In an export of our own historian 0 is good, and every other code is not.
+            own = set(self._file.header) >= _OWN_EXPORT
+            good = np.array([cell == "0" for cell in cells]) if own else find_good(cells)
             if good is None:
                 self.notes.append(f"{name} is left out: which of its values mean good is not known")
                 continue

@@ -22,7 +22,7 @@ from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, is_comment, parse
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.number_cells import is_bad_value
 
-__all__ = ["RecordedTable", "holds_values", "read_recorded_table"]
+__all__ = ["RecordedTable", "holds_values", "is_moment", "read_recorded_table"]
 
 _LOOKED_AT = 100
 """First lines from which the separator and the header are found: more than any title has."""
@@ -99,8 +99,13 @@ def holds_values(cells: Sequence[str]) -> bool:
     return 2 * values >= len(filled) > 0
 
 
+def is_moment(cell: str) -> bool:
+    """Whether a cell is written as a date or a time of day."""
+    return _MOMENT.fullmatch(cell) is not None
+
+
 def _is_value(cell: str) -> bool:
-    return bool(_NUMBER.fullmatch(cell) or _MOMENT.fullmatch(cell))
+    return bool(_NUMBER.fullmatch(cell) or is_moment(cell))
 
 
 def _separated(text: str) -> tuple[str, str]:

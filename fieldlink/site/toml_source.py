@@ -78,6 +78,10 @@ def _read_text(path: Path) -> str:
         raw = read_bytes(path, most_megabytes=LARGEST)
     except UnreadableFileError as error:
         raise SiteError([Problem(str(path), "", error.message, error.remedy)]) from error
+    if raw.startswith(b"SQLite format 3\0"):
+        message = "is a historian, no site file"
+        remedy = "give the site file (TOML); report, web and assess read a historian, too"
+        raise SiteError([Problem(str(path), "", message, remedy)])
     try:
         if b"\0" in raw:
             raise UnicodeDecodeError("utf-8", raw, raw.index(b"\0"), 0, "a zero byte")

@@ -212,6 +212,9 @@ class _LoopReader:
     def _op_span(self) -> tuple[float, tuple[str, ...]]:
         tag = None if self._site is None else self._site.tag(self._name, "op")
         if tag is not None and tag.low is not None and tag.high is not None:
+            if tag.unit == "%" and tag.low <= 0.0 and tag.high >= 100.0:
+                # Room for readings a little beyond both ends does not count.
+                return 100.0, ()
             if tag.high > tag.low:
                 return tag.high - tag.low, ()
         elif tag is not None and tag.unit == "%":

@@ -77,3 +77,11 @@ def test_a_record_that_keeps_each_value_is_diagnosed_on_each_value_once() -> Non
     assert [cause.to_dict() for cause in found.causes] == [one.to_dict() for one in once.causes]
     assert found.oscillation == once.oscillation
     assert "keeps each value for 4 samples" in found.notes[-1]
+
+
+def test_every_cause_says_what_to_do_and_a_result_is_shown_without_its_samples() -> None:
+    loop = run(band=4.0, jump=2.0)
+    found = diagnose(loop.op, loop.pv, loop.sp, advice=False)
+    assert "packing" in found.first.action
+    assert all(cause.action for cause in found.causes)
+    assert len(repr(identify(loop.op, loop.pv))) < 4000

@@ -207,3 +207,44 @@ def test_a_heading_that_is_not_there_is_reported(tmp_path: Path, pair: str, said
     file = write(tmp_path, "Typ;Modbus Address;Data Type\nFC1.OP;40001;REAL\n")
     result = CliRunner().invoke(app, ["map", "import", str(file), "--column", pair])
     assert said in f"{' '.join(result.output.replace('│', ' ').split())} {result.exception}"
+
+
+def test_a_list_with_titles_above_the_headings(tmp_path: Path) -> None:
+    text = (
+        "Anlage Nord, Stand 12.03.2026;;;;\n;;;;\nName;Adresse;Datentyp;Max\nOP;40001;REAL;12,5\n"
+    )
+    found = import_map(write(tmp_path, text))
+    assert found.problems == ()
+    assert (found.tags["OP"].address, found.tags["OP"].high) == (0, 12.5)
+
+
+@pytest.mark.parametrize(
+    ("cell", "style", "address"),
+    [
+        ("0x0010", "zero", 16),
+        ("0x0100.3", "zero", 256),
+        ("16#0100", "zero", 256),
+        ("&H100", "zero", 256),
+        ("0100h", "zero", 256),
+        ("0100", "hex", 256),
+        ("0x0100", "hex", 256),
+        ("1F", "hex", 31),
+    ],
+)
+def test_hexadecimal_addresses(cell: str, style: str, address: int) -> None:
+    assert parse_address(cell, style).address == address  # type: ignore[arg-type]
+
+
+def test_0x_is_a_coil_only_beside_addresses_of_other_tables() -> None:
+    assert guess_style(["0x0100", "0x0102"]) == "zero"
+    assert guess_style(["0x0001", "4x0001"]) == "modicon"
+    assert parse_address("0x0001", "modicon") == FoundAddress(0, Table.COIL)
+
+
+def test_a_heading_says_that_addresses_are_hexadecimal(tmp_path: Path) -> None:
+    rows = "OP,0100,REAL\nPV,0102,REAL\n"
+    found = import_map(write(tmp_path, f"Tag,Address (hex),Type\n{rows}"))
+    assert {name: tag.address for name, tag in found.tags.items()} == {"OP": 256, "PV": 258}
+    assert "addresses are hexadecimal" in " / ".join(found.notes)
+    plain = import_map(write(tmp_path, f"Tag,Address,Type\n{rows}SP,010A,REAL\n"))
+    assert "--addresses hex" in str(plain.problems[0])

@@ -277,3 +277,33 @@ def test_matlab_excel_and_parquet(tmp_path: Path) -> None:
         parquet.write_table(table, tmp_path / f"{unit}.parquet")
     for path in sorted(tmp_path.iterdir()):
         check(read_recording(path))
+
+
+@pytest.mark.parametrize("heading", ["", "When"])
+def test_a_column_of_moments_is_the_time_whatever_its_heading(tmp_path: Path, heading: str) -> None:
+    """What pandas writes for an index of moments has no heading."""
+    (tmp_path / "loop.csv").write_text(lines(f"{heading},op,pv", plain))
+    found = read_recording(tmp_path / "loop.csv")
+    check(found)
+    assert any("holds dates or times of day" in note for note in found.notes)
+
+
+def test_a_column_of_row_numbers_without_a_heading_is_no_time(tmp_path: Path) -> None:
+    text = lines(",op,pv", lambda k: f"{k},{OP[k]},{PV[k]}")
+    (tmp_path / "loop.csv").write_text(text)
+    assert read_recording(tmp_path / "loop.csv").time is None
+
+
+def test_in_an_export_of_the_historian_0_is_good(tmp_path: Path) -> None:
+    head = "time,loop,slot,op,pv,sp,auto,quality,late_ms,clock_steps"
+    text = lines(
+        head,
+        lambda k: f"{stamp(k):%Y-%m-%dT%H:%M:%SZ},A,{k},{OP[k]},{PV[k]},,,{10 * (k == 7)},3,0",
+    )
+    (tmp_path / "loop.csv").write_text(text)
+    found = read_recording(tmp_path / "loop.csv")
+    assert np.flatnonzero(np.isnan(found.op)).tolist() == [7]
+    assert np.flatnonzero(np.isnan(found.pv)).tolist() == [7]
+    assert found.sp is None
+    assert found.auto is None
+    assert any("1 rows are not good" in note for note in found.notes)

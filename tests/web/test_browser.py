@@ -5,6 +5,7 @@ The tests run in their order: together they are what a new user does in the firs
 
 from __future__ import annotations
 
+import re
 import shutil
 import time
 from collections.abc import Iterator
@@ -317,6 +318,15 @@ def test_hours_of_samples_are_zoomed_without_losing_an_extreme(store_page: str, 
     expect(note).to_contain_text("double-click to go back")
     expect(note).not_to_contain_text("12000")
     assert "least" not in note.inner_text()
+
+
+def test_the_judged_window_is_shown_on_a_phone_too(store_page: str, browser: Any) -> None:
+    page = browser.new_page(viewport={"width": 360, "height": 740})
+    page.goto(f"{store_page}/loops/LIC-0001")
+    note = page.locator("#trend-note")
+    expect(note).to_have_text(re.compile(r"^(79|80)\d samples; drag"), timeout=PATIENCE_MS)
+    assert "stem" in text_of(page, "#trend-values")
+    page.close()
 
 
 def test_without_a_daemon_there_are_no_actions(store_page: str, page: Any) -> None:

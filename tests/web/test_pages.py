@@ -17,6 +17,7 @@ from fieldlink.daemon import Daemon
 from fieldlink.site import load_site
 from fieldlink.store import EstimateRecord, EventRecord, Historian, StoreError, read_events
 from fieldlink.web import WebError, store_server, web_server
+from fieldlink.web.responses import render
 from fieldlink.web.view.curves import stem_of
 
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -260,3 +261,22 @@ async def test_a_note_starts_the_trend_again(device: Any, tmp_path: Path, live: 
                     break
     assert found["orders"][0]["why"] == "packing replaced"
     assert len(found["course"]["time"]) >= 3
+
+
+def test_a_trend_that_may_be_none_is_steady_and_has_no_days_to_the_limit() -> None:
+    row = {
+        "name": "FC101", "device": "plc", "verdict": "stiction", "uncertain": False, "rank": 1,
+        "compensated": False, "cause": None, "filled": None, "limit": 20.0, "since": None,
+        "stick_band": {"value": 11.0, "low": 10.0, "high": 12.0}, "avoidable": 1.0,
+        "block": {"style": "", "text": ""}, "swing_period_s": 80.0, "quality": 1.0,
+        "device_state": "good", "automatic": 1.0, "saturated": 0.0, "travel_per_day": 1.0,
+        "reversals_per_day": 1.0, "trend_per_week": 20.0, "trend_high": 178.0,
+        "days_to_limit": 3.14,
+    }  # fmt: skip
+    doubtful = render("fleet_row.html.j2", row={**row, "trend_low": -136.0}, largest=20.0)
+    assert "steady" in doubtful
+    assert "3.1" not in doubtful
+    clear = render("fleet_row.html.j2", row={**row, "trend_low": 5.0}, largest=20.0)
+    assert "steady" not in clear
+    assert "+20" in clear
+    assert "3.1" in clear

@@ -107,6 +107,18 @@ def test_the_span_of_op_is_that_of_the_register_map(site: Path) -> None:
     assert not any("span" in remark for row in of_site for remark in row["remarks"])
 
 
+def test_room_beyond_0_to_100_percent_is_no_part_of_the_span(site: Path) -> None:
+    of_store = json.loads(run("report", site.with_name("history.sqlite"), "--json").stdout)["loops"]
+    bands = {row["tag"]: row["stick_band"] for row in of_store}
+    map_file = site.with_name("map.csv")
+    head, *rows = map_file.read_text("utf-8").splitlines()
+    wider = [re.sub(r"(OP,\d+,\w+),.*", r"\1,%,-5,105", row) for row in rows]
+    assert wider != rows
+    map_file.write_text("\n".join([head, *wider]) + "\n", "utf-8")
+    for row in json.loads(run("report", site, "--json").stdout)["loops"]:
+        assert row["stick_band"] == pytest.approx(bands[row["tag"]])
+
+
 def test_json_csv_and_excel_say_the_same(fleet: Fleet, tmp_path: Path) -> None:
     document = json.loads(run("report", fleet.file, "--json").stdout)
     assert set(document) == {"title", "made", "loops"}

@@ -111,7 +111,7 @@ class Trend {
     if (!forced && (this.paused || this.zoom !== null || this.busy)) return;
     this.busy = true;
     try {
-      const wide = 4 * Math.max(500, Math.min(2500, document.getElementById("trend-op").clientWidth));
+      const wide = 4 * Math.max(1000, Math.min(2500, document.getElementById("trend-op").clientWidth));
       const found = await ask(api(this.name, `/samples?${this.span()}&points=${wide}`));
       this.show(found);
     } finally {
@@ -122,11 +122,13 @@ class Trend {
   show(found) {
     const blank = found.time.map(() => null);
     // A window's length on the wall: plants that run faster than the clock have short ones.
-    if (found.slots && found.slots.length > 20) {
-      const last = found.slots.length - 1;
-      const rate = (found.time[last] - found.time[0]) / (found.slots[last] - found.slots[0] || 1);
-      const slots = Number(document.getElementById("loop").dataset.windowSamples) || 800;
-      if (rate > 0) this.wall = Math.max(5, slots * rate);
+    const whole = this.range === "window" && this.zoom === null && this.wall === undefined;
+    const last = found.time.length - 1;
+    const slots = found.slots ? found.slots[last] - found.slots[0] : found.samples;
+    if (last > 20 && slots > 20 && (found.slots || whole)) {
+      const window = Number(document.getElementById("loop").dataset.windowSamples) || 800;
+      this.wall = Math.max(5, window * (found.time[last] - found.time[0]) / slots);
+      if (whole) setTimeout(() => this.look(), 0);
     }
     this.found = found;
     this.op.setData([found.time, found.op, found.stem ?? blank]);

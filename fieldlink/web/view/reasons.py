@@ -129,7 +129,7 @@ def what_would_help(
             if half is not None and half > WIDE:
                 said.append(
                     f"A longer window{longer}, or set-point steps of different sizes: the interval "
-                    f"of {symbol} is {percent_text(half)} of its value to each side."
+                    f"of {symbol} is {percent_text(2.0 * half)} of its value wide."
                 )
     if (window.get("automatic") or 1.0) < 1.0:
         said.append(
