@@ -7,57 +7,103 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import Array, Mask
+from estimator.arrays import Array, Index, Mask
 from estimator.controller.reading import Controller, read_aligned
 from estimator.faults import faults_of
 from estimator.outcomes import Reason, ReasonCode
 from estimator.settings import Screening
 from estimator.window import Window
 
-__all__ = ["Cleaned", "Held", "as_recorded", "clean", "find_held", "screen_faults"]
+__all__ = [
+    "Cleaned",
+    "Held",
+    "as_recorded",
+    "clean",
+    "find_held",
+    "find_slow_transmitter",
+    "screen_faults",
+]
 
 _CHANGES = 20
 """Changes that must all come a number of samples apart: one record in a million does by chance."""
+_JITTER = 0.25
+"""Share by which the times may differ for which a transmitter's values stand."""
+_REGULAR = 0.9
+"""Share of them that are that alike: of values that change by chance not half are."""
+_ONE_STEP = 0.5
+"""Share of the steps from which they are those of a coarse signal that moves steadily."""
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A record that was polled more slowly than it is stored.
+    """A record in which values stand for several samples.
 
     Attributes:
-        every: samples for which each value stands; 1 where each is one of its own.
-        first: the sample at which the first whole value begins.
+        at: the samples at which each value is new, ``(m,)``.
+        every: samples for which a value stands, in the mean; 1 where each is one of its own.
+        why: what that means, in words; empty where each is one of its own.
     """
 
-    every: int
-    first: int
+    at: Index
+    every: float = 1.0
+    why: str = ""
 
     def thin(self, signal: Array | None) -> Array | None:
         """Each value of a signal ``(n,)``, if there is one, once."""
-        return None if signal is None else signal[self.first :: self.every]
+        return None if signal is None else signal[self.at]
 
     def hold(self, values: Array, samples: int) -> Array:
         """Thinned values ``(m,)`` as the record stores them, ``(samples,)``."""
-        place = (np.arange(samples) - self.first) // self.every
+        place = np.searchsorted(self.at, np.arange(samples), side="right") - 1
         held: Array = values[np.maximum(place, 0)]
         return held
-
-    def tell(self) -> str:
-        """What was done, in words."""
-        return f"the record keeps each value for {self.every} samples: each is taken once"
 
 
 def find_held(op: Array, pv: Array | None) -> Held:
     """How a record ``(n,)`` repeats itself, where OP and PV do at the same samples."""
-    changes = np.zeros(op.size, dtype=np.bool_)
-    for signal in (op,) if pv is None else (op, pv):
-        known = np.nan_to_num(signal, nan=math.inf)
-        changes[1:] |= known[1:] != known[:-1]
-    places = np.flatnonzero(changes)
+    changed = _changes_of(op) if pv is None else _changes_of(op) | _changes_of(pv)
+    places = np.flatnonzero(changed) + 1
+    every = int(np.gcd.reduce(np.diff(places))) if places.size >= _CHANGES else 1
+    if every == 1:
+        return Held(np.arange(op.size))
+    at = np.arange(int(places[0]) % every, op.size, every)
+    return Held(at, every, f"the record keeps each value for {every} samples: each is taken once")
+
+
+def find_slow_transmitter(pv: Array) -> Held:
+    """How PV ``(n,)`` repeats itself alone: an analyser, a wireless transmitter.
+
+    Its values come by a clock, so that all stand about equally long. A coarse or a compressed PV
+    stands long where it moves little; where it moves steadily, all its steps are alike.
+    """
+    each = Held(np.arange(pv.size))
+    places = np.flatnonzero(_changes_of(pv)) + 1
     if places.size < _CHANGES:
-        return Held(1, 0)
-    every = int(np.gcd.reduce(np.diff(places)))
-    return Held(every, int(places[0]) % every) if every > 1 else Held(1, 0)
+        return each
+    gaps, steps = np.diff(places), np.abs(np.diff(pv[places]))
+    usual = float(np.median(gaps))
+    if usual < 2.0:
+        return each
+    alike = (gaps >= usual - max(1.0, _JITTER * usual)) & (
+        gaps <= usual + max(1.0, _JITTER * usual)
+    )
+    if float(np.mean(alike & (gaps > 1))) < _REGULAR:
+        return each
+    _, times = np.unique(np.round(steps / np.nanmax(steps), 6), return_counts=True)
+    if times.max() > _ONE_STEP * steps.size:
+        return each
+    # where a value happens to be that of the last one, it stands for two
+    number = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(gaps / usual)))])
+    every = float(places[-1] - places[0]) / float(number[-1])
+    at = np.rint(np.interp(np.arange(number[-1] + 1.0), number, places)).astype(np.int64)
+    return Held(at, every, f"PV has a new value every {every:.3g} samples: it is judged at these")
+
+
+def _changes_of(signal: Array) -> Mask:
+    """Which samples of ``(n,)`` but the first differ from the one before, ``(n - 1,)``."""
+    known = np.nan_to_num(signal, nan=math.inf)
+    changed: Mask = known[1:] != known[:-1]
+    return changed
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.arrays import Array
 from estimator.averaging import average, block_of, with_every_sample
-from estimator.cleaning import Cleaned, Held, as_recorded, clean, find_held, screen_faults
+from estimator.cleaning import (
+    Cleaned,
+    Held,
+    as_recorded,
+    clean,
+    find_held,
+    find_slow_transmitter,
+    screen_faults,
+)
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
@@ -90,11 +99,12 @@ def identify(
     window = harmonise(op, pv, sp, auto, period, settings.screening)
     given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
     measured, setpoint = others["pv"], others.get("sp")
-    held = find_held(given, measured) if method == "search" else Held(1, 0)
-    if held.every > 1:
+    # the methods of the paper take every sample, as it is
+    held = _find_held(given, measured) if method == "search" else None
+    if held is not None:
         result = identify(
-            given[held.first :: held.every],
-            measured[held.first :: held.every],
+            given[held.at],
+            measured[held.at],
             sp=held.thin(setpoint),
             auto=held.thin(others.get("auto")),
             period=held.every * window.period,
@@ -105,14 +115,13 @@ def identify(
         )
         return replace(
             result,
-            identifiability=(*result.identifiability, held.tell()),
+            identifiability=(*result.identifiability, held.why),
             stem=held.hold(result.stem, window.size),
             pv_model=held.hold(result.pv_model, window.size),
             seconds=time.perf_counter() - begun,
         )
     informed = informed_share(measured)
     reasons = screen(window, informed, settings.screening)
-    # the methods of the paper take every sample, as it is
     cleaned = Cleaned(measured, np.zeros(window.size, dtype=np.bool_), 0, None)
     if not reasons and method == "search":
         cleaned = clean(given, measured, setpoint, settings.screening)
@@ -132,6 +141,13 @@ def identify(
             pv_model=as_recorded(result.pv_model, cleaned.late),
         )
     return replace(result, seconds=time.perf_counter() - begun)
+
+
+def _find_held(op: Array, pv: Array) -> Held | None:
+    """How values stand for several samples; None where each is one of its own."""
+    together = find_held(op, pv)
+    held = together if together.why else find_slow_transmitter(pv)
+    return held if held.why else None
 
 
 def warm_up() -> None:

@@ -194,8 +194,8 @@ class Identification:
     Attributes:
         verdict: the answer.
         reasons: why, each with advice.
-        uncertain: whether the evidence is so near to the threshold that the other verdict is
-            possible.
+        uncertain: whether the other verdict is possible: a sticky valve is likelier, but not by
+            much, or hardly matters.
         score: log Bayes factor of a sticky over a healthy valve, in nats; never clipped, so that
             loops can be ranked by it. 0 when the window was refused before a model was tried.
         stick_band, slip_jump: S and J with intervals at ``confidence``.

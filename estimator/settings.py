@@ -155,7 +155,9 @@ class Judging:
         parts, steady: parts of the window, and the log Bayes factor that must be left without the
             part that holds most of it: a valve sticks all the time, a load jumps once (tuning
             family: false alarms rest on one part).
-        uncertain: half-width of the zone around the threshold in which the answer is uncertain.
+        uncertain: nats above the threshold up to which the answer is uncertain; below it the answer
+            is uncertain wherever a sticky valve is likelier than a healthy one. As far below it
+            valves are estimated under every law.
         process: log-likelihood ratio of a process over none, below which PV does not follow OP:
             4.5 is a gain three deviations from zero. The likeliest of many processes gains more by
             luck: below ``threshold``, the healthy valve's gain must be as far from zero itself.

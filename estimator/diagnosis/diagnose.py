@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array
-from estimator.cleaning import find_held
+from estimator.cleaning import find_held, find_slow_transmitter
 from estimator.controller.reading import Controller, read_aligned, read_controller
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
@@ -86,9 +86,9 @@ def diagnose(
     record = loop_record(op, pv, sp, auto, period)
     given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
     held = find_held(given, others.get("pv"))
-    if held.every > 1:
+    if held.why:
         found = diagnose(
-            given[held.first :: held.every],
+            given[held.at],
             held.thin(others.get("pv")),
             held.thin(others.get("sp")),
             auto=held.thin(others.get("auto")),
@@ -98,7 +98,7 @@ def diagnose(
             valve_is_healthy=valve_is_healthy,
             settings=settings,
         )
-        return replace(found, notes=(*found.notes, held.tell()))
+        return replace(found, notes=(*found.notes, held.why))
     swing, signal = _oscillation(record, settings)
     if record.pv is None or record.error is None:
         limits = limits_of(record.op, record.op - record.op.mean(), None,
@@ -128,9 +128,12 @@ def diagnose(
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
     faults = faults_of(np.where(record.good, pv, math.nan), SETTINGS.screening)
+    # the controller sees every repeated value, but only new ones tell of valve and process
+    slow = find_slow_transmitter(np.where(record.good, pv, math.nan))
     clean = replace(record, good=record.good & ~faults)
-    cut = explained_rows(clean, swing, settings)
-    free = explained_rows(replace(clean, good=clean.good & ~limits.where), swing, settings)
+    unlimited = replace(clean, good=clean.good & ~limits.where)
+    cut = explained_rows(clean.thinned(slow), swing, settings)
+    free = explained_rows(unlimited.thinned(slow), swing, settings)
     explained = _explain(cut, swing, controller, manual, valve_is_healthy, settings)
     loop = _closed(None if explained is None else explained.model, controller)
     beside_wave = _closed(None if explained is None else explained.beside_wave, controller)
@@ -178,7 +181,10 @@ def diagnose(
         tuning=None if proposal is None else proposal.to_dict(),
         samples=record.op.size,
         period_s=period,
-        notes=tuple(reason.text for reason in explained.reasons) if explained else (),
+        notes=(
+            *(reason.text for reason in (explained.reasons if explained else ())),
+            *([slow.why] if slow.why else []),
+        ),
     )
 
 

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.arrays import Array, Mask
+from estimator.arrays import Array, Index, Mask
+from estimator.cleaning import Held
 from estimator.controller.reading import Controller
 from estimator.diagnosis.facts import Limits, in_long_runs
 from estimator.diagnosis.figures import few_steps, predictable_share, without_wave
@@ -58,7 +59,13 @@ class LoopRecord:
 
     def part(self, rows: slice) -> LoopRecord:
         """These rows of the record."""
+        return self._rows(rows, rows.step or 1)
 
+    def thinned(self, held: Held) -> LoopRecord:
+        """Each value once."""
+        return self._rows(held.at, held.every)
+
+    def _rows(self, rows: slice | Index, every: float) -> LoopRecord:
         def cut(signal: Array | None) -> Array | None:
             return None if signal is None else signal[rows]
 
@@ -69,7 +76,7 @@ class LoopRecord:
             auto=None if self.auto is None else self.auto[rows],
             error=cut(self.error),
             good=self.good[rows],
-            period=self.period * (rows.step or 1),
+            period=self.period * every,
         )
 
 

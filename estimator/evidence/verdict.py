@@ -66,8 +66,10 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
 
     sticks = evidence.log_bayes_factor >= judging.threshold
     doubts = []
-    if abs(evidence.log_bayes_factor - judging.threshold) < judging.uncertain:
-        doubts.append(f"the evidence is within {judging.uncertain:g} of the threshold")
+    if sticks and evidence.log_bayes_factor < judging.threshold + judging.uncertain:
+        doubts.append(f"the evidence is less than {judging.uncertain:g} above the threshold")
+    if 0.0 < evidence.log_bayes_factor < judging.threshold:
+        doubts.append("a sticky valve is likelier than a healthy one, if not by the threshold")
     if sticks and evidence.effect < _LEAST_EFFECT:
         doubts.append(
             f"sticking makes {evidence.effect:.2%} of PV's variance, and what no model knows of a "
@@ -126,11 +128,13 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             doubts,
         )
     outside = evidence.disturbances > 0
+    nearly = "nearly " if doubts else ""
     return answer(
         Verdict.NO_STICTION,
         ReasonCode.DISTURBANCE_EXPLAINS if outside else ReasonCode.HEALTHY_VALVE_SUFFICES,
-        "a healthy valve and a disturbance from outside explain PV as well as a sticky valve"
+        f"a healthy valve and a disturbance from outside explain PV {nearly}as well as a sticky "
+        f"valve"
         if outside
-        else "a healthy valve explains PV as well as a sticky one",
+        else f"a healthy valve explains PV {nearly}as well as a sticky one",
         doubts,
     )

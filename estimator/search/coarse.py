@@ -26,6 +26,10 @@ _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
 _TRIAL = 3
 """Rounds that every seed of a look is followed; only the best ones go on."""
+_PAST = 8
+"""PV's own past, in samples, of the ranking by one-step errors: white noise on PV needs more than
+the three of a clean record (tuning family: of 17 windows in which a search with three had lost the
+right valve, that ranks it first in 3, one with eight in 11, one with sixteen in 9)."""
 _SHIFTS = 6
 """Dead times of that ranking."""
 _TOPS = 16
@@ -151,7 +155,7 @@ def one_step_starts(
     table = _table(_fine_bands(searching), searching.fine_jumps, searching.fine_starts)
     valves = _placed(table, float(case.rows.u[0]))
     columns = case.columns(nuisances, near.stem, COARSE[0], near.dead_time)
-    ranking = OneStep(case.rows, columns)
+    ranking = OneStep(case.rows, columns, _PAST)
     cost, late = ranking.costs(valves, 1, shifts)
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley

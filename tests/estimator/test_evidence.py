@@ -90,9 +90,8 @@ def test_a_disturbance_is_found_beside_either_valve(loop, case: CaseOf) -> None:
     assert found.sticky is not None
     assert found.evidence > 50.0
     for one in (found.healthy, found.sticky):
-        waves = [w for w in one.nuisances if isinstance(w, Sinusoid)]
-        assert waves
-        for wave in waves:
+        assert one.waves
+        for wave in one.waves:
             order = wave.cycles / (700 / 60)
             assert order == pytest.approx(round(order), abs=0.05)
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator import ReasonCode, Verdict, identify
-from estimator.cleaning import find_held
+from estimator.cleaning import find_held, find_slow_transmitter
 from estimator.evidence.records import informed_share
 from loop_model import ValveModel
 
@@ -139,3 +139,65 @@ def test_records_that_change_at_any_sample_keep_no_value() -> None:
         assert find_held(np.repeat(op[:8], 50), np.repeat(op[:8], 50)).every == 1
         lost = np.where(np.arange(500) % 7 == 3, np.nan, _polled(op, 5, 0))
         assert find_held(lost, lost).every == 1
+
+
+def _measured_slowly(
+    seed: int, every: int, band: float, *, jitter: int = 0, samples: int = 1500
+) -> tuple[Array, Array]:
+    """OP of every scan, and PV as an analyser with a new value every so many scans gives it.
+
+    A lag of 15 and a dead time of 4 scans, a load that wanders, a PI controller that answers what
+    it sees; He's valve with a slip jump of half its band (band 0: healthy).
+    """
+    rng = np.random.default_rng([seed, every])
+    load = 0.15 * np.cumsum(rng.normal(size=samples))
+    load -= np.linspace(load[0], load[-1], samples)
+    op, pv = np.zeros(samples), np.zeros(samples)
+    stem, lag, seen, integral, due = 0.0, 0.0, 0.0, 0.0, 0
+    past = np.zeros(5)
+    for k in range(samples):
+        lag += (past[k % 5] + load[k] - lag) / 15.0
+        if k >= due:
+            seen = lag + 0.05 * rng.normal()
+            due = k + every + int(rng.integers(-jitter, jitter + 1))
+        integral -= 0.9 / 15.0 * seen
+        op[k], pv[k] = integral - 0.9 * seen, seen
+        if abs(op[k] - stem) > 0.75 * band:
+            stem = op[k] - np.sign(op[k] - stem) * 0.25 * band
+        past[k % 5] = stem
+    return op, pv
+
+
+@pytest.mark.parametrize(("every", "jitter"), [(2, 0), (3, 0), (6, 0), (6, 1), (12, 0)])
+def test_a_healthy_valve_is_not_accused_by_a_transmitter_slower_than_the_scan(
+    every: int, jitter: int
+) -> None:
+    # the controller moves OP while PV stands: without this half of them are
+    for seed in range(4):
+        found = identify(*_measured_slowly(seed, every, 0.0, jitter=jitter))
+        assert found.verdict is not Verdict.STICTION
+        assert found.period_s == pytest.approx(every, rel=0.03)
+        assert f"PV has a new value every {found.period_s:.3g} samples" in found.identifiability[-1]
+        assert found.stem.size == found.pv_model.size == 1500
+
+
+def test_a_sticky_valve_is_found_behind_a_slow_transmitter() -> None:
+    found = [identify(*_measured_slowly(seed, 2, 6.0)) for seed in range(10)]
+    assert sum(one.verdict is Verdict.STICTION for one in found) >= 9
+    assert sum(one.stick_band.low <= 6.0 <= one.stick_band.high for one in found) >= 8
+
+
+def test_only_values_that_come_by_a_clock_are_those_of_a_slow_transmitter() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        walk = np.cumsum(rng.normal(size=900))
+        assert find_slow_transmitter(_polled(walk, 4, 1)).every == 4.0
+        assert find_slow_transmitter(rng.normal(size=900)).every == 1
+        assert find_slow_transmitter(_held(walk, 2.0)).every == 1
+        assert find_slow_transmitter(np.round(walk / 5.0)).every == 1
+        # a level in coarse steps that rises and falls steadily, as in a limit cycle
+        ramp = np.abs(np.arange(900) % 200 - 100) / 4.0
+        assert find_slow_transmitter(np.floor(ramp + 1e-9)).every == 1
+        # a clock of its own: 5 or 6 samples between values
+        ticks = (np.arange(900) / 5.4).astype(int)
+        assert find_slow_transmitter(walk[ticks]).every == pytest.approx(5.4, rel=0.01)

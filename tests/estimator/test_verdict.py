@@ -106,7 +106,8 @@ def test_evidence_makes_a_verdict_with_its_reason(
         (ZONE - 0.1, Verdict.STICTION, True),
         (0.0, Verdict.STICTION, True),
         (-0.1, Verdict.NO_STICTION, True),
-        (-ZONE - 0.1, Verdict.NO_STICTION, False),
+        (0.1 - THRESHOLD, Verdict.NO_STICTION, True),
+        (-0.1 - THRESHOLD, Verdict.NO_STICTION, False),
     ],
 )
 def test_near_the_threshold_the_other_verdict_is_called_possible(
