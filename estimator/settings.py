@@ -91,6 +91,9 @@ class Searching:
         starts: first positions of the stem, as shares of fS around OP's first sample; for the laws
             after the first every second one of ``fine_starts``.
         fine_jumps, fine_starts: the same of the ranking by one-step errors, which is cheap.
+        pasts: samples of PV's own past in that ranking: white noise on PV needs more than the three
+            of a clean record (tuning family: of 17 windows in which a search with three had lost
+            the right valve, that ranks it first in 3, one with eight in 11, one with sixteen in 9).
         delays: dead times of the coarse search in samples.
         reversals: times that a stem must turn to be a hypothesis: what happens once is a step,
             which anything explains.
@@ -109,7 +112,6 @@ class Searching:
         lanes: candidates of a round of any refinement.
         rounds, turns: rounds of the last refinement, and how often the noise model follows.
         swept: valves nearby that a sweep refines, and sweeps in a row at most.
-        enough: nats of a turn below which it was the last.
     """
 
     bands: tuple[float, ...] = (
@@ -120,6 +122,7 @@ class Searching:
     starts: tuple[float, ...] = (-0.95, -0.4, 0.4, 0.95)
     fine_jumps: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
     fine_starts: tuple[float, ...] = (-0.95, -0.5, 0.0, 0.5, 0.95)
+    pasts: tuple[int, ...] = (8,)
     delays: tuple[int, ...] = (0, 1, 2, 4, 7, 12, 18)
     reversals: int = 1
     variance: float = 0.001
@@ -136,7 +139,6 @@ class Searching:
     rounds: int = 8
     turns: int = 2
     swept: int = 3
-    enough: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,10 +26,6 @@ _MANY_ROWS = 400
 """Judged rows from which every second one is enough for a ranking."""
 _TRIAL = 3
 """Rounds that every seed of a look is followed; only the best ones go on."""
-_PAST = 8
-"""PV's own past, in samples, of the ranking by one-step errors: white noise on PV needs more than
-the three of a clean record (tuning family: of 17 windows in which a search with three had lost the
-right valve, that ranks it first in 3, one with eight in 11, one with sixteen in 9)."""
 _SHIFTS = 6
 """Dead times of that ranking."""
 _TOPS = 16
@@ -141,12 +137,13 @@ def simulated_starts(
 
 
 def one_step_starts(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...]
+    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], past: int
 ) -> list[tuple[Valve, int]]:
     """The best valves of He's law by one-step errors, with their dead times.
 
-    The dead time is one sample or more: with direct feed-through the regression may learn the
-    controller, which answers PV within the same scan, instead of the process.
+    So many samples of PV's past stand for process and noise. The dead time is one sample or more:
+    with direct feed-through the regression may learn the controller, which answers PV within the
+    same scan, instead of the process.
     """
     searching = case.settings.searching
     shifts = min(_SHIFTS, case.max_dead_time - 3)
@@ -155,7 +152,7 @@ def one_step_starts(
     table = _table(_fine_bands(searching), searching.fine_jumps, searching.fine_starts)
     valves = _placed(table, float(case.rows.u[0]))
     columns = case.columns(nuisances, near.stem, COARSE[0], near.dead_time)
-    ranking = OneStep(case.rows, columns, _PAST)
+    ranking = OneStep(case.rows, columns, past)
     cost, late = ranking.costs(valves, 1, shifts)
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley

@@ -41,6 +41,8 @@ _WIDTHS = np.array([1.0, 2.0, 2.0, 3.0, 4.0])
 """First reach in log S, J / S, start / S and the logs of two time constants, relative."""
 _LEARNED = 0.7
 """Share of the new covariance in that of the next round."""
+_ENOUGH = 0.3
+"""Nats of a turn below which it was the last: a third of what one parameter gains by chance."""
 _RIDGE = 1e-16
 _TIE = 1e-12
 """Relative gain below which two sums of squares are the same: rounding decides nothing."""
@@ -261,7 +263,7 @@ def refine_valve(
         gained = found.likelihood - best.likelihood
         if gained > 0.0:
             best = found
-        if gained < searching.enough:
+        if gained < _ENOUGH:
             break
         if rival is not None and best.likelihood + gained < rival.likelihood:
             break

@@ -16,6 +16,8 @@ of S, and steps of 7 % of OP's span leave out most of the narrow ones."""
 _SEEDS, _BASINS = (10, 6), (8, 4)
 """Valves that a look follows and hands on, of the first law and of each other one: the right one
 may rank behind many wrong ones (tuning family: 6 and 4 leave one uncertain)."""
+_PASTS = (3, 8, 16)
+"""PV's own past, of clean records and of noisy ones."""
 _POLISHED, _REFINED = 12, 10
 """Of all looks, valves whose process is fitted, and those refined: before its process is fitted the
 right one may rank behind several wrong ones."""
@@ -27,6 +29,7 @@ def wider(searching: Searching) -> Searching:
     return replace(
         searching,
         bands=tuple(float(band) for band in np.round(bands, 3)),
+        pasts=_PASTS,
         seeds=_SEEDS,
         basins=_BASINS,
         polished=_POLISHED,

@@ -106,7 +106,8 @@ def _one_step(case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...]) -> 
     return [
         polish(case, valve, (lag, dead_time), known, near.taps, passes=2, wide=True)
         for known in views
-        for valve, dead_time in one_step_starts(case, near, known)
+        for past in case.settings.searching.pasts
+        for valve, dead_time in one_step_starts(case, near, known, past)
     ]
 
 
