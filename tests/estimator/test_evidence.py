@@ -170,7 +170,7 @@ def test_a_healthy_valve_under_a_triangular_disturbance_is_not_accused(loop, see
     [
         *(("triangle", 3001), ("saturation", 3001), ("drift", 3002)),
         # one search loses these: a second one is due where the answer hangs on it
-        *(("saturation", 300), ("ramps", 300)),
+        *(("load-steps", 3014), ("ramps", 300)),
         # before their process is fitted they rank behind three wrong ones
         *(("ramps", 5005), ("triangle", 5011), ("sine", 5013), ("drift", 6013)),
     ],
