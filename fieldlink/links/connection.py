@@ -22,6 +22,7 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.errors import (
     ExceptionReplyError,
     LinkError,
+    LinkPausedError,
     LinkTimeoutError,
     LinkUnreachableError,
     ReplyMismatchError,
@@ -164,7 +165,7 @@ class ModbusConnection:
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
             named = self._where in self._last_error
-            raise LinkUnreachableError(
+            raise LinkPausedError(
                 self._device,
                 self._last_error if named else f"{self._where}: {self._last_error}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
-from fieldlink.links.errors import AccessRefusedError, LinkError, LinkUnreachableError
+from fieldlink.links.errors import AccessRefusedError, LinkError, LinkPausedError
 from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE
 from fieldlink.links.opcua_session import OpcuaSession, StatusError
@@ -216,7 +216,7 @@ class OpcuaLink:
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
             where, what = self._device.where, self._last_error
-            raise LinkUnreachableError(
+            raise LinkPausedError(
                 self._name,
                 what if where in what else f"{where}: {what}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
@@ -230,7 +230,7 @@ class OpcuaLink:
                 nodes = dict.fromkeys(tag.node for request in self._plan for tag in request.tags)
                 await session.subscribe(list(nodes), self._period)
         except LinkError as error:
-            # Whoever wanted it: nobody is to find a session that is not open.
+            # The next one who asks must not find a session that is not open.
             await self._drop(error)
             raise
         self.connects += 1
