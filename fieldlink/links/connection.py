@@ -36,6 +36,7 @@ from fieldlink.links.frames import (
 )
 from fieldlink.links.late_replies import LateReplies
 from fieldlink.links.line import Line, Lines, LineSettings
+from fieldlink.links.misfits import Misfits
 from fieldlink.links.wire import (
     Wire,
     WireClosedError,
@@ -86,6 +87,7 @@ class ModbusConnection:
         self._line: Line | None = None
         self._late = LateReplies() if probes or not line.numbered else None
         self._last_error = "not tried yet"
+        self._misfits = Misfits()
         self._connects_before = 0
         self.requests = 0
         self.late_replies = 0
@@ -224,8 +226,7 @@ class ModbusConnection:
                 ReplyMismatchError(
                     self._device,
                     f"{self._where}: {request.text} got {error}",
-                    "the connection is opened again; if it persists, look for a second master or a "
-                    "faulty gateway",
+                    self._misfits.remedy(error),
                 )
             ) from error
         except asyncio.CancelledError:
@@ -235,6 +236,7 @@ class ModbusConnection:
             self._owe(request)
             raise
         line.answered()
+        self._misfits.note_fit()
         self._backoff.succeeded()
         return pdu
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from fieldlink.file_at import why_not_writable
 from fieldlink.registers import Apart, ReadRequest, Table, find_apart
 from fieldlink.site.checked_site import Site
 from fieldlink.site.copied_loops import find_copies
@@ -30,6 +31,11 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
     for name in site.devices:
         yield from _device_warnings(site, name, requests[name])
     yield from _line_warnings(site, requests)
+    if why := why_not_writable(site.data_dir):
+        yield (
+            f"data_dir {site.data_dir} cannot be written ({why}): run would not start; name a "
+            "folder that this user may write, or check as the user that runs the daemon"
+        )
     for name, loop in site.loops.items():
         yield from _loop_warnings(name, loop)
         yield from _recording_warnings(site, name, loop)

@@ -44,6 +44,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
         for rule in _LOOP_RULES
         for problem in rule(site, source, name, loop)
     ]
+    problems.extend(_one_kind_of_time(site, source))
     problems.extend(_printable(site, source))
     problems.extend(_readable(site, source))
     problems.extend(_certificates(site, source))
@@ -54,6 +55,20 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems.extend(_lines(site, source))
     problems.extend(_exchange_areas(site, source))
     return problems
+
+
+def _one_kind_of_time(site: Site, source: TomlSource) -> Iterator[Problem]:
+    """Simulations and recordings go as fast as they can, and no device by the clock goes along."""
+    used = dict.fromkeys(loop.device for loop in site.loops.values() if loop.device in site.devices)
+    stepped = [name for name in used if site.devices[name].is_stepped]
+    clocked = [name for name in used if not site.devices[name].is_stepped]
+    if stepped and clocked:
+        name, link = stepped[0], site.devices[stepped[0]].link
+        yield source.problem(
+            ("devices", name, "link"),
+            f"{link} runs in virtual time, and device {clocked[0]!r} by the clock",
+            "give each kind a site file of its own",
+        )
 
 
 def _printable(site: Site, source: TomlSource) -> Iterator[Problem]:
@@ -166,7 +181,7 @@ def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> I
 def _heartbeat_lives(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
     """A request that times out holds up the next heartbeat: readers must not call it dead."""
     device = site.devices.get(loop.device)
-    if device is None or not device.is_modbus or not loop.writeback.enabled:
+    if device is None or device.is_stepped or not loop.writeback.enabled:
         return
     # A plant served faster than real time has its time-outs in seconds of the wall.
     longest = HEARTBEAT_EVERY + 2.0 * device.timeout
