@@ -18,6 +18,7 @@ from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
 from fieldlink.links.names import find_addresses
+from fieldlink.links.opcua_certificates import find_stranger
 from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE, Reports
 from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
@@ -80,6 +81,30 @@ class OpcuaSession:
 
     async def open(self) -> None:
         """Connect and activate the session."""
+        try:
+            await self._connect()
+        except LinkError as error:
+            if (stranger := await self._find_stranger()) is None:
+                raise
+            raise stranger from error
+
+    async def _find_stranger(self) -> LinkUnreachableError | None:
+        """Return what to tell of a server whose certificate is not the one that we know."""
+        device, known = self._device, self._device.opcua.server_cert
+        if device.opcua.security == "none" or known is None:
+            return None
+        file = self._site.resolve(known)
+        thumbprint = await find_stranger(device.where, file, device.timeout)
+        if not thumbprint:
+            return None
+        return LinkUnreachableError(
+            self._name,
+            f"{device.where} shows another certificate than {known} (thumbprint {thumbprint})",
+            "if the server was given a new one, compare its thumbprint there, and put the "
+            "certificate into server_cert",
+        )
+
+    async def _connect(self) -> None:
         device = self._device
         limit = CONNECT_ROUND_TRIPS * device.timeout
         try:

@@ -7,6 +7,7 @@ from itertools import chain
 
 from fieldlink.file_at import why_not_writable
 from fieldlink.registers import Apart, ReadRequest, Table, find_apart
+from fieldlink.site.certificate_warnings import find_certificate_warnings
 from fieldlink.site.checked_site import Site
 from fieldlink.site.copied_loops import find_copies
 from fieldlink.site.missing_rows import contradicts_clock
@@ -41,6 +42,7 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
             f"data_dir {site.data_dir} cannot be written ({why}): run would not start; name a "
             "folder that this user may write, or check as the user that runs the daemon"
         )
+    yield from find_certificate_warnings(site)
     yield from _mode_warnings(site)
     for name, loop in site.loops.items():
         yield from _loop_warnings(name, loop)
