@@ -1,12 +1,13 @@
-"""Whether a path leads to a file, also where a folder on its way may not be entered."""
+"""Whether a path leads to a file, or a folder may be written, whatever stands in the way."""
 
 from __future__ import annotations
 
 import os
 import stat
+import tempfile
 from pathlib import Path
 
-__all__ = ["is_pipe_or_device", "why_no_file"]
+__all__ = ["is_pipe_or_device", "why_no_file", "why_not_writable"]
 
 
 def why_no_file(path: str | Path) -> str | None:
@@ -25,3 +26,17 @@ def why_no_file(path: str | Path) -> str | None:
 def is_pipe_or_device(path: str | Path) -> bool:
     """Whether a path leads to neither a file nor a folder: opening a pipe waits for a writer."""
     return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
+
+
+def why_not_writable(folder: Path) -> str | None:
+    """Return why no file can be made in a folder, or in the first one above it that is there.
+
+    Nothing stays behind: the file of the trial has no name, or loses it at once.
+    """
+    while not folder.is_dir() and not os.path.lexists(folder) and folder != folder.parent:
+        folder = folder.parent
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as error:
+        return error.strerror or str(error)

@@ -89,19 +89,9 @@ def run(
 
     configure_logging()
     loaded = load_site(site)
-    stepped = {
-        name: loaded.devices[name].is_stepped
-        for name in {loop.device for loop in loaded.loops.values()}
-    }
-    if all(stepped.values()):
+    # A site has either kind alone.
+    if all(loaded.devices[loop.device].is_stepped for loop in loaded.loops.values()):
         status = _lockstep(loaded, duration, read_only)
-    elif any(stepped.values()):
-        names = ", ".join(sorted(name for name, virtual in stepped.items() if virtual))
-        raise typer.BadParameter(
-            f"{site}: {names} run in virtual time and the other devices by the clock; "
-            "give each kind a site file of its own",
-            param_hint="SITE",
-        )
     else:
         status = asyncio.run(_live(loaded, duration, read_only))
     _print(status)

@@ -56,6 +56,7 @@ class LoopRunner:
     Attributes:
         epoch: no other runner has it.
         dropped: estimates that came for another epoch.
+        last_look: why the last look at the exchange area failed; None when it did not.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class LoopRunner:
         self.numbers = numbers
         self.epoch = next(_epochs)
         self.dropped = 0
+        self.last_look: LinkError | None = None
         counter = None if spec.loop.scan is None else spec.tags.get(spec.loop.scan)
         self.pipeline = LoopPipeline(spec.name, spec.loop, counter, spec.speed, watch)
         self._journal = journal
@@ -182,13 +184,15 @@ class LoopRunner:
         if self.writer is not None:
             self.writer.withdraw(reason, utc)
 
-    async def service(self, now: float) -> None:
-        """Let the write-back do what is due at plant second ``now``."""
+    async def service(self, now: float) -> bool:
+        """Let the write-back do what is due at plant second ``now``; return whether it looked."""
         if self.writer is None:
-            return
+            return False
+        looked, self.last_look = True, None
         try:
             looked = await self.writer.service(now)
         except LinkError as error:
+            self.last_look = error
             self._note_service(str(error))
         except Exception as error:  # noqa: BLE001  (told; the other loops go on)
             self._journal.defect(self.name, error, "the loop's write-back is tried again")
@@ -196,6 +200,7 @@ class LoopRunner:
             if looked:
                 self._note_service("")
         self._follow_compensation(self.writer.compensates)
+        return looked
 
     def status(self, device: str) -> LoopStatus:
         """Return a snapshot."""

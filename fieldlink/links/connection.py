@@ -22,6 +22,7 @@ from fieldlink.links.clock import Clock
 from fieldlink.links.errors import (
     ExceptionReplyError,
     LinkError,
+    LinkPausedError,
     LinkTimeoutError,
     LinkUnreachableError,
     ReplyMismatchError,
@@ -35,6 +36,7 @@ from fieldlink.links.frames import (
 )
 from fieldlink.links.late_replies import LateReplies
 from fieldlink.links.line import Line, Lines, LineSettings
+from fieldlink.links.misfits import Misfits
 from fieldlink.links.wire import (
     Wire,
     WireClosedError,
@@ -85,6 +87,7 @@ class ModbusConnection:
         self._line: Line | None = None
         self._late = LateReplies() if probes or not line.numbered else None
         self._last_error = "not tried yet"
+        self._misfits = Misfits()
         self._connects_before = 0
         self.requests = 0
         self.late_replies = 0
@@ -164,7 +167,7 @@ class ModbusConnection:
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
             named = self._where in self._last_error
-            raise LinkUnreachableError(
+            raise LinkPausedError(
                 self._device,
                 self._last_error if named else f"{self._where}: {self._last_error}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
@@ -223,8 +226,7 @@ class ModbusConnection:
                 ReplyMismatchError(
                     self._device,
                     f"{self._where}: {request.text} got {error}",
-                    "the connection is opened again; if it persists, look for a second master or a "
-                    "faulty gateway",
+                    self._misfits.remedy(error),
                 )
             ) from error
         except asyncio.CancelledError:
@@ -234,6 +236,7 @@ class ModbusConnection:
             self._owe(request)
             raise
         line.answered()
+        self._misfits.note_fit()
         self._backoff.succeeded()
         return pdu
 

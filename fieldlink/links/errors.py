@@ -11,6 +11,7 @@ __all__ = [
     "ExceptionCode",
     "ExceptionReplyError",
     "LinkError",
+    "LinkPausedError",
     "LinkTimeoutError",
     "LinkUnreachableError",
     "RecordingEndedError",
@@ -95,6 +96,10 @@ class LinkError(FieldlinkError):
 
 class LinkUnreachableError(LinkError):
     """No connection: refused, lost, or waiting before the next attempt."""
+
+
+class LinkPausedError(LinkUnreachableError):
+    """Nothing was sent: the pause after a failure before is not over."""
 
 
 class LinkTimeoutError(LinkError):

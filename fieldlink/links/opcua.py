@@ -10,13 +10,15 @@ only which reports come later than usual.
 
 from __future__ import annotations
 
+import asyncio
 import math
 from collections.abc import Sequence
 
 from fieldlink.links.backoff import Backoff, BackoffSettings
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
-from fieldlink.links.errors import AccessRefusedError, LinkError, LinkUnreachableError
+from fieldlink.links.errors import AccessRefusedError, LinkError, LinkPausedError
+from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE
 from fieldlink.links.opcua_session import OpcuaSession, StatusError
 from fieldlink.links.opcua_values import NodeValue
@@ -57,6 +59,8 @@ class OpcuaLink:
         first = min(0.1, device.retry_after_max)
         self._backoff = Backoff(BackoffSettings(first=first, cap=device.retry_after_max))
         self._session: OpcuaSession | None = None
+        self._opening = asyncio.Lock()
+        self._looks = Looks()
         self._last_error = "not tried yet"
         self._began_first: float | None = None
         self._served: dict[int, int] = {}
@@ -183,7 +187,12 @@ class OpcuaLink:
         session = await self._opened()
         if self._device.opcua.mode == "read":
             return list(await session.read([tag.node for tag in request.tags]))
-        await session.check_reports(began + min(SHARE * self._period, self._device.timeout))
+        until = began + min(SHARE * self._period, self._device.timeout)
+        await session.check_reports(until)
+        if session.unwatched and not self._looks.note_new_session():
+            # Told the first time, and no cure: not to be told, nor to cost a sample, again.
+            session = await self._opened_anew(session)
+            await session.check_reports(until)
         session.check_watched()
         return [session.latest(tag.node) for tag in request.tags]
 
@@ -193,21 +202,37 @@ class OpcuaLink:
         Raises:
             LinkError: there is none.
         """
-        if self._session is not None:
-            return self._session
+        async with self._opening:
+            return self._session or await self._open_session()
+
+    async def _opened_anew(self, old: OpcuaSession) -> OpcuaSession:
+        """Return a new session in place of one that works."""
+        if self._session is old:
+            self._session = None
+            await old.close()
+        return await self._opened()
+
+    async def _open_session(self) -> OpcuaSession:
         wait = self._backoff.remaining(self._clock.monotonic())
         if wait > 0.0:
             where, what = self._device.where, self._last_error
-            raise LinkUnreachableError(
+            raise LinkPausedError(
                 self._name,
                 what if where in what else f"{where}: {what}",
                 f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
             )
-        session = self._session = OpcuaSession(self._name, self._device, self._site, self._clock)
-        await session.open()
-        if self._device.opcua.mode == "subscribe":
-            nodes = dict.fromkeys(tag.node for request in self._plan for tag in request.tags)
-            await session.subscribe(list(nodes), self._period)
+        session = self._session = OpcuaSession(
+            self._name, self._device, self._site, self._clock, self._looks
+        )
+        try:
+            await session.open()
+            if self._device.opcua.mode == "subscribe":
+                nodes = dict.fromkeys(tag.node for request in self._plan for tag in request.tags)
+                await session.subscribe(list(nodes), self._period)
+        except LinkError as error:
+            # The next one who asks must not find a session that is not open.
+            await self._drop(error)
+            raise
         self.connects += 1
         self._backoff.succeeded()
         return session

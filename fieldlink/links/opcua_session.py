@@ -18,6 +18,8 @@ from asyncua.ua.uaerrors import UaError
 
 from fieldlink.links.errors import LinkError, LinkTimeoutError, LinkUnreachableError
 from fieldlink.links.names import find_addresses
+from fieldlink.links.opcua_certificates import find_stranger
+from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE, Reports
 from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
 
@@ -37,9 +39,6 @@ power must not use up the server's sessions for an hour."""
 PERIODS_SILENT = 3.0
 """Periods without a report, and a second more, after which a subscription is given up; the server
 sends a sign of life four times a period."""
-
-LOOK_AGAIN = 10.0
-"""Seconds from one reading of reported nodes to the next: seldom beside the reports."""
 
 LIFE_SHARE = 0.5
 """Share of `SESSION_LIFE` for which a server keeps a subscription that nothing is fetched of."""
@@ -62,10 +61,14 @@ class OpcuaSession:
         device: how the server is reached.
         site: the site that the files belong to.
         clock: tells when the server was heard.
+        looks: when reported nodes are read as well; those of the session before, if there was one.
     """
 
-    def __init__(self, name: str, device: Device, site: Site, clock: Clock) -> None:
+    def __init__(
+        self, name: str, device: Device, site: Site, clock: Clock, looks: Looks | None = None
+    ) -> None:
         self._name, self._device, self._site, self._clock = name, device, site, clock
+        self._looks = looks or Looks()
         self._client = Client(device.where, timeout=device.timeout)
         self._client.application_uri = device.opcua.application_uri
         self._client.name = self._client.description = "fieldlink"
@@ -74,12 +77,34 @@ class OpcuaSession:
         self._namespaces: list[str] = []
         self._reports = Reports(1.0)
         self._reported = asyncio.Event()
-        self._watched: tuple[str, ...] = ()
-        self._look_at = 0.0
         self._period = 1.0
 
     async def open(self) -> None:
         """Connect and activate the session."""
+        try:
+            await self._connect()
+        except LinkError as error:
+            if (stranger := await self._find_stranger()) is None:
+                raise
+            raise stranger from error
+
+    async def _find_stranger(self) -> LinkUnreachableError | None:
+        """Return what to tell of a server whose certificate is not the one that we know."""
+        device, known = self._device, self._device.opcua.server_cert
+        if device.opcua.security == "none" or known is None:
+            return None
+        file = self._site.resolve(known)
+        thumbprint = await find_stranger(device.where, file, device.timeout)
+        if not thumbprint:
+            return None
+        return LinkUnreachableError(
+            self._name,
+            f"{device.where} shows another certificate than {known} (thumbprint {thumbprint})",
+            "if the server was given a new one, compare its thumbprint there, and put the "
+            "certificate into server_cert",
+        )
+
+    async def _connect(self) -> None:
         device = self._device
         limit = CONNECT_ROUND_TRIPS * device.timeout
         try:
@@ -121,7 +146,7 @@ class OpcuaSession:
             period: seconds from one look at them to the next.
         """
         self._period, self._reports = period, Reports(period)
-        self._watched, self._look_at = tuple(nodes), self._clock.monotonic() + LOOK_AGAIN
+        self._looks.begin(nodes, self._clock.monotonic())
         await self._ask("subscribing", self._begin_reports(nodes, 1000.0 * SHARE * period))
         await self._wait_for_first(nodes)
 
@@ -216,17 +241,19 @@ class OpcuaSession:
     async def look_again(self) -> None:
         """Now and then, read some of the reported nodes: the server may report them no more."""
         now, reports = self._clock.monotonic(), self._reports
-        if now < self._look_at:
+        if not self._looks.is_due(now):
             return
-        most = self._device.opcua.max_nodes
-        nodes = reports.doubted[:most]
-        if not nodes:
-            nodes, rest = self._watched[:most], self._watched[most:]
-            self._watched = (*rest, *nodes)
+        nodes = self._looks.choose(reports.doubted, self._device.opcua.max_nodes)
         for node, value in zip(nodes, await self.read(nodes), strict=True):
             reports.compare(node, value)
         # What has changed only now is reported before the second look.
-        self._look_at = now + (2.0 * reports.limit if reports.doubted else LOOK_AGAIN)
+        again_after = 2.0 * reports.limit if reports.doubted else None
+        self._looks.saw(len(nodes), now, again_after=again_after)
+
+    @property
+    def unwatched(self) -> str:
+        """A node that the server seems to report no more; empty without one."""
+        return self._reports.unwatched
 
     def check_watched(self) -> None:
         """Raise when the server has ceased to report a node; the session is given up.
@@ -239,7 +266,8 @@ class OpcuaSession:
             raise LinkUnreachableError(
                 self._name,
                 f"{self._device.where} reports {node} no more, which has changed or is gone",
-                "a new session is opened; look at the server if it persists",
+                "a new session is opened, and ever more seldom where that is no cure; if it "
+                'persists, take away the server\'s dead band, or use mode = "read"',
             )
 
     def _is_known(self) -> bool:

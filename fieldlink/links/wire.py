@@ -52,7 +52,15 @@ class WireClosedError(WireLostError):
 
 
 class WrongReplyError(Exception):
-    """A reply that does not answer the request; the text says why."""
+    """A reply that does not answer the request; the text says why.
+
+    Attributes:
+        unit: of which it is an answer, where that is what does not fit.
+        transaction: of which it is an answer, where that is what does not fit.
+    """
+
+    unit: int | None = None
+    transaction: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,11 +248,15 @@ class Wire(ModbusProtocol):
         if self._framing.numbered and frame.transaction != waiting.transaction:
             # A late datagram is harmless; on a stream the two ends have lost count.
             if not self._datagrams:
-                self._fail(WrongReplyError("the answer to another request"))
+                error = WrongReplyError("the answer to another request")
+                error.transaction = frame.transaction
+                self._fail(error)
         elif frame.unit != waiting.unit and waiting.unit != 0:
             # On a shared line it is the late answer of another unit.
             if self._framing.numbered:
-                self._fail(WrongReplyError(f"an answer of unit {frame.unit}, not {waiting.unit}"))
+                error = WrongReplyError(f"an answer of unit {frame.unit}, not {waiting.unit}")
+                error.unit = frame.unit
+                self._fail(error)
         elif waiting.request.is_regular(frame.pdu) or waiting.request.is_exception(frame.pdu):
             waiting.reply.set_result(frame.pdu)
         elif waiting.late is None or not waiting.late(frame.pdu):

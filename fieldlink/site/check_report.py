@@ -5,11 +5,11 @@ Nothing here is read from a device: it is what the site file means, request by r
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from fieldlink.registers import ReadRequest, Tag
+from fieldlink.registers import Apart, ReadRequest, Tag
 from fieldlink.registers.types import order_name
 from fieldlink.site.check_warnings import find_apart_tags, find_warnings
 from fieldlink.site.checked_site import Site
@@ -114,6 +114,13 @@ class CheckReport:
 def check(site: Site) -> CheckReport:
     """Return what the site means: devices, requests, loops, write-back areas, warnings."""
     requests = {name: site.requests(name) for name in site.devices}
+    pairs: dict[str, list[tuple[str, ...]]] = {name: [] for name in site.maps}
+    for loop in site.loops.values():
+        if loop.device in pairs:
+            pairs[loop.device].append((loop.op, loop.pv))
+    apart = {
+        name: find_apart_tags(site, name, requests[name], wanted) for name, wanted in pairs.items()
+    }
     return CheckReport(
         name=site.name,
         file=str(site.path),
@@ -122,9 +129,7 @@ def check(site: Site) -> CheckReport:
         devices=tuple(
             _device(site, name, device, requests[name]) for name, device in site.devices.items()
         ),
-        loops=tuple(
-            _loop(site, name, loop, requests[loop.device]) for name, loop in site.loops.items()
-        ),
+        loops=tuple(_loop(name, loop, apart.get(loop.device)) for name, loop in site.loops.items()),
         warnings=tuple(find_warnings(site, requests)),
         upward=_upward(site),
         opcua_server=_opcua_server(site),
@@ -183,7 +188,14 @@ def _orders(device: Device, tags: Iterable[Tag]) -> str:
     return " and ".join(sorted(several)) or order_name(device.word_order, device.byte_order)
 
 
-def _loop(site: Site, name: str, loop: Loop, requests: tuple[ReadRequest, ...]) -> LoopReport:
+def _loop(name: str, loop: Loop, apart: Mapping[tuple[str, ...], Apart] | None) -> LoopReport:
+    """Return the report of a loop.
+
+    Args:
+        name: of the loop.
+        loop: its settings.
+        apart: groups of its device's tags that no request brings; None without a register map.
+    """
     roles = ("op", "pv", "sp", "mode", "scan")
     layout, loop_id = loop.writeback.exchange, loop.writeback.loop_id
     writeback = None
@@ -194,14 +206,11 @@ def _loop(site: Site, name: str, loop: Loop, requests: tuple[ReadRequest, ...]) 
         part = loop.plant.of and f"FMU of {loop.plant.of}"
         what = loop.plant.fmu or part or f"recording {loop.plant.recording}"
         plant = f"{what}, controller {loop.plant.controller_kind}"
-    mapped = loop.device in site.maps
     return LoopReport(
         name=name,
         device=loop.device,
         tags={role: getattr(loop, role) for role in roles if getattr(loop, role) is not None},
-        op_pv_together=not find_apart_tags(site, loop, requests, (loop.op, loop.pv))
-        if mapped
-        else None,
+        op_pv_together=None if apart is None else (loop.op, loop.pv) not in apart,
         period=loop.period,
         window_seconds=loop.window * loop.period,
         estimate_every=loop.estimate_period,

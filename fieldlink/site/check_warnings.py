@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 
+from fieldlink.file_at import why_not_writable
 from fieldlink.registers import Apart, ReadRequest, Table, find_apart
+from fieldlink.site.certificate_warnings import find_certificate_warnings
 from fieldlink.site.checked_site import Site
 from fieldlink.site.copied_loops import find_copies
 from fieldlink.site.missing_rows import contradicts_clock
@@ -25,11 +28,22 @@ FIRST_IN_MANUALS = {Table.HOLDING: 40001, Table.INPUT: 30001}
 """Where manuals begin to count the registers of a table whose first address is 0."""
 
 
+NAMED = 5
+"""The most loops that are named where many have the same warning."""
+
+
 def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
     """Yield the warnings of devices, serial lines and loops; ``requests`` are by device."""
     for name in site.devices:
         yield from _device_warnings(site, name, requests[name])
     yield from _line_warnings(site, requests)
+    if why := why_not_writable(site.data_dir):
+        yield (
+            f"data_dir {site.data_dir} cannot be written ({why}): run would not start; name a "
+            "folder that this user may write, or check as the user that runs the daemon"
+        )
+    yield from find_certificate_warnings(site)
+    yield from _mode_warnings(site)
     for name, loop in site.loops.items():
         yield from _loop_warnings(name, loop)
         yield from _recording_warnings(site, name, loop)
@@ -37,17 +51,18 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
 
 
 def find_apart_tags(
-    site: Site, loop: Loop, requests: tuple[ReadRequest, ...], group: tuple[str, ...]
-) -> tuple[Apart, ...]:
-    """Return which tags of ``group`` no single request of the loop's device can bring, and why."""
-    device = site.devices[loop.device]
-    return find_apart(
+    site: Site, name: str, requests: tuple[ReadRequest, ...], groups: Iterable[tuple[str, ...]]
+) -> dict[tuple[str, ...], Apart]:
+    """Return which groups of tags no single request of a device can bring, and why."""
+    device = site.devices[name]
+    found = find_apart(
         requests,
-        [group],
+        list(dict.fromkeys(groups)),
         device.max_registers,
         device.ranges,
         one_tag=device.quirks.one_request_per_tag,
     )
+    return {apart.tags: apart for apart in found}
 
 
 def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> list[str]:
@@ -55,14 +70,14 @@ def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -
     loops = site.loops_of(name)
     if not loops:
         warnings.append(f"device {name}: no loop uses it")
-    for loop_name, loop in loops.items() if name in site.maps else ():
-        pair = (loop.op, loop.pv)
-        groups = [pair] if loop.scan is None else [pair, (*pair, loop.scan)]
-        for group in groups:
-            if reasons := find_apart_tags(site, loop, requests, group):
+    groups = {loop_name: _groups(loop) for loop_name, loop in loops.items() if name in site.maps}
+    apart = find_apart_tags(site, name, requests, chain.from_iterable(groups.values()))
+    for loop_name, of_loop in groups.items():
+        for group in of_loop:
+            if group in apart:
                 warnings.append(
                     f"loop {loop_name}: {', '.join(group)} cannot come from one request: "
-                    f"{reasons[0].reason.value}"
+                    f"{apart[group].reason.value}"
                 )
                 break
     views: dict[tuple[str, int], list[str]] = {}
@@ -85,6 +100,12 @@ def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -
         if len(names) > 1
     )
     return warnings
+
+
+def _groups(loop: Loop) -> list[tuple[str, ...]]:
+    """Return the tags of a loop that should be of one moment, the smaller group first."""
+    pair = (loop.op, loop.pv)
+    return [pair] if loop.scan is None else [pair, (*pair, loop.scan)]
 
 
 def _line_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
@@ -116,11 +137,22 @@ def _seconds_on_line(request: ReadRequest, baud: int) -> float:
     return (asked + answered + pauses) * BITS_PER_BYTE / baud
 
 
+def _mode_warnings(site: Site) -> Iterator[str]:
+    names = [name for name, loop in site.loops.items() if loop.mode is None and loop.plant is None]
+    if len(names) == 1:
+        yield f"loop {names[0]}: without a mode tag, samples in manual cannot be recognised"
+    elif names:
+        more = len(names) - NAMED
+        shown = ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
+        yield (
+            f"{len(names)} loops without a mode tag ({shown}): samples in manual cannot be "
+            "recognised"
+        )
+
+
 def _loop_warnings(name: str, loop: Loop) -> list[str]:
     warnings = []
     span = loop.window * loop.period
-    if loop.mode is None and loop.plant is None:
-        warnings.append(f"loop {name}: without a mode tag, samples in manual cannot be recognised")
     if loop.estimate_period > span:
         warnings.append(
             f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window "

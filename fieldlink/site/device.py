@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from fieldlink.site.base import Model
-from fieldlink.site.host import find_fault_of_host
+from fieldlink.site.host import find_fault_of_host, one_name
 from fieldlink.site.opcua import OPCUA_PORT, OpcuaSettings
 
 __all__ = ["Address", "Device", "Model", "Quirks", "Seconds", "Tls"]
@@ -166,9 +166,10 @@ class Device(Model):
         """What two devices of a site share when they are one unit of one PLC."""
         if self.link == "modbus-rtu":
             return (self.serial_port, self.unit)
+        host = one_name(self.host or "")
         if self.is_opcua:
-            return (self.host, self.port, self.opcua.path)
-        return (self.host, self.port, self.unit) if self.is_modbus else ()
+            return (host, self.port, self.opcua.path)
+        return (host, self.port, self.unit) if self.is_modbus else ()
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from ipaddress import ip_address
 
-__all__ = ["find_fault_of_host"]
+__all__ = ["find_fault_of_host", "one_name"]
+
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+"""Names of this machine; 127.0.0.2 and the like may each be another device."""
+
+
+def one_name(host: str) -> str:
+    """Return the same text for hosts that are written in several ways and are one."""
+    try:
+        host = str(ip_address(host))
+    except ValueError:
+        host = host.casefold().removesuffix(".")
+    return _LOOPBACK[0] if host in _LOOPBACK else host
 
 
 def find_fault_of_host(host: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from fieldlink.printable import as_printable, quoted
@@ -11,16 +10,14 @@ from fieldlink.registers import (
     BLOCK_REGISTERS,
     HEARTBEAT_EVERY,
     DataType,
-    ExchangeLayout,
     PlanError,
-    Table,
     Tag,
     plan_reads,
 )
 from fieldlink.site.checked_site import Site
 from fieldlink.site.compensate_rules import compensate_fits
-from fieldlink.site.device import Device
 from fieldlink.site.errors import Problem, nearest
+from fieldlink.site.exchange_rules import exchange_areas_fit
 from fieldlink.site.models import Loop
 from fieldlink.site.mqtt_rules import mqtt_fits
 from fieldlink.site.named_files import find_missing
@@ -44,6 +41,7 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
         for rule in _LOOP_RULES
         for problem in rule(site, source, name, loop)
     ]
+    problems.extend(_one_kind_of_time(site, source))
     problems.extend(_printable(site, source))
     problems.extend(_readable(site, source))
     problems.extend(_certificates(site, source))
@@ -52,8 +50,22 @@ def find_problems(site: Site, source: TomlSource) -> list[Problem]:
     problems.extend(opcua_server_fits(site, source))
     problems.extend(opcua_fits(site, source))
     problems.extend(_lines(site, source))
-    problems.extend(_exchange_areas(site, source))
+    problems.extend(exchange_areas_fit(site, source))
     return problems
+
+
+def _one_kind_of_time(site: Site, source: TomlSource) -> Iterator[Problem]:
+    """Simulations and recordings go as fast as they can, and no device by the clock goes along."""
+    used = dict.fromkeys(loop.device for loop in site.loops.values() if loop.device in site.devices)
+    stepped = [name for name in used if site.devices[name].is_stepped]
+    clocked = [name for name in used if not site.devices[name].is_stepped]
+    if stepped and clocked:
+        name, link = stepped[0], site.devices[stepped[0]].link
+        yield source.problem(
+            ("devices", name, "link"),
+            f"{link} runs in virtual time, and device {clocked[0]!r} by the clock",
+            "give each kind a site file of its own",
+        )
 
 
 def _printable(site: Site, source: TomlSource) -> Iterator[Problem]:
@@ -166,7 +178,7 @@ def _write_back_fits(site: Site, source: TomlSource, name: str, loop: Loop) -> I
 def _heartbeat_lives(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:
     """A request that times out holds up the next heartbeat: readers must not call it dead."""
     device = site.devices.get(loop.device)
-    if device is None or not device.is_modbus or not loop.writeback.enabled:
+    if device is None or device.is_stepped or not loop.writeback.enabled:
         return
     # A plant served faster than real time has its time-outs in seconds of the wall.
     longest = HEARTBEAT_EVERY + 2.0 * device.timeout
@@ -226,89 +238,3 @@ _LOOP_RULES = (
     _write_back_fits,
     _heartbeat_lives,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class _Area:
-    """One part of a loop's exchange area: addresses ``first`` to ``last`` of an endpoint."""
-
-    loop: str
-    part: str
-    first: int
-    last: int
-
-    def __str__(self) -> str:
-        span = str(self.first) if self.first == self.last else f"{self.first} to {self.last}"
-        return f"{self.part} ({span})"
-
-
-def _exchange_areas(site: Site, source: TomlSource) -> Iterator[Problem]:
-    endpoints: dict[tuple[object, ...], list[tuple[str, Loop, ExchangeLayout]]] = {}
-    for name, loop in site.loops.items():
-        layout = loop.writeback.exchange
-        device = site.devices.get(loop.device)
-        if device is not None and layout is not None:
-            key = _endpoint(loop.device, device)
-            endpoints.setdefault(key, []).append((name, loop, layout))
-            yield from _area_is_free(site, source, name, loop, layout)
-    for group in endpoints.values():
-        for number, (name, loop, layout) in enumerate(group):
-            for other, other_loop, other_layout in group[:number]:
-                yield from _areas_differ(source, name, layout, other, other_layout)
-                if loop.writeback.loop_id == other_loop.writeback.loop_id:
-                    yield source.problem(
-                        ("loops", name, "writeback", "loop_id"),
-                        f"{loop.writeback.loop_id} is the loop_id of {other} too",
-                        "give each loop of a PLC its own",
-                    )
-
-
-def _endpoint(name: str, device: Device) -> tuple[object, ...]:
-    """Two devices of a site file that are one PLC unit on the wire have one set of registers."""
-    return device.endpoint or (name,)
-
-
-def _areas(name: str, layout: ExchangeLayout) -> list[_Area]:
-    return [_Area(name, part, first, last) for part, first, last in layout.spans()]
-
-
-def _areas_differ(
-    source: TomlSource, name: str, layout: ExchangeLayout, other: str, other_layout: ExchangeLayout
-) -> Iterator[Problem]:
-    for area in _areas(name, layout):
-        for taken in _areas(other, other_layout):
-            if area.first <= taken.last and taken.first <= area.last:
-                yield source.problem(
-                    ("loops", name, "writeback", "base"),
-                    f"{area} shares registers with {taken} of {other}",
-                    "two loops must not write one block: move one of the areas",
-                )
-                return
-
-
-def _area_is_free(
-    site: Site, source: TomlSource, name: str, loop: Loop, layout: ExchangeLayout
-) -> Iterator[Problem]:
-    key = ("loops", name, "writeback", "base")
-    mine = site.devices[loop.device]
-    for device_name, device in site.devices.items():
-        if device.is_opcua or _endpoint(device_name, device) != _endpoint(loop.device, mine):
-            continue
-        for tag in site.maps.get(device_name, {}).values():
-            for area in _areas(name, layout):
-                overlap = area.first < tag.end and tag.address <= area.last
-                if tag.table is Table.HOLDING and overlap:
-                    yield source.problem(
-                        key,
-                        f"{area} overlaps the tag {tag.name} ({tag.address} to {tag.end - 1})",
-                        "move the exchange area or the tag",
-                    )
-    for area in _areas(name, layout):
-        inside = any(first <= area.first and area.last <= last for first, last in mine.ranges)
-        if mine.ranges and not inside:
-            yield source.problem(
-                key,
-                f"{area} is not inside one of the declared ranges of {loop.device!r}",
-                "move the exchange area or extend the ranges",
-            )
-            return

@@ -60,6 +60,11 @@ def open_for_writing(
                 f"the historian {shown(url)} is damaged: {cause_of(error)}; "
                 "it has to be set aside, sqlite3's .recover may save what is in it"
             ) from error
+        if file is not None and is_corruption(error):
+            raise StoreError(
+                f"the historian {shown(url)} cannot be used: {cause_of(error)}; move {file.name} "
+                "away, for a new one to be made, or restore a backup in its place"
+            ) from error
         raise StoreError(
             f"the historian {shown(url)} cannot be written: {cause_of(error)}; check the "
             "folder's permissions, the free space, and that no other program holds the file"

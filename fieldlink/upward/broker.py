@@ -89,10 +89,7 @@ class BrokerSession:
         client.on_disconnect = lambda *args: self._hand(self._on_lost, str(args[3]))
         client.on_publish = lambda *args: self._hand(self._on_answer, args[2], args[3])
         client.on_subscribe = lambda *args: self._hand(self._on_subscribed, args[2], args[3])
-        client.on_message = lambda *args: self._hand(
-            self._on_message,
-            Incoming.of(args[2].topic, args[2].payload, retained=bool(args[2].retain)),
-        )
+        client.on_message = lambda *args: self._receive(args[2])
         self._client = client
 
     async def open(self) -> None:
@@ -201,6 +198,17 @@ class BrokerSession:
             with suppress(OSError):
                 open_socket.shutdown(socket.SHUT_RDWR)
         self._client.loop_stop()
+
+    def _receive(self, message: Any) -> None:
+        """Take a message; called in paho's thread, which an error would end with a traceback."""
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            # MQTT 5, 1.5.4: a client that gets such a topic has to close the connection.
+            self._hand(self._on_lost, "it has sent a topic that is not UTF-8")
+            return
+        incoming = Incoming.of(topic, message.payload, retained=bool(message.retain))
+        self._hand(self._on_message, incoming)
 
     def _hand(self, work: Any, *values: Any) -> None:
         self._loop.call_soon_threadsafe(work, *values)

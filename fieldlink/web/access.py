@@ -73,6 +73,11 @@ class Access:
         """Whether a request may read health and metrics: by its header alone."""
         return self._token is None or _bears(request, self._token)
 
+    def may_scrape_by_name(self, request: Request) -> bool:
+        """Whether a request names this server, or bears a token, which no foreign page has."""
+        token = self._token
+        return self.is_for_us(request) or (token is not None and _bears(request, token))
+
     def may_look(self, request: Request) -> bool:
         """Whether a request may read the pages: by its header, or by its session."""
         if self.may_scrape(request):

@@ -46,8 +46,15 @@ def make_app(daemon: Daemon, source: Source, access: Access) -> Starlette:
         text = await asyncio.to_thread(render_metrics, daemon.status())
         return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
 
-    def guarded(answer: _Answer) -> _Answer:
+    def guarded(answer: _Answer, *, under_any_name: bool = False) -> _Answer:
         async def check(request: Request) -> Response:
+            if not under_any_name and not access.may_scrape_by_name(request):
+                return Response(
+                    "this server answers for this machine only: ask it as 127.0.0.1 or localhost, "
+                    "or with the token of a web.token_file\n",
+                    421,
+                    media_type="text/plain",
+                )
             if not access.may_scrape(request):
                 return Response(
                     "a bearer token is needed\n",
@@ -61,10 +68,12 @@ def make_app(daemon: Daemon, source: Source, access: Access) -> Starlette:
 
     return Starlette(
         routes=[
-            Route(f"/{name}", guarded(answer), methods=["GET"])
-            for name, answer in (("healthz", healthz), ("readyz", readyz), ("metrics", metrics))
+            # A watchdog may know this machine under any name, and learns nothing of the plant.
+            Route("/healthz", guarded(healthz, under_any_name=True), methods=["GET"]),
+            Route("/readyz", guarded(readyz), methods=["GET"]),
+            Route("/metrics", guarded(metrics), methods=["GET"]),
+            *page_routes(source, access),
         ]
-        + page_routes(source, access)
     )
 
 

@@ -87,6 +87,19 @@ def test_run_refuses_a_data_directory_that_is_a_file(fieldlink: Run, demo_site: 
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.parametrize("data_dir", ["/proc/nowhere/data", "a-file"])
+def test_check_tells_that_run_could_not_write(
+    fieldlink: Run, demo_site: Path, data_dir: str
+) -> None:
+    (demo_site.parent / "a-file").write_text("")
+    text = demo_site.read_text().replace('data_dir = "data"', f'data_dir = "{data_dir}"')
+    demo_site.write_text(text)
+    result = fieldlink("check", demo_site)
+    assert result.returncode == 0
+    assert "cannot be written" in result.stdout
+    assert "run would not start" in result.stdout
+
+
 def test_a_lockstep_run_says_what_it_found(fieldlink: Run, tmp_path: Path) -> None:
     folder = tmp_path / "sites"
     shutil.copytree(SITES, folder, ignore=shutil.ignore_patterns("data*"))

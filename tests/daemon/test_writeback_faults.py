@@ -224,3 +224,47 @@ async def test_findings_wait_while_the_device_is_away(
     await device.start()
     await b.seconds(6)
     assert b.outcomes[1:] == [WritebackOutcome.COMMITTED, WritebackOutcome.ACCEPTED]
+
+
+async def test_what_waits_tells_why_the_attempt_before_failed(
+    bench: Callable[..., Bench], findings: Make, device: Any
+) -> None:
+    b = bench(min_interval=60.0)
+    b.submit(findings(5.0))
+    real = device._answer
+
+    def refuse_block(body: bytes) -> bytes:
+        return bytes([0x90, 4]) if body[0] == 16 else bytes(real(body))
+
+    device._answer = refuse_block
+    await b.seconds(5)
+    assert b.outcomes == [WritebackOutcome.WRITE_FAILED, WritebackOutcome.TOO_SOON]
+    assert "s left; the attempt before: write_failed, " in b.said[-1].reason
+    assert "exception 4" in b.said[-1].reason
+    assert "exception 4" in str(b.writeback.waiting)
+
+    device._answer = real
+    await b.seconds(40)
+    assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+    b.submit(findings(9.0))
+    await b.seconds(3)
+    assert b.outcomes[-1] is WritebackOutcome.TOO_SOON
+    assert "exception" not in b.said[-1].reason
+
+
+async def test_banks_that_do_not_answer_are_asked_for_now_and_then(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    def lose_bank(frame: bytes) -> bytes:
+        return b"" if device.requests[-1][1:] == (layout.bank_a, BLOCK_REGISTERS) else frame
+
+    b = bench(min_interval=60.0)
+    device.tamper = lose_bank
+    b.submit(findings(5.0))
+    await b.seconds(61)
+    asked = [address for _, address, _ in device.requests].count(layout.bank_a)
+    # Three times in a minute; a read that ends a connection is repeated once.
+    assert asked <= 2 * 3
+    assert "the attempt before: unreachable" in str(b.writeback.waiting)
+    # The heartbeat goes on meanwhile.
+    assert sum(address == layout.heartbeat for _, address, _ in device.writes) >= 30

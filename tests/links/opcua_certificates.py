@@ -11,10 +11,12 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 
-def write_certificate(folder: Path, uri: str) -> None:
-    """Write ``our.pem`` and ``our.key.pem``."""
+def write_certificate(
+    folder: Path, uri: str, *, begins: int = -1, ends: int = 30, name: str = "our"
+) -> None:
+    """Write ``our.pem`` and ``our.key.pem``, valid from day ``begins`` to ``ends`` from now."""
     key = rsa.generate_private_key(public_exponent=65537, key_size=2048)
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "fieldlink")])
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "fieldlink")])
     now = datetime.now(UTC)
     usage = x509.KeyUsage(
         digital_signature=True,
@@ -29,12 +31,12 @@ def write_certificate(folder: Path, uri: str) -> None:
     )
     certificate = (
         x509.CertificateBuilder()
-        .subject_name(name)
-        .issuer_name(name)
+        .subject_name(subject)
+        .issuer_name(subject)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(days=1))
-        .not_valid_after(now + timedelta(days=30))
+        .not_valid_before(now + timedelta(days=begins))
+        .not_valid_after(now + timedelta(days=ends))
         .add_extension(
             x509.SubjectAlternativeName(
                 [x509.UniformResourceIdentifier(uri), x509.DNSName("localhost")]
@@ -51,8 +53,8 @@ def write_certificate(folder: Path, uri: str) -> None:
         )
         .sign(key, hashes.SHA256())
     )
-    (folder / "our.pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
-    (folder / "our.key.pem").write_bytes(
+    (folder / f"{name}.pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    (folder / f"{name}.key.pem").write_bytes(
         key.private_bytes(
             serialization.Encoding.PEM,
             serialization.PrivateFormat.PKCS8,

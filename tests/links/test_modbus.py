@@ -351,3 +351,40 @@ async def test_a_cancelled_request_leaves_a_usable_link(device: FakeDevice) -> N
             await task
         device.gate.set()
         await scan_until_good(link)
+
+
+def answering_as(unit: int | None, transaction: int | None) -> Callable[[bytes], bytes]:
+    """Return what puts another unit or transaction id into every answer."""
+
+    def tamper(frame: bytes) -> bytes:
+        number, protocol, length, own = struct.unpack(">HHHB", frame[:7])
+        number = number if transaction is None else transaction
+        own = own if unit is None else unit
+        return struct.pack(">HHHB", number, protocol, length, own) + frame[7:]
+
+    return tamper
+
+
+@pytest.mark.parametrize(
+    ("unit", "transaction", "remedy"),
+    [
+        (255, None, "set unit = 255"),
+        (None, 0, "transaction id 0 is in its answer"),
+    ],
+)
+async def test_a_habit_of_a_device_is_told_with_what_to_set(
+    device: FakeDevice, unit: int | None, transaction: int | None, remedy: str
+) -> None:
+    device.tamper = answering_as(unit, transaction)
+    async with link_to(device) as link:
+        failure = (await link.scan()).failures[0]
+        assert remedy in str(failure)
+
+
+async def test_a_misfit_among_answers_that_fit_is_no_habit(device: FakeDevice) -> None:
+    async with link_to(device) as link:
+        await scan_until_good(link)
+        device.tamper = answering_as(2, None)
+        failure = (await link.scan()).failures[0]
+        assert "look for a second master or a faulty gateway" in str(failure)
+        assert "set unit" not in str(failure)

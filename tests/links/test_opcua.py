@@ -174,6 +174,7 @@ async def test_security_and_password_come_from_files(
     make_opcua_site: Callable[..., Site], tmp_path: Path
 ) -> None:
     import base64
+    import hashlib
     import ssl
 
     from tests.links.opcua_certificates import write_certificate
@@ -212,7 +213,8 @@ async def test_security_and_password_come_from_files(
     scan = await link.scan()
     await link.close()
     assert link.state is LinkState.DEMOTED
-    assert "its certificates" in str(scan.failures[0])
+    assert "shows another certificate than server.pem" in str(scan.failures[0])
+    assert hashlib.sha1(der, usedforsecurity=False).hexdigest() in str(scan.failures[0])
     (tmp_path / "server.pem").write_bytes(known)
     (tmp_path / "password").write_text("wrong\n")
     link = open_link(make_opcua_site(own.port, opcua=opcua, loops=1), "plc")

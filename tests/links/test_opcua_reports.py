@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -12,9 +12,11 @@ import pytest
 import pytest_asyncio
 from asyncua import Server, ua
 
-from fieldlink.links import Quality, SystemClock, open_link
+from fieldlink.links import Quality, SystemClock, VirtualClock, open_link
 from fieldlink.links.opcua import OpcuaLink
 from fieldlink.links.opcua_reports import SHARE, Reports
+from fieldlink.links.opcua_session import OpcuaSession
+from fieldlink.links.opcua_values import NodeValue
 from fieldlink.site import Site
 from tests.links.opcua_server import OpcuaServer
 from tests.upward.mosquitto import free_port
@@ -124,7 +126,7 @@ async def test_a_node_that_is_reported_no_more_is_found_and_subscribed_again(
     make_opcua_site: Callable[..., Site],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("fieldlink.links.opcua_session.LOOK_AGAIN", 0.1)
+    monkeypatch.setattr("fieldlink.links.opcua_looks.LOOK_AGAIN", 0.1)
     site = make_opcua_site(server.port, opcua='mode = "subscribe"', loops=1)
     link = OpcuaLink.of_site(site, "plc", SystemClock())
     try:
@@ -143,6 +145,55 @@ async def test_a_node_that_is_reported_no_more_is_found_and_subscribed_again(
         assert link.connects == 2
     finally:
         await link.close()
+
+
+class OtherwiseRead(OpcuaSession):
+    """A session without a server: reports 5 once, and reads as ``reads``."""
+
+    reads = 5.25
+
+    async def open(self) -> None:
+        """There is none."""
+
+    async def _begin_reports(self, nodes: Sequence[str], milliseconds: float) -> None:
+        assert milliseconds > 0.0
+        for handle, node in enumerate(nodes):
+            self._reports.expect(handle, node)
+            self._reports.take(message(0.0, 5.0, handle=handle), self._clock.monotonic())
+
+    async def read(self, nodes: Sequence[str]) -> list[NodeValue]:
+        return [NodeValue(self.reads, "Good", good=True, refused=False) for _ in nodes]
+
+    async def check_reports(self, until: float) -> None:
+        """The server is heard."""
+
+    async def close(self) -> None:
+        """Nothing is open."""
+
+
+@pytest.mark.asyncio
+async def test_a_difference_that_no_new_session_cures_opens_ever_fewer(
+    make_opcua_site: Callable[..., Site], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server with a dead band of its own reports less than it lets read."""
+    monkeypatch.setattr("fieldlink.links.opcua.OpcuaSession", OtherwiseRead)
+    site = make_opcua_site(4840, opcua='mode = "subscribe"', loops=1)
+    clock = VirtualClock()
+    link = OpcuaLink.of_site(site, "plc", clock)
+
+    async def scan_for(seconds: float) -> tuple[int, int]:
+        before, told, end = link.connects, 0, clock.monotonic() + seconds
+        while clock.monotonic() < end:
+            told += len((await link.scan()).failures)
+            clock.advance_to(clock.monotonic() + 1.0)
+        return link.connects - before, told
+
+    assert await scan_for(4.5 * 3600.0) == (1 + 9 + 3, 1)
+    # An hour passes between two looks, until one finds nothing.
+    monkeypatch.setattr(OtherwiseRead, "reads", 5.0)
+    assert await scan_for(3700.0) == (0, 0)
+    monkeypatch.setattr(OtherwiseRead, "reads", 6.0)
+    assert await scan_for(20.0) == (1, 1)
 
 
 @pytest_asyncio.fixture
@@ -214,7 +265,12 @@ async def test_a_scan_tells_that_it_had_to_connect(
 
 
 def message(
-    sent: float | None, value: float | None = None, *, stamp: float = 0.0, more: bool = False
+    sent: float | None,
+    value: float | None = None,
+    *,
+    stamp: float = 0.0,
+    more: bool = False,
+    handle: int = 0,
 ) -> ua.PublishResult:
     """A server's message of second ``sent`` of its clock; without a value a sign of life."""
     result = ua.PublishResult(MoreNotifications=more)
@@ -224,7 +280,7 @@ def message(
     )
     if value is not None:
         data = ua.DataValue(ua.Variant(value), ServerTimestamp=origin + timedelta(seconds=stamp))
-        item = ua.MonitoredItemNotification(ClientHandle=0, Value=data)
+        item = ua.MonitoredItemNotification(ClientHandle=handle, Value=data)
         result.NotificationMessage.NotificationData = [ua.DataChangeNotification([item])]
     return result
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from asyncua import ua
 
 from fieldlink.links import LinkError, SystemClock, open_link
 from fieldlink.links.opcua_session import OpcuaSession, StatusError
-from fieldlink.site import Device, Site, SiteError
+from fieldlink.site import Device, Site, SiteError, check
+from tests.links.opcua_certificates import write_certificate
 
 
 @pytest.mark.parametrize(
@@ -70,3 +72,24 @@ async def test_an_array_that_holds_no_registers_is_refused(
 
 def _device(site: Site) -> tuple[Device, Site]:
     return site.devices["plc"], site
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends", "said"),
+    [(-60, -1, "was valid until"), (3, 60, "is valid from"), (-60, 10, "only"), (-60, 60, "")],
+)
+def test_check_warns_of_certificates_that_are_over(
+    make_opcua_site: Callable[..., Site], tmp_path: Path, begins: int, ends: int, said: str
+) -> None:
+    for name in ("our", "server"):
+        write_certificate(tmp_path, "urn:fieldlink:client", begins=begins, ends=ends, name=name)
+    opcua = (
+        'security = "Basic256Sha256"\ncert = "our.pem"\nkey = "our.key.pem"\n'
+        'server_cert = "server.pem"'
+    )
+    site = make_opcua_site(4840, opcua=opcua)
+    warned = [warning for warning in check(site).warnings if "cert" in warning]
+    assert len(warned) == (2 if said else 0)
+    assert all(said in warning for warning in warned)
+    (tmp_path / "server.pem").write_text("no certificate")
+    assert any("server.pem is no certificate" in warning for warning in check(site).warnings)

@@ -85,7 +85,7 @@ def test_while_the_daemon_runs(file: Path) -> None:
 
 def test_a_file_of_somebodys_is_left_alone(file: Path) -> None:
     file.write_text("the minutes of a meeting\n" * 100)
-    with pytest.raises(StoreError, match="not a database"):
+    with pytest.raises(StoreError, match=r"not a database; move history\.sqlite away.* backup"):
         Historian(f"sqlite:///{file}", QUICK).start(OPENED)
     assert file.read_text().startswith("the minutes")
     assert set_aside(file) == []

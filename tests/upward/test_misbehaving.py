@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
@@ -64,6 +65,60 @@ async def test_a_broker_that_ends_every_connection_fills_no_log_and_loses_nothin
         await until(lambda: running.waiting == 0, "everything delivered")
         await until(lambda: running.kinds()[-1] == "mqtt.connected", "the steady connection")
     await broker.kill()
+
+
+async def read_packet(reader: asyncio.StreamReader) -> tuple[int, bytes]:
+    """Read one MQTT packet: its type with flags, and what follows the fixed header."""
+    kind, length, shift = (await reader.readexactly(1))[0], 0, 0
+    while True:
+        byte = (await reader.readexactly(1))[0]
+        length |= (byte & 127) << shift
+        shift += 7
+        if not byte & 128:
+            return kind, await reader.readexactly(length)
+
+
+@asynccontextmanager
+async def broker_of_strange_topics(port: int) -> AsyncIterator[list[int]]:
+    """A broker that follows a subscription with a message whose topic is not UTF-8."""
+    begun: list[int] = []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            while True:
+                kind, body = await read_packet(reader)
+                if kind >> 4 == 1:
+                    begun.append(body[6])
+                    writer.write(CONNACK[begun[-1]])
+                elif kind >> 4 == 8:
+                    none = b"\0" if begun[-1] == 5 else b""
+                    filters = body[2:].count(b"fieldlink/")
+                    suback = body[:2] + none + b"\1" * filters
+                    writer.write(bytes([0x90, len(suback)]) + suback)
+                    message = b"\0\4a/\xff\xfe" + none + b"{}"
+                    writer.write(bytes([0x30, len(message)]) + message)
+                await writer.drain()
+        except (asyncio.IncompleteReadError, ConnectionError):
+            writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", port)
+    try:
+        yield begun
+    finally:
+        server.close()
+
+
+async def test_a_topic_that_is_no_text_ends_the_connection_and_no_thread(
+    bench: Callable[..., Any], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fallen: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", fallen.append)
+    port = Mosquitto(tmp_path).port
+    async with broker_of_strange_topics(port) as begun, bench(port, JSON_ONLY) as running:
+        await until(lambda: len(begun) > 2, "a third connection")
+        said = [message for kind, _, message in running.events if kind == "mqtt.lost"]
+    assert not fallen
+    assert any("a topic that is not UTF-8" in message for message in said)
 
 
 async def test_two_clients_of_one_name_are_told_once(

@@ -137,6 +137,30 @@ async def test_a_token_is_asked_for_at_every_endpoint(
         assert answer.status_code == 405
 
 
+async def test_a_foreign_name_for_this_machine_gets_no_figures(
+    token_file: Path, tmp_path: Path, live: Any
+) -> None:
+    """A page of others may bind its own name to loopback, but has no token."""
+    foreign = {"Host": "attacker.example"}
+    bearer = {"Authorization": f"Bearer {TOKEN}"}
+    plain = live.site_for(tmp_path, {"plc": 9})
+    async with httpx.AsyncClient(timeout=60.0) as client:
+        site = with_web(plain, "")
+        async with web_server(site, Daemon(site)) as port:
+            for name, status in (("healthz", 200), ("readyz", 421), ("metrics", 421)):
+                answer = await client.get(f"http://127.0.0.1:{port}/{name}", headers=foreign)
+                assert answer.status_code == status
+                assert "fieldlink_" not in answer.text
+            near = {"Host": f"localhost:{port}"}
+            answer = await client.get(f"http://127.0.0.1:{port}/metrics", headers=near)
+            assert answer.status_code == 200
+        site = with_web(live.site_for(tmp_path, {"plc": 9}), f'token_file = "{token_file.name}"\n')
+        async with web_server(site, Daemon(site)) as port:
+            url = f"http://127.0.0.1:{port}/metrics"
+            assert (await client.get(url, headers=foreign)).status_code == 421
+            assert (await client.get(url, headers=foreign | bearer)).status_code == 200
+
+
 @pytest.mark.parametrize(
     ("content", "mode", "message"),
     [("short", 0o600, "at least 20"), (TOKEN, 0o644, "chmod 640"), (None, 0, "cannot be read")],

@@ -6,6 +6,9 @@ when they are called is what differs between the two.
 
 from __future__ import annotations
 
+import asyncio
+from contextlib import suppress
+
 from fieldlink.daemon.loop import LoopRunner
 from fieldlink.daemon.loop_spec import LoopSpec
 from fieldlink.daemon.operators.orders import keep_orders
@@ -13,6 +16,7 @@ from fieldlink.daemon.reporting.journal import Journal
 from fieldlink.daemon.reporting.status import DeviceStatus
 from fieldlink.daemon.sampling.clock_watch import ClockWatch
 from fieldlink.daemon.sampling.lateness import Lateness
+from fieldlink.daemon.writeback.area_looks import AreaLooks
 from fieldlink.daemon.writeback.sequence import SequenceNumbers
 from fieldlink.daemon.writeback.standing_orders import StandingOrders
 from fieldlink.links import (
@@ -23,6 +27,7 @@ from fieldlink.links import (
     Scan,
     SteppedLink,
 )
+from fieldlink.registers import HEARTBEAT_EVERY
 from fieldlink.site import Site
 
 __all__ = ["DeviceRunner"]
@@ -63,6 +68,9 @@ class DeviceRunner:
         self._stepped = isinstance(link, SteppedLink)
         self.site = site
         self.speed = site.devices[name].speed if live else 1.0
+        self._live = live
+        self._scanned = asyncio.Event()
+        self._areas = AreaLooks(site.devices[name].timeout * self.speed)
         self.lateness = Lateness()
         self.loops = {
             loop: LoopRunner(
@@ -103,7 +111,11 @@ class DeviceRunner:
             now: the plant second at which that was due.
             due: the same moment in seconds of the link's clock; None where nothing can be late.
         """
-        scan = await self.link.scan()
+        try:
+            scan = await self.link.scan()
+        finally:
+            self._scanned.set()
+            self._scanned = asyncio.Event()
         if self._stepped:
             # Its plant waits for the scan: nothing can be late, and nothing is missed meanwhile.
             due = None
@@ -145,7 +157,28 @@ class DeviceRunner:
     async def service(self, now: float) -> None:
         """Let the loops' write-backs do what is due at plant second ``now``."""
         for loop in self.loops.values():
-            await loop.service(now)
+            if not self._areas.is_silent(loop.name):
+                await self._look(loop, now)
+        while (silent := self._areas.next_silent(now)) is not None:
+            await self._wait_for_a_scan()
+            if not await self._look(self.loops[silent], now):
+                break
+
+    async def _look(self, loop: LoopRunner, now: float) -> bool:
+        """Let one write-back do what is due; return whether its area was looked at and answers."""
+        looked = await loop.service(now)
+        if looked:
+            answers = self._state in (LinkState.GOOD, LinkState.DEGRADED)
+            self._areas.note(loop.name, loop.last_look, now, answers=answers)
+        return looked and not self._areas.is_silent(loop.name)
+
+    async def _wait_for_a_scan(self) -> None:
+        """Wait for the end of a scan, not for long: until the next one there is room for a look."""
+        if not self._live:
+            return
+        with suppress(TimeoutError):
+            async with asyncio.timeout(0.5 * HEARTBEAT_EVERY / self.speed):
+                await self._scanned.wait()
 
     @property
     def writes(self) -> bool:

@@ -52,8 +52,11 @@ class Turn:
 
     async def take(
         self, candidate: Candidate, control: ControlWords, now: float, not_before: float
-    ) -> None:
+    ) -> bool:
         """Begin an attempt with a candidate that waits, or say why it waits or is given up.
+
+        Returns:
+            Whether the device answered all that it was asked.
 
         Args:
             candidate: what waits.
@@ -64,31 +67,33 @@ class Turn:
         objection = self._permission.before_turn(candidate, control, now, not_before)
         if objection is not None:
             self._waiting.heed(objection, candidate)
-            return
+            return True
         try:
             banks = await self._handover.banks(control)
         except LinkError as error:
             self._waiting.explain(WritebackOutcome.UNREACHABLE, str(error))
-            return
+            self._waiting.note_end(Attempt(WritebackOutcome.UNREACHABLE, str(error), candidate))
+            return False
         if self._waiting.candidate is not candidate:
             # A newer window came while the banks were read: the next look is for that.
-            return
+            return True
         if banks.disagreement:
             self._told.tell("writeback.disagrees", banks.disagreement)
             self._waiting.explain(WritebackOutcome.DISAGREES, banks.disagreement)
-            return
+            return True
         self._told.forget("writeback.disagrees")
         if control.ack_seq and not any(banks.active_words):
             # A reader drops a block whose bank reads all zero.
             self._use.in_force.lose()
         if (objection := self._permission.to_replace(candidate, now)) is not None:
             self._decline(candidate, objection, banks.active_words, now)
-            return
+            return True
         valve = self._use.in_force.valve(now)
         if candidate.compensated and not candidate.withdrawal and valve is not None:
             candidate = candidate.confirming(valve)
         self._recorded.begin(candidate, control, banks, now)
         self._waiting.candidate = None
+        return True
 
     def _decline(
         self, candidate: Candidate, objection: Objection, active: tuple[int, ...], now: float

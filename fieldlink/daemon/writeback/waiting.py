@@ -11,6 +11,13 @@ from fieldlink.daemon.writeback.rules import Objection
 
 __all__ = ["Waiting"]
 
+_FAILURES = (
+    WritebackOutcome.WRITE_FAILED,
+    WritebackOutcome.READBACK_DIFFERS,
+    WritebackOutcome.COMMIT_FAILED,
+    WritebackOutcome.UNREACHABLE,
+)
+
 
 class Waiting:
     """Holds at most one candidate.
@@ -25,6 +32,7 @@ class Waiting:
     def __init__(self, report: Callable[[Attempt], None]) -> None:
         self._report = report
         self._reported: WritebackOutcome | None = None
+        self._failure = ""
         self.candidate: Candidate | None = None
 
     @property
@@ -49,7 +57,28 @@ class Waiting:
         what = self.candidate.status.name.lower().replace("_", " ")
         if self._reported is None:
             return f"{what}: its turn comes with the next look"
-        return f"{what}: {self._reported.advice}"
+        return "; ".join(
+            word for word in (f"{what}: {self._reported.advice}", self._before) if word
+        )
+
+    @property
+    def _before(self) -> str:
+        return f"the attempt before: {self._failure}" if self._failure else ""
+
+    def note_end(self, attempt: Attempt) -> None:
+        """Remember why the newest attempt failed: it is why blocks wait, whatever they wait for.
+
+        It is forgotten when one is committed.
+        """
+        if attempt.outcome in _FAILURES:
+            self._failure = f"{attempt.outcome.code}, {attempt.reason}"
+        elif attempt.outcome is WritebackOutcome.COMMITTED:
+            self._failure = ""
+
+    def carry_over(self, other: Waiting) -> None:
+        """Go on where another one was."""
+        self.put(other.candidate)
+        self._failure = other._failure
 
     def put(self, candidate: Candidate | None, reported: WritebackOutcome | None = None) -> None:
         """Let a candidate wait in place of what waited; ``reported`` is why, if that is known."""
@@ -80,7 +109,9 @@ class Waiting:
         """Report why an attempt has to wait; once for each reason in a row."""
         if self._reported is not attempt.outcome:
             self._reported = attempt.outcome
-            self._report(attempt)
+            known = "" if attempt.outcome in _FAILURES else self._before
+            reason = "; ".join(word for word in (attempt.reason, known) if word)
+            self._report(attempt.became(attempt.outcome, reason))
 
     def heed(self, objection: Objection, candidate: Candidate) -> None:
         """Let a candidate wait, or give it up, as an objection asks."""

@@ -162,7 +162,7 @@ class BlockWriter:
         operators decided, and the times of the last look and attempt.
         """
         self._intake.carry_over(other._intake)
-        self._waiting.put(other._waiting.candidate)
+        self._waiting.carry_over(other._waiting)
         # A handover that was given up in the middle is looked for in the PLC; one that was planned
         # and not begun is planned again.
         self._unsettled.carry_over(other._unsettled, other._recorded.under_way)
@@ -276,10 +276,18 @@ class BlockWriter:
             self._waiting.explain(WritebackOutcome.SWITCHED_OFF, self._orders.off)
             return True
         waits = self._waiting.candidate
-        if not self._recorded.is_begun and not self._unsettled.is_awaited and waits is not None:
-            await self._turn.take(waits, control, now, self._not_before)
+        is_free = not self._recorded.is_begun and not self._unsettled.is_awaited
+        if waits is None or not is_free:
+            pass
+        elif not await self._turn.take(waits, control, now, self._not_before):
+            # Banks that do not answer cost the device's polls a time-out each.
+            self._not_before = now + self._retry
         await self._go_on(control, now)
         return True
+
+    @property
+    def _retry(self) -> float:
+        return min(self._settings.min_interval, RETRY)
 
     async def _show_life(self, control: ControlWords) -> None:
         sole = self._permission.sole
@@ -314,5 +322,6 @@ class BlockWriter:
             self._unsettled.expect(done)
             self._not_before = now + interval
         else:
-            self._not_before = now + min(interval, RETRY)
+            self._not_before = now + self._retry
+        self._waiting.note_end(done)
         self._report(done)

@@ -1,0 +1,59 @@
+"""Whether a server shows the certificate that the site file knows of it.
+
+A server with another one cannot read what is encrypted for the known one: it ends the connection or
+says nothing at all. So it is asked, without encryption, what its certificate is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from asyncua import Client
+from asyncua.ua.uaerrors import UaError
+from cryptography import x509
+from cryptography.hazmat.primitives.hashes import SHA1
+
+__all__ = ["find_stranger"]
+
+
+async def find_stranger(where: str, known: Path, within: float) -> str:
+    """Return the thumbprint of the server's certificate when it is not the known one.
+
+    Args:
+        where: address of the server.
+        known: file with its certificate, PEM or DER.
+        within: seconds for the question.
+
+    Returns:
+        SHA-1 in hexadecimal, as servers show it; empty when it is the known one, or not told.
+    """
+    client = Client(where, timeout=within)
+    try:
+        async with asyncio.timeout(within):
+            endpoints = await client.connect_and_get_server_endpoints()
+        shown = {bytes(one.ServerCertificate) for one in endpoints if one.ServerCertificate}
+        # A server may send those who signed it behind its own.
+        own = [x509.load_der_x509_certificate(_first_of(chain)) for chain in shown]
+        mine = _read(known)
+    except (TimeoutError, OSError, UaError, ValueError):
+        return ""
+    finally:
+        client.disconnect_socket()
+    if not own or mine in own:
+        return ""
+    return own[0].fingerprint(SHA1()).hex()
+
+
+def _read(file: Path) -> x509.Certificate:
+    data = file.read_bytes()
+    if data.lstrip().startswith(b"-----"):
+        return x509.load_pem_x509_certificate(data)
+    return x509.load_der_x509_certificate(data)
+
+
+def _first_of(chain: bytes) -> bytes:
+    """Return the first of certificates in DER, one behind the other."""
+    if len(chain) > 4 and chain[1] == 0x82:
+        return chain[: 4 + int.from_bytes(chain[2:4])]
+    return chain

@@ -1,0 +1,53 @@
+"""Certificates of OPC UA that are over, not begun, soon over, or none, for ``fieldlink check``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from importlib.util import find_spec
+from pathlib import Path
+
+from fieldlink.site.checked_site import Site
+
+__all__ = ["find_certificate_warnings"]
+
+SOON = timedelta(days=30)
+"""Time enough to get a certificate and have it trusted."""
+
+
+def find_certificate_warnings(site: Site) -> Iterator[str]:
+    """Yield a sentence for each certificate that is, or soon will be, no good.
+
+    A server's own is still believed after its time: it is known, and polling must not end on a
+    day that nobody thought of. Servers may refuse ours.
+    """
+    if find_spec("cryptography") is None:
+        return
+    for name, device in site.devices.items():
+        for key, remedy in (
+            ("cert", "the server may refuse it: make a new one, and let the server trust it"),
+            ("server_cert", "it is still believed: have the server given a new one, and put it in"),
+        ):
+            file: Path | None = getattr(device.opcua, key)
+            if file is not None and (fault := _fault_of(site.resolve(file))):
+                yield f"device {name}: {key} {file} {fault}; {remedy}"
+
+
+def _fault_of(file: Path) -> str:
+    from cryptography import x509
+
+    try:
+        data = file.read_bytes()
+        is_text = data.lstrip().startswith(b"-----")
+        load = x509.load_pem_x509_certificate if is_text else x509.load_der_x509_certificate
+        certificate = load(data)
+    except (OSError, ValueError):
+        return "is no certificate that can be read"
+    now = datetime.now(UTC)
+    if now < certificate.not_valid_before_utc:
+        return f"is valid from {certificate.not_valid_before_utc:%Y-%m-%d} on only"
+    if now > certificate.not_valid_after_utc:
+        return f"was valid until {certificate.not_valid_after_utc:%Y-%m-%d}"
+    if now + SOON > certificate.not_valid_after_utc:
+        return f"is valid until {certificate.not_valid_after_utc:%Y-%m-%d} only"
+    return ""
