@@ -115,7 +115,7 @@ class Site:
         return None if name is None else self.maps.get(found.device, {}).get(name)
 
     def op_span(self, loop: str) -> float | None:
-        """Return the span of a loop's OP in its own units; None where the register map is silent."""
+        """Return the span of a loop's OP in its own units; None where the map is silent."""
         tag = self.tag(loop, "op")
         if tag is None:
             return None
