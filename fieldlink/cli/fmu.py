@@ -31,7 +31,16 @@ def _file(given: Path) -> Path:
     from fmu_models import catalogue, fmu_path
 
     name = str(given)
-    return fmu_path(name) if name in catalogue and not os.path.exists(given) else given
+    if os.path.exists(given) or given.suffix or given.name != name:
+        return given
+    if name not in catalogue:
+        from fieldlink.lab.fmu.errors import nearest
+
+        raise typer.BadParameter(
+            f"{name} is neither a file nor a plant of the catalogue; {nearest(name, catalogue)}",
+            param_hint="FMU",
+        )
+    return fmu_path(name)
 
 
 @app.command("info")

@@ -161,3 +161,11 @@ def test_what_is_refused(mini_fmus: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(FmuError, match="it exists; remove it, or name another with --output"):
         write_scenario(fmu, TANK, respond(fmu, TANK), file)
     assert file.read_text() == "mine"
+
+
+def test_a_plant_that_is_written_wrong_is_suggested() -> None:
+    done = CliRunner().invoke(app, ["info", "exampel1"])
+    assert done.exit_code == 2
+    said = " ".join(done.output.replace("│", " ").split())
+    assert "exampel1 is neither a file nor a plant of the catalogue" in said
+    assert "did you mean 'example1'" in said
