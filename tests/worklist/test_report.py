@@ -178,7 +178,7 @@ def test_each_reader_gets_a_list_of_its_own(
     assert run("report", fleet.file, "--for", audience, "--out", out).exit_code == 0
     page = out.read_text("utf-8")
     assert len(re.findall(r'<td class="tag">', page)) == listed
-    assert ("Loss: share of" in page) == (audience != "technician")
+    assert ("Avoidable: share of" in page) == (audience != "technician")
     assert ("Travel and reversals are" in page) == (audience == "engineer")
     assert page.count('<section class="evidence') == evidence
 
