@@ -39,7 +39,7 @@ from estimator.result import Evidence, Fit, Identification
 from estimator.rows import rows_of
 from estimator.settings import SETTINGS, Settings
 from estimator.surface import cost_surface
-from estimator.window import Window, harmonise, screen, signals_of
+from estimator.window import Window, harmonise, period_of, screen, signals_of
 
 __all__ = ["METHODS", "identify", "warm_up"]
 
@@ -50,7 +50,7 @@ def identify(
     *,
     sp: ArrayLike | None = None,
     auto: ArrayLike | None = None,
-    period: float = 1.0,
+    period: float | None = None,
     criterion: str = "auto",
     confidence: float = 0.9,
     method: str = "search",
@@ -64,7 +64,7 @@ def identify(
         pv: process variable, shape ``(n,)``, same scans as ``op``; NaN marks a bad sample.
         sp: set-point, shape ``(n,)``, optional; it helps to tell the sign of the process gain.
         auto: non-zero where the controller is in automatic, shape ``(n,)``, optional.
-        period: seconds between samples.
+        period: seconds between samples; without it those of a pandas index of times, or 1 s.
         criterion: ``"auto"`` (simulation with coloured noise), ``"oe"`` (simulation with white
             noise) or ``"arx"`` (one-step-ahead, the paper's (12)).
         confidence: of the intervals, between 0.5 and 0.999.
@@ -80,8 +80,9 @@ def identify(
         is a result too (``not_assessable`` with reasons), not an error.
 
     Raises:
-        EstimatorError: not a window at all (shapes, types, no finite sample, unknown option), a
-            method of the paper asked for under another criterion than its own, or on a window with
+        EstimatorError: not a window at all (shapes, types, no finite sample, unknown option,
+            indexes that differ, times in uneven steps or that contradict the period), a method of
+            the paper asked for under another criterion than its own, or on a window with
             bad samples, or without CasADi.
     """
     begun = time.perf_counter()
@@ -96,6 +97,7 @@ def identify(
         )
     if not 0.5 <= confidence <= 0.999:
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
+    period = period_of(period, op, pv, sp, auto)
     window = harmonise(op, pv, sp, auto, period, settings.screening)
     given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
     measured, setpoint = others["pv"], others.get("sp")

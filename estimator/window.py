@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from estimator.arrays import Array, Mask
 from estimator.outcomes import EstimatorError, Reason, ReasonCode
@@ -26,6 +27,17 @@ __all__ = [
 
 _TINY = 1e-9
 """Span or deviation, as a share of the value, that is rounding."""
+
+_USUAL_PERIOD = 1.0
+"""Seconds between samples that come without times and without a period."""
+
+_ROUNDED = 0.02
+"""Share by which times may differ from a given period: 100 samples whose times are rounded to the
+period do so by 1 %."""
+
+_HOLE = 1.5
+"""Steps of an index beyond which a row is missing: from there on a missing row is nearer than a
+late one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +136,11 @@ def signal_of(name: str, values: ArrayLike) -> Array:
             values = np.ma.filled(values.astype(np.float64), math.nan)
         signal = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
+        if name == "auto":
+            raise EstimatorError(
+                "auto is not numeric: give 1 where the controller is in automatic and 0 elsewhere, "
+                "for instance mode == 'AUTO'"
+            ) from error
         raise EstimatorError(f"{name} is not numeric: {error}") from error
     if signal.ndim != 1:
         raise EstimatorError(
@@ -137,8 +154,10 @@ def signals_of(
 ) -> tuple[Array, dict[str, Array]]:
     """OP and those of the other signals that there are, by name, ``(n,)`` each.
 
+    Series with an index (pandas) are not joined by it: theirs have to be equal.
+
     Raises:
-        EstimatorError: one is not a row of numbers, or has another length than OP.
+        EstimatorError: one is not a row of numbers, or has another length or index than OP.
     """
     first = signal_of("op", op)
     found = {name: signal_of(name, one) for name, one in others.items() if one is not None}
@@ -148,18 +167,100 @@ def signals_of(
                 f"op has {first.size} samples and {name} has {signal.size}: "
                 f"give every signal of the window with the same number of samples"
             )
+    _compare_indexes({"op": op, **others})
     return first, found
 
 
-def period_of(period: float) -> float:
+def period_of(period: float | None, *signals: ArrayLike | None) -> float:
     """The seconds between samples.
 
+    Args:
+        period: as given; None takes it from the times of the signals' index, or 1 s without any.
+        signals: as given. An index of times (pandas' DatetimeIndex, TimedeltaIndex, PeriodIndex)
+            has to rise in steps without holes; its mean step is the period.
+
     Raises:
-        EstimatorError: not a number above zero.
+        EstimatorError: not a number above zero, times in uneven steps, or times that contradict it.
     """
-    if isinstance(period, (int, float, np.number)) and 0.0 < period < math.inf:
-        return float(period)
-    raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
+    if period is not None and not (
+        isinstance(period, (int, float, np.number)) and 0.0 < period < math.inf
+    ):
+        raise EstimatorError(f"period is {period!r}: give the seconds between samples, above zero")
+    times = next((found for one in signals if (found := _times_of(one)) is not None), None)
+    if times is None or times.size < 2:
+        return _USUAL_PERIOD if period is None else float(period)
+    step = _step_of(times)
+    if period is None:
+        return step
+    if abs(step - period) > _ROUNDED * period:
+        raise EstimatorError(
+            f"period is {period:g} s and the times of the index are {step:g} s apart: leave period "
+            f"out, or give the samples without their index (to_numpy())"
+        )
+    return float(period)
+
+
+def _index_of(values: ArrayLike | None) -> Any:
+    """The index of a pandas Series; None for what has none (a list's ``index`` is a method)."""
+    index = getattr(values, "index", None)
+    return None if index is None or callable(index) else index
+
+
+def _labels_of(index: Any) -> NDArray[Any]:
+    if getattr(getattr(index, "dtype", None), "kind", "") == "M":
+        # with a time zone numpy would make objects of them
+        return np.asarray(index.to_numpy(dtype="datetime64[ns]"))
+    return np.asarray(index)
+
+
+def _compare_indexes(signals: Mapping[str, ArrayLike | None]) -> None:
+    first: tuple[str, NDArray[Any]] | None = None
+    for name, one in signals.items():
+        if (index := _index_of(one)) is None:
+            continue
+        labels = _labels_of(index)
+        if first is None:
+            first = name, labels
+        elif not np.array_equal(labels, first[1]):
+            raise EstimatorError(
+                f"{first[0]} and {name} have different indexes, and samples are taken by their "
+                f"place: join them first (pandas.concat(..., axis=1)), or give them without their "
+                f"index (to_numpy())"
+            )
+
+
+def _times_of(values: ArrayLike | None) -> Array | None:
+    """Seconds of each sample by its index, ``(n,)``; None where the index holds no times."""
+    index = _index_of(values)
+    if index is None:
+        return None
+    if callable(getattr(index, "to_timestamp", None)):
+        index = index.to_timestamp()
+    labels = _labels_of(index)
+    if labels.dtype.kind not in "mM" or not labels.size:
+        return None
+    seconds: Array = (labels - labels[0]) / np.timedelta64(1, "s")
+    return seconds
+
+
+def _step_of(times: Array) -> float:
+    """The mean step of times that rise evenly, seconds."""
+    steps = np.diff(times)
+    remedy = "or give the samples without their index (to_numpy()), and their period"
+    if not (steps > 0.0).all():
+        row = int(np.argmin(steps > 0.0)) + 1
+        raise EstimatorError(
+            f"the times of the index do not rise at row {row} (counted from 0): sort them and drop "
+            f"those that are empty or there twice, {remedy}"
+        )
+    usual = float(np.median(steps))
+    row = int(np.argmax(steps))
+    if steps[row] > _HOLE * usual:
+        raise EstimatorError(
+            f"the times of the index are {usual:g} s apart, and {steps[row]:g} s before row "
+            f"{row + 1} (counted from 0): give missing rows as NaN (asfreq, resample), {remedy}"
+        )
+    return float((times[-1] - times[0]) / steps.size)
 
 
 def bridge(values: ArrayLike) -> Array:

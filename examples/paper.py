@@ -1,6 +1,6 @@
 """The paper again: Figures 2 and 3, and the row of loop CHEM 10 in its Table 1.
 
-    python examples/paper.py [--out pictures] [--data ../shared/data]
+    python examples/paper.py [--out build] [--data ../shared/data]
 
 Figure 2 is Example 1 in its limit cycle, with the estimated stem. Figure 3 is Example 2 under two
 set-point steps: the MPC that knows nothing of the valve, and the compensator with the identified
@@ -101,7 +101,7 @@ def chem_10(data: Path) -> Identification | None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw both figures and print the row."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("."), help="folder for the pictures")
+    parser.add_argument("--out", type=Path, default=Path("build"), help="folder for the pictures")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="recordings")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import typer
 
@@ -91,6 +91,28 @@ def _default(param: Any) -> str:
 
 def _help(param: Any) -> str:
     text = " ".join((getattr(param, "help", None) or "").split())
+    choices = list(_choices(param))
+    if choices:
+        text = f"{text} One of {', '.join(f'`{one}`' for one in choices)}.".strip()
     if getattr(param, "multiple", False):
         text += " May be given several times."
     return text
+
+
+def _choices(param: Any) -> Iterator[str]:
+    """The words that an option takes: of click's type, or of the annotation behind it."""
+    offered = getattr(getattr(param, "type", None), "choices", None)
+    if offered is None:
+        annotation = getattr(getattr(param, "type_descriptor", None), "annotation", None)
+        offered = list(_words_of(annotation))
+    yield from (str(getattr(one, "value", one)) for one in offered)
+
+
+def _words_of(annotation: Any) -> Iterator[Any]:
+    if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
+        yield from annotation
+    elif get_origin(annotation) is Literal:
+        yield from get_args(annotation)
+    else:
+        for inner in get_args(annotation):
+            yield from _words_of(inner)

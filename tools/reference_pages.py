@@ -17,6 +17,7 @@ from tools.block_page import block_page
 from tools.command_page import command_page
 from tools.key_pages import scenario_keys_page, site_keys_page
 from tools.metric_page import metric_page
+from tools.quality_page import quality_page
 
 __all__ = ["PAGES", "main"]
 
@@ -26,6 +27,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "scenario-file-keys.md": scenario_keys_page,
     "block-registers.md": block_page,
     "metrics.md": metric_page,
+    "quality-codes.md": quality_page,
 }
 """By file name, what writes the page."""
 

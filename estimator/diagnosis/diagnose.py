@@ -43,7 +43,7 @@ from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
 from estimator.faults import faults_of
 from estimator.settings import SETTINGS
-from estimator.window import signals_of
+from estimator.window import period_of, signals_of
 from loop_model import ProcessModel, ValveModel
 
 __all__ = ["diagnose"]
@@ -55,7 +55,7 @@ def diagnose(
     sp: ArrayLike | None = None,
     *,
     auto: ArrayLike | None = None,
-    period: float = 1.0,
+    period: float | None = None,
     advice: bool = True,
     figures: bool = True,
     valve_is_healthy: bool = False,
@@ -68,7 +68,7 @@ def diagnose(
         pv: process variable, shape ``(n,)``; without it only the oscillation of OP is told.
         sp: set-point, shape ``(n,)``, optional; taken as constant without it.
         auto: non-zero where the controller is in automatic, shape ``(n,)``, optional.
-        period: seconds between samples.
+        period: seconds between samples; without it those of a pandas index of times, or 1 s.
         advice: whether to propose settings and simulate them.
         figures: whether to compute the indices that no cause needs; without them there are none.
         valve_is_healthy: whether `estimator.identify` has judged this window's valve healthy; it
@@ -80,9 +80,10 @@ def diagnose(
         too (``undetermined``, with what would determine it).
 
     Raises:
-        EstimatorError: not rows of numbers of one length, no finite sample, or a period that is not
-            above zero.
+        EstimatorError: not rows of numbers of one length and index, no finite sample, or a period
+            that is not above zero or not that of the index.
     """
+    period = period_of(period, op, pv, sp, auto)
     record = loop_record(op, pv, sp, auto, period)
     given, others = signals_of(op, {"pv": pv, "sp": sp, "auto": auto})
     held = find_held(given, others.get("pv"))

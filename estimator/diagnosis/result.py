@@ -41,7 +41,7 @@ class CauseName(StrEnum):
 
 _ACTIONS = {
     CauseName.STICKY_VALVE: (
-        "Check packing, positioner and air supply of the valve; retuning does not cure it."
+        "Check the packing, the positioner and the air supply; retuning does not cure it."
     ),
     CauseName.EXTERNAL_OSCILLATION: (
         "Look for a loop or machine that swings with the same period; diagnose the neighbours of "

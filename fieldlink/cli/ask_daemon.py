@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import typer
@@ -41,7 +42,8 @@ def status(
     if as_json:
         typer.echo(json.dumps(found))
     else:
-        for line in _lines(found):
+        tags = {name: loaded.tag(name, "op") for name in loaded.loops}
+        for line in _lines(found, {name: tag.unit for name, tag in tags.items() if tag}):
             typer.echo(line)
     if must_run and not is_in_use(loaded.data_dir):
         typer.echo("no daemon runs for this site", err=True)
@@ -106,7 +108,7 @@ def _event_line(document: dict[str, Any]) -> str:
     return "  ".join(_printable(str(word)) for word in words)
 
 
-def _lines(found: dict[str, Any]) -> list[str]:
+def _lines(found: dict[str, Any], units: Mapping[str, str]) -> list[str]:
     from fieldlink.cli.tables import counted
 
     daemon = found["daemon"]
@@ -135,7 +137,7 @@ def _lines(found: dict[str, Any]) -> list[str]:
             f"loop {loop['name']}: {samples if loop['expected'] else ''}"
             f"{loop['verdict'] or _no_verdict(loop)}"
             # The S of another verdict is that of a valve that the window does not confirm.
-            + (f", S = {loop['stick_band']:.4g}" if _is_sticky(loop) else "")
+            + (_stick_band(loop, units.get(loop["name"], "")) if _is_sticky(loop) else "")
             + (f"; cause: {loop['cause'].replace('_', ' ')}" if loop.get("cause") else "")
         )
         if loop["fault"]:
@@ -155,6 +157,13 @@ def _no_verdict(loop: dict[str, Any]) -> str:
     # Only a running daemon has a window.
     filled = loop.get("filled")
     return "no estimate yet" + ("" if filled is None else f", window {filled:.0%} full")
+
+
+def _stick_band(loop: dict[str, Any], unit: str) -> str:
+    low, high = loop.get("stick_band_low"), loop.get("stick_band_high")
+    # A daemon of an earlier release tells no interval.
+    between = "" if low is None or high is None else f" ({low:.4g} to {high:.4g})"
+    return f", S = {loop['stick_band']:.4g}{between} {unit or 'in units of OP'}".rstrip()
 
 
 def _is_sticky(loop: dict[str, Any]) -> bool:

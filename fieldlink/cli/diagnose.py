@@ -104,6 +104,14 @@ def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:
         typer.echo(f"picture: {plot}")
 
 
+_COUNTED = dict.fromkeys(
+    ("op_travel_per_day", "op_reversals_per_day"),
+    "turns within two of OP's usual moves left out; the work list: within 0.2 % of OP's span",
+)
+"""What figures that other commands count in another way leave out."""
+_SIGNALS = {"error": "the control error", "pv": "PV", "op": "OP"}
+
+
 def _print_one(name: str, found: Diagnosis) -> None:
     from rich.panel import Panel
     from rich.text import Text
@@ -131,6 +139,7 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
 
     table = Table("figure", "value", box=None)
     swing = found.oscillation
+    signal = f"of {_SIGNALS.get(found.oscillating, found.oscillating)}"
     if swing.present:
         table.add_row(
             "oscillation",
@@ -153,7 +162,8 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
             table.add_row("", tuning["note"])
     for name, value in found.indices.items():
         if value == value:
-            table.add_row(name, f"{value:.4g}")
+            hint = signal if name == "oscillation_period_s" else _COUNTED.get(name, "")
+            table.add_row(name, f"{value:.4g} ({hint})" if hint else f"{value:.4g}")
     return table
 
 

@@ -45,7 +45,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     ),
     "check": ("check site.toml", "check site.toml --json"),
     "schema": ("schema > site.schema.json",),
-    "plant": ("plant site.toml", "plant site.toml --port 15020 --speed 20"),
+    "plant": (
+        "plant site.toml",
+        "plant site.toml --port 15020 --speed 20",
+        "plant site.toml --operator-switch",
+    ),
     "run": ("run site.toml", "run site.toml --read-only --duration 3600"),
     "rehearse": ("rehearse", "rehearse NAME --report rehearsal", "rehearse --all --self-test"),
     "simulate": ("simulate example1", "simulate example1 --identified --plot study.png"),

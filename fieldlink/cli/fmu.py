@@ -31,7 +31,16 @@ def _file(given: Path) -> Path:
     from fmu_models import catalogue, fmu_path
 
     name = str(given)
-    return fmu_path(name) if name in catalogue and not os.path.exists(given) else given
+    if os.path.exists(given) or given.suffix or given.name != name:
+        return given
+    if name not in catalogue:
+        from fieldlink.lab.fmu.errors import nearest
+
+        raise typer.BadParameter(
+            f"{name} is neither a file nor a plant of the catalogue; {nearest(name, catalogue)}",
+            param_hint="FMU",
+        )
+    return fmu_path(name)
 
 
 @app.command("info")
@@ -246,30 +255,35 @@ def loop(
     op_start: Annotated[
         float | None, typer.Option(help="Input at the start, percent; else its start value.")
     ] = None,
+    op_scale: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-6,
+            max=1e6,
+            help="The input for 1 % of OP: 0.01 for an opening from 0 to 1; else 1.",
+        ),
+    ] = None,
     stick_band: Annotated[float, typer.Option(min=0.0, help="S of the valve, % of OP.")] = 5.0,
     slip_jump: Annotated[float, typer.Option(min=0.0, help="J of the valve, % of OP.")] = 1.5,
 ) -> None:
     """Put a process of your own into a loop with a sticky valve: a scenario to rehearse."""
     from fieldlink.lab.fmu.loop_scenario import write_scenario
-    from fieldlink.lab.fmu.step_test import STEP, LoopWish, is_share, respond
+    from fieldlink.lab.fmu.step_test import STEP, LoopWish, respond
     from fmu_models import summarise
 
     summary = summarise(_file(fmu))
-    wish = LoopWish(op, pv, period, op_start, stick_band, slip_jump)
+    wish = LoopWish(op, pv, period, op_start, stick_band, slip_jump, op_scale)
     response = respond(summary, wish)
     gain, integral_time = response.tune()
     file = output or Path(f"{fmu.stem}.toml")
     write_scenario(summary, wish, response, file)
     unit = " a second" if response.integrates else ""
     typer.echo(
-        f"{pv} changes by {response.gain:.3g}{unit} for each percent of {op}, "
+        f"{pv} changes by {response.gain:.3g}{unit} for each percent of OP, "
         f"lag {response.lag:.3g} s, dead time {response.dead_time:.3g} s; "
         f"scan every {response.period:g} s"
     )
-    if is_share(summary, op):
-        typer.echo(
-            f"note {op} was stepped from {response.op:g} to {response.op + STEP:g}: percent. Put a "
-            "gain of 0.01 before an opening from 0 to 1"
-        )
+    low, high = response.op, response.op + STEP
+    typer.echo(f"{op} was stepped from {low * wish.scale:g} to {high * wish.scale:g}")
     typer.echo(f"PI by SIMC: gain {gain:.3g}, integral time {integral_time:.3g} s")
     typer.echo(f"{file}: fieldlink rehearse {file} --report report")

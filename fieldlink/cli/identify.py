@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -99,9 +100,26 @@ def identify(
 
         save(identification_figure(cut.op, cut.pv, cut.sp, result, title=file.name), plot)
     if as_json:
-        typer.echo(json.dumps(result.to_dict(), allow_nan=False))
+        typer.echo(json.dumps({**result.to_dict(), **_origin()}, allow_nan=False))
         return
     _print_summary(file.name, cut, result, plot)
+
+
+def _origin() -> dict[str, object]:
+    """What the JSON says beside the result: who computed it, and in which units its figures are.
+
+    A recording does not tell the units of its columns, so they stand for themselves.
+    """
+    return {
+        "fieldlink_version": version("fieldlink"),
+        "units": {
+            **dict.fromkeys(
+                ("stick_band", "slip_jump", "static_friction", "dynamic_friction"), "OP"
+            ),
+            "gain": "PV/OP",
+            "period_s": "s",
+        },
+    }
 
 
 def _print_summary(

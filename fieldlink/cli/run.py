@@ -33,6 +33,13 @@ def plant(
     speed: Annotated[
         float | None, typer.Option(help="Plant seconds per second, instead of the site's.")
     ] = None,
+    operator_switch: Annotated[
+        bool,
+        typer.Option(
+            "--operator-switch",
+            help="Let clients write the enable registers, as an operator's panel does.",
+        ),
+    ] = False,
     duration: Duration = None,
 ) -> None:
     """Serve the site's simulated loops as a Modbus PLC."""
@@ -59,7 +66,14 @@ def plant(
         with stop_on_signals() as stop:
             if duration is not None:
                 asyncio.get_running_loop().call_later(duration, stop.set)
-            servers = await serve(loaded, port=port, speed=speed, ready=ready, stop=stop)
+            servers = await serve(
+                loaded,
+                port=port,
+                speed=speed,
+                operator_switch=operator_switch,
+                ready=ready,
+                stop=stop,
+            )
         for server in servers:
             for served in server.units:
                 typer.echo(

@@ -31,7 +31,8 @@ def work(
     at: Annotated[
         str | None,
         typer.Option(
-            help="When it was, such as 2026-03-12 or 2026-03-12T06:00+01:00; now unless given."
+            help="When it was, such as 2026-03-12 or 2026-03-12T06:00+01:00; UTC where no offset "
+            "is given; now without."
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,

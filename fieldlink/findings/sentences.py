@@ -48,17 +48,21 @@ def join_names(names: Sequence[str]) -> str:
 
 
 def describe_finding(found: Described) -> str:
-    """Return what a finding is about: ``sticky valve of FC101; FC102 swings with it (88 s)``."""
+    """Return what a finding is about: ``candidate A: sticky valve; B swings with it every 9 s``."""
     cause = found.cause.replace("_", " ")
-    period = "" if found.swing_period_s is None else f" ({found.swing_period_s:.3g} s)"
+    period = "" if found.swing_period_s is None else f" every {_seconds_text(found.swing_period_s)}"
     others = [name for name in found.loops if name != found.loop]
     if not others:
-        return f"{found.loop}: {cause}{period}"
+        return f"{found.loop}: {cause}" + (f", swings{period}" if period else "")
     if not found.loop:
         return f"{join_names(others)} swing together{period}; the source is none of them"
     swing = "swings" if len(others) == 1 else "swing"
     candidate = "" if found.cause == "undetermined" else f": {cause}"
     return f"candidate {found.loop}{candidate}; {join_names(others)} {swing} with it{period}"
+
+
+def _seconds_text(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds >= 10.0 else f"{seconds:.2g} s"
 
 
 def describe_follow_up(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass
 
-__all__ = ["Backoff", "BackoffSettings"]
+__all__ = ["Backoff", "BackoffSettings", "describe_next"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,3 +52,9 @@ class Backoff:
     def remaining(self, now: float) -> float:
         """Seconds until the next attempt is due; 0 when it is."""
         return max(0.0, self._due - now) if self.failures else 0.0
+
+
+def describe_next(wait: float, failures: int) -> str:
+    """Return when the next attempt is, after so many failures in a row."""
+    when = "at once" if wait < 0.05 else f"in {wait:.1f} s"
+    return f"next attempt {when} (failures in a row: {failures})"

@@ -17,7 +17,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 
-from fieldlink.links.backoff import Backoff
+from fieldlink.links.backoff import Backoff, describe_next
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import (
     ExceptionReplyError,
@@ -170,7 +170,7 @@ class ModbusConnection:
             raise LinkPausedError(
                 self._device,
                 self._last_error if named else f"{self._where}: {self._last_error}",
-                f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
+                describe_next(wait, self._backoff.failures),
             )
 
     async def _open(self, line: Line) -> Wire:

@@ -14,7 +14,7 @@ import asyncio
 import math
 from collections.abc import Sequence
 
-from fieldlink.links.backoff import Backoff, BackoffSettings
+from fieldlink.links.backoff import Backoff, BackoffSettings, describe_next
 from fieldlink.links.base import LinkState, Quality, Reading, Scan
 from fieldlink.links.clock import Clock
 from fieldlink.links.errors import AccessRefusedError, LinkError, LinkPausedError
@@ -219,7 +219,7 @@ class OpcuaLink:
             raise LinkPausedError(
                 self._name,
                 what if where in what else f"{where}: {what}",
-                f"next attempt in {wait:.1f} s (failures in a row: {self._backoff.failures})",
+                describe_next(wait, self._backoff.failures),
             )
         session = self._session = OpcuaSession(
             self._name, self._device, self._site, self._clock, self._looks

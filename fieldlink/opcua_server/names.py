@@ -77,7 +77,11 @@ LOOP_VARIABLES = (
     Entry("StickBand", "Double", "Stick band S in units of OP.", judged=True, signal=True),
     Entry("StickBandLow", "Double", "Lower bound of the interval of S.", judged=True),
     Entry("StickBandHigh", "Double", "Upper bound of the interval of S.", judged=True),
-    Entry("StickBandLimit", "Double", "Largest S that may be written (writeback.limits)."),
+    Entry(
+        "StickBandLimit",
+        "Double",
+        "Largest S for maintenance, units of OP (report.stick_band_limit).",
+    ),
     Entry("SlipJump", "Double", "Slip jump J in units of OP.", judged=True, signal=True),
     Entry("SlipJumpLow", "Double", "Lower bound of the interval of J.", judged=True),
     Entry("SlipJumpHigh", "Double", "Upper bound of the interval of J.", judged=True),

@@ -2,8 +2,8 @@
 
     read_binary_table(Path("loop.mat"))  # rows, the first of which holds the names; None for text
 
-A MATLAB file has a vector for each signal, at its top or in a structure, and may have the seconds
-between samples as ``Ts``.
+A MATLAB file has a vector for each signal, at its top or in a structure, or one matrix, whose
+columns are ``column1``, ``column2`` and so on; it may have the seconds between samples as ``Ts``.
 """
 
 from __future__ import annotations
@@ -115,13 +115,17 @@ def _matlab(path: Path) -> list[CsvRow]:
     if len(structures) == 1 and len(named) == 1:
         named = dict(structures[0])
     vectors = {name: np.ravel(value) for name, value in named.items() if _is_vector(value)}
+    matrices = [np.asarray(value) for value in named.values() if _is_matrix(value)]
+    if not vectors and len(matrices) == 1:
+        tall = matrices[0] if matrices[0].shape[0] >= matrices[0].shape[1] else matrices[0].T
+        vectors = {f"column{at}": column for at, column in enumerate(tall.T, start=1)}
     longest = max((vector.size for vector in vectors.values()), default=0)
     columns: dict[str, Iterable[Any]] = {
         name: vector.tolist() for name, vector in vectors.items() if vector.size == longest
     }
     if longest < 2:
         what = f"has no vectors of samples (it holds {', '.join(named) or 'nothing'})"
-        remedy = "save vectors op and pv, and the seconds between samples as Ts"
+        remedy = "save vectors op and pv or one matrix, and the seconds between samples as Ts"
         raise _refusal(path, what, remedy)
     periods = [v for name, v in named.items() if name.lower() in _PERIODS and np.size(v) == 1]
     if len(periods) == 1 and not any(name.lower() in ("time", "t") for name in columns):
@@ -132,6 +136,11 @@ def _matlab(path: Path) -> list[CsvRow]:
 def _is_vector(value: Any) -> bool:
     array = np.asarray(value)
     return array.dtype.kind in "bfiu" and array.size > 1 and array.size == max(array.shape)
+
+
+def _is_matrix(value: Any) -> bool:
+    array = np.asarray(value)
+    return array.dtype.kind in "bfiu" and array.ndim == 2 and min(array.shape) > 1
 
 
 def _rows(columns: Mapping[str, Iterable[Any]]) -> list[CsvRow]:

@@ -33,6 +33,9 @@ _WORDS: Mapping[str, tuple[frozenset[str], ...]] = {
 }
 """By role, groups of words, the plainest group first."""
 
+_LETTERS: Mapping[str, str] = {"y": "op", "x": "pv", "w": "sp", "z": "disturbance"}
+"""The letters of DIN 19226 (Stellgröße, Istwert, Sollwert, Störgröße), too short to stand alone."""
+
 _INTEGERS = frozenset(
     {DataType.INT16, DataType.UINT16, DataType.INT32, DataType.UINT32, DataType.INT64,
      DataType.UINT64}
@@ -99,8 +102,9 @@ def propose_loops(tags: Iterable[Tag]) -> Proposal:
 def _as_proposal(name: str, candidates: Mapping[str, list[tuple[int, str]]]) -> LoopProposal:
     roles: dict[str, str] = {}
     unclear: dict[str, tuple[str, ...]] = {}
+    letters = _letters_of(candidates)
     for role in ROLES:
-        found = candidates.get(role, [])
+        found = candidates.get(role, []) or letters.get(role, [])
         plainest = min((plainness for plainness, _ in found), default=0)
         best = tuple(tag for plainness, tag in found if plainness == plainest)
         if len(best) == 1:
@@ -111,6 +115,19 @@ def _as_proposal(name: str, candidates: Mapping[str, list[tuple[int, str]]]) -> 
     if "cv" in candidates and len(missing) == 1:
         unclear[missing[0]] = tuple(tag for _, tag in candidates["cv"])
     return LoopProposal(name or "loop", roles, unclear)
+
+
+def _letters_of(
+    candidates: Mapping[str, list[tuple[int, str]]],
+) -> dict[str, list[tuple[int, str]]]:
+    """Return the tags of single letters by role, where they stand together as a loop's do.
+
+    X and Y are a loop's unless a Z makes coordinates of them; with W they are one in any case.
+    """
+    found = {role: candidates[letter] for letter, role in _LETTERS.items() if letter in candidates}
+    if not {"op", "pv"} <= set(found) or {"op", "pv"} & set(candidates):
+        return {}
+    return {} if "disturbance" in found and "sp" not in found else found
 
 
 def _join_halves(halves: list[LoopProposal]) -> tuple[list[LoopProposal], list[LoopProposal]]:
@@ -158,14 +175,18 @@ def _meanings(tag: Tag) -> Iterator[tuple[str, int, str]]:
 
 def _read_words(words: list[str], data_type: DataType) -> Iterator[tuple[str, int, str]]:
     plain = [word.casefold().translate(UMLAUTS) for word in words]
+    is_known = False
     for role, groups in _WORDS.items():
         if not _can_be(role, data_type):
             continue
         for plainness, known in enumerate(groups):
             rest = _without(words, plain, known)
             if rest is not None:
+                is_known = True
                 yield role, plainness, "_".join(rest)
                 break
+    if not is_known and len(words) > 1 and plain[-1] in _LETTERS and _can_be("op", data_type):
+        yield plain[-1], 0, "_".join(words[:-1])
 
 
 def _without(words: list[str], plain: list[str], known: frozenset[str]) -> list[str] | None:

@@ -52,6 +52,8 @@ class PlantVariables(Model):
 
     op: str | None = None
     """Input that takes OP (with controller = "fmu": output that shows it); op unless given."""
+    op_scale: float = Field(default=1.0, gt=0, le=1e6)
+    """The FMU's input for 1 % of OP: 0.01 for an opening from 0 to 1."""
     pv: str | None = None
     """Output with PV; pv unless given."""
     stem: str | None = None
@@ -136,6 +138,11 @@ class PlantSettings(Model):
             raise ValueError(
                 f'the compensator takes the loop over from a controller in the PLC, "{kind}" is '
                 'none; remove compensate, or use controller = "pi"'
+            )
+        if self.variables.op_scale != 1.0 and kind == "fmu":
+            raise ValueError(
+                'variables.op_scale is for an OP that the PLC decides; with controller = "fmu" '
+                "remove it"
             )
         if self.variables.sp is not None and kind != "fmu":
             raise ValueError(f'variables.sp is for controller = "fmu", this is "{kind}"; remove it')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -31,12 +31,22 @@ def validated(source: TomlSource, root: type[M]) -> M:
     try:
         return root.model_validate_json(text, strict=True)
     except ValidationError as error:
+        details = error.errors()
         raise SiteError(
             _problem(source, root, detail)
-            for detail in error.errors()
-            # A default that depends on a wrong key is not a mistake of its own.
+            for detail in details
+            # What follows from another mistake is not one of its own: a default that depends on a
+            # wrong key, a list whose only entry is wrong.
             if detail["type"] != "default_factory_not_called"
+            and not (detail["type"] == "too_short" and _has_inner(details, detail["loc"]))
         ) from error
+
+
+def _has_inner(details: Sequence[ErrorDetails], place: tuple[str | int, ...]) -> bool:
+    return any(
+        len(detail["loc"]) > len(place) and detail["loc"][: len(place)] == place
+        for detail in details
+    )
 
 
 def _problem(source: TomlSource, root: type[BaseModel], detail: ErrorDetails) -> Problem:

@@ -276,6 +276,7 @@ class _Pages:
 
 
 def _largest(rows: list[dict[str, Any]]) -> float:
-    """Return the scale of the stick bands' bars: all on one, the limits where they are known."""
-    values = [row["limit"] or row["stick_band"]["high"] or 0.0 for row in rows]
+    """Return the scale of the stick bands' bars: all on one, with every limit and interval."""
+    values = [row["limit"] or 0.0 for row in rows]
+    values += [row["stick_band"]["high"] or row["stick_band"]["value"] or 0.0 for row in rows]
     return max([value for value in values if value], default=1.0)

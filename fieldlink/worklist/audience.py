@@ -54,7 +54,7 @@ _TREND = Column("trend, %\nin 30 days", lambda row: trend_text(row.trend), 4.2, 
 _LIMIT = Column("S at its\nlimit in", limit_text, 5.2, True)
 _TRAVEL = Column("travel, %/day\nreversals/day", _travel, 5.0, True)
 _PERIOD = Column("period", lambda row: duration_text(row.figures.period_s), 4.0, True)
-_LOSS = Column("loss", lambda row: share_text(row.figures.loss), 3.2, True)
+_LOSS = Column("avoidable", lambda row: share_text(row.figures.loss), 4.0, True)
 _SURE = Column("confidence", brief_confidence, 4.8)
 _ACTION = Column("action", lambda row: row.finding.action.brief, 8.0)
 _OUTAGE = Column("outage", outage_text, 3.4)
@@ -90,7 +90,7 @@ class Audience:
         if _JUMP not in self.columns:
             said = ["S: stick band" + (", in % of OP's span." if _BAND in self.columns else ".")]
         if _LOSS in self.columns:
-            said.append("Loss: share of PV's variance that sticking makes.")
+            said.append("Avoidable: share of PV's variance that sticking makes.")
         if _TRAVEL in self.columns:
             said.append("Travel and reversals are those of OP.")
         return " ".join(said)

@@ -30,8 +30,9 @@ class Action(Enum):
 
     REPAIR_VALVE = (
         "repair_valve",
-        "check packing, positioner, air",
-        "check air supply and positioner in service; repack or overhaul the valve at the next stop",
+        "check packing, positioner, air supply",
+        "check the packing, the positioner and the air supply: air and positioner in service, the "
+        "packing at the next stop",
         True,
     )
     CHECK_SIZING = (

@@ -210,15 +210,9 @@ class _LoopReader:
         return loop.writeback.valid_for / self._site.devices[loop.device].speed
 
     def _op_span(self) -> tuple[float, tuple[str, ...]]:
-        tag = None if self._site is None else self._site.tag(self._name, "op")
-        if tag is not None and tag.low is not None and tag.high is not None:
-            if tag.unit == "%" and tag.low <= 0.0 and tag.high >= 100.0:
-                # Room for readings a little beyond both ends does not count.
-                return 100.0, ()
-            if tag.high > tag.low:
-                return tag.high - tag.low, ()
-        elif tag is not None and tag.unit == "%":
-            return 100.0, ()
+        known = None if self._site is None else self._site.op_span(self._name)
+        if known is not None:
+            return known, ()
         span = self._settings.op_span
         return span, (f"OP's span is taken as {span:g}; give low and high in the register map",)
 

@@ -7,6 +7,7 @@ from datetime import datetime
 
 from estimator import Interval
 from fieldlink.worklist.row import BeforeAfter, Figures, Outlook, WorkRow
+from fieldlink.worklist.settings import WorkListSettings
 
 __all__ = [
     "before_after_rows",
@@ -26,6 +27,8 @@ __all__ = [
 ]
 
 NOTHING = "–"
+
+_COUNTED = f"turns below {WorkListSettings().dead_band:g} % left out"
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -119,11 +122,11 @@ def facts_of(row: WorkRow) -> list[tuple[str, str]]:
         ("trend of S, % of span in 30 days", interval_text(row.trend)),
         ("days to the limit", limit_text(row)),
         ("growing since", day_text(row.worse_since)),
-        ("period of the oscillation", duration_text(figures.period_s)),
-        ("loss: share of PV's variance that sticking makes", share_text(figures.loss)),
+        ("period of the control error's oscillation", duration_text(figures.period_s)),
+        ("avoidable: share of PV's variance that sticking makes", share_text(figures.loss)),
         ("standard deviation of the control error", number(figures.pv_std)),
-        ("travel of OP, % of span a day", number(figures.travel_per_day)),
-        ("reversals of OP a day", number(figures.reversals_per_day)),
+        (f"travel of OP, % of span a day, {_COUNTED}", number(figures.travel_per_day)),
+        (f"reversals of OP a day, {_COUNTED}", number(figures.reversals_per_day)),
         ("confidence", confidence_text(row)),
         ("windows in the history", number(row.windows)),
         ("end of the newest window", day_text(row.last_window)),
@@ -159,7 +162,11 @@ def before_after_rows(repair: BeforeAfter) -> list[tuple[str, str, str]]:
     rows = [
         pair("stick_band", "stick band S, % of OP's span"),
         pair("slip_jump", "slip jump J, % of OP's span"),
-        ("share of PV's variance from sticking", shares(repair.before), shares(repair.after)),
+        (
+            "avoidable: share of PV's variance that sticking makes",
+            shares(repair.before),
+            shares(repair.after),
+        ),
         pair("pv_std", "standard deviation of the control error"),
         pair("travel_per_day", "travel of OP, % of span a day"),
         pair("reversals_per_day", "reversals of OP a day"),

@@ -23,6 +23,14 @@ def test_the_licence_is_the_one_that_the_package_names() -> None:
         assert "END OF TERMS AND CONDITIONS" in text
 
 
+def test_the_citation_is_of_this_version_and_licence() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    for key in ("version", "license"):
+        assert f"\n{key}: {project[key]}\n" in text
+    assert "use of a smoothed model" in text
+
+
 def test_the_changelog_names_the_schema_of_the_store() -> None:
     newest = (ROOT / "CHANGELOG.md").read_text().split("\n## ")[1]
     assert f"schema {SCHEMA_VERSION}" in newest

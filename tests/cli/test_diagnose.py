@@ -43,6 +43,9 @@ def test_a_person_reads_the_cause_and_what_to_do(recording: Path) -> None:
     result = CliRunner().invoke(app, ["diagnose", str(recording)])
     assert "sticky valve" in result.stdout
     assert "packing" in result.stdout
+    text = " ".join(result.stdout.split())
+    assert "(of the control error)" in text
+    assert "turns within two of OP's usual moves left out" in text
 
 
 def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None:

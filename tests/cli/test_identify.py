@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,11 @@ def test_json_is_the_contract(script: Run, recording: Path) -> None:
         "evidence",
         "identifiability",
         "runners_up",
+        "fieldlink_version",
+        "units",
     }
+    assert document["fieldlink_version"] == version("fieldlink")
+    assert (document["units"]["stick_band"], document["units"]["gain"]) == ("OP", "PV/OP")
     assert document["uncertain"] is False
     assert document["evidence"]["log_bayes_factor"] == document["score"]
     assert len(document["advice"]) == len(document["reasons"]) == len(document["reason_codes"])

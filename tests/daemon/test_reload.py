@@ -63,7 +63,7 @@ async def test_a_changed_loop_starts_again_and_the_others_keep_their_windows(
         # The unchanged device was not touched: same connection, one unbroken count of slots.
         assert first.connections == connections
         assert after.restarts == 0
-    assert "changed: b" in kinds(site, "site.reloaded")[0]
+    assert "changed: loop B of b" in kinds(site, "site.reloaded")[0]
 
 
 async def test_settings_that_are_not_about_samples_leave_the_window(

@@ -7,6 +7,7 @@ import re
 import pytest
 
 from fieldlink.cli.examples import PANELS
+from fieldlink.links.base import Quality
 from tests.docs.pages import ROOT
 from tools.command_page import commands_by_name
 from tools.reference_pages import PAGES, main
@@ -42,7 +43,15 @@ def test_every_command_and_known_keys_are_there() -> None:
     text = PAGES["cli.md"]()
     named = {word for words in PANELS.values() for word in words}
     assert all(f"### fieldlink {name}\n" in text for name in commands_by_name())
+    assert "One of `zero`, `one`, `modicon`, `hex`." in text
     assert {name.split()[0] for name in commands_by_name()} <= named
     assert "| `min_windows` | `2` |" in PAGES["site-file-keys.md"]()
     assert "One of `stiction`, `no_stiction`, `not_assessable`." in PAGES["scenario-file-keys.md"]()
     assert "| `fieldlink_device_state` | gauge | `device`, `state` |" in PAGES["metrics.md"]()
+
+
+def test_every_quality_code_has_a_line_in_the_order_of_the_codes() -> None:
+    text = PAGES["quality-codes.md"]()
+    codes = [int(code) for code in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)]
+    assert codes == sorted(one.code for one in Quality) == list(range(13))
+    assert "| 10 | `late` | polled or reported so late" in text

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from estimator import EstimatorError, ReasonCode, Verdict, identify
+from estimator.window import period_of
+from fieldlink.diagnosis import diagnose
 
 N = 300
 WAVE = np.sin(np.arange(N) / 8.0)
@@ -29,11 +33,75 @@ WAVE = np.sin(np.arange(N) / 8.0)
         (WAVE, WAVE, {"criterion": "oe", "method": "nlp"}, "or method 'search'"),
         (WAVE, WAVE, {"confidence": 1.5}, "confidence"),
         (WAVE, WAVE, {"auto": np.ones(3)}, "auto has 3"),
+        (WAVE, WAVE, {"auto": ["AUTO"] * N}, "auto is not numeric: give 1 where"),
     ],
 )
 def test_what_is_no_window_is_refused(op: object, pv: object, options: dict, words: str) -> None:
     with pytest.raises(EstimatorError, match=words.replace("(", r"\(").replace(")", r"\)")):
         identify(op, pv, **options)
+
+
+def _series(values: Any, *, every: str = "2s", start: str = "2026-03-01", **options: Any) -> Any:
+    times = pd.date_range(start, periods=len(values), freq=every, **options)
+    return pd.Series(np.asarray(values), index=times)
+
+
+@pytest.mark.parametrize(
+    ("every", "period"), [("2s", 2.0), ("500ms", 0.5), ("1min", 60.0), ("1s", 1.0)]
+)
+def test_the_period_is_that_of_a_series_times(every: str, period: float) -> None:
+    op = _series(WAVE, every=every)
+    for index in (op.index, op.index.tz_localize("UTC"), op.index - op.index[0]):
+        assert period_of(None, pd.Series(WAVE, index=index)) == period
+    assert period_of(None, None, WAVE, op) == period
+    assert period_of(period, op) == period
+
+
+def test_without_times_the_period_is_a_second() -> None:
+    for signal in (WAVE, list(WAVE), pd.Series(WAVE), np.ma.array(WAVE)):
+        assert period_of(None, signal) == 1.0
+        assert period_of(3.0, signal) == 3.0
+
+
+def test_times_that_are_rounded_to_seconds_tell_the_period_between() -> None:
+    index = (pd.Timestamp("2026-03-01") + pd.to_timedelta(2.5 * np.arange(N), "s")).floor("s")
+    assert period_of(None, pd.Series(WAVE, index=index)) == pytest.approx(2.5, rel=1e-2)
+    assert period_of(2.5, pd.Series(WAVE, index=index)) == 2.5
+
+
+def test_series_are_not_joined_by_place() -> None:
+    op, later = _series(WAVE), _series(WAVE, start="2026-03-02")
+    for function in (identify, diagnose):
+        with pytest.raises(EstimatorError, match=r"op and pv have different indexes.*concat"):
+            function(op, later)
+        with pytest.raises(EstimatorError, match="op and sp have different indexes"):
+            function(op, WAVE, sp=pd.Series(WAVE))
+
+
+def test_a_period_that_the_times_contradict_is_refused() -> None:
+    op = _series(WAVE)
+    for function in (identify, diagnose):
+        with pytest.raises(EstimatorError, match=r"period is 1 s and the times .* are 2 s apart"):
+            function(op, op, period=1.0)
+
+
+def test_times_in_uneven_steps_are_refused_with_the_row_and_a_remedy() -> None:
+    op = _series(WAVE)
+    gap = op.drop(op.index[100])
+    with pytest.raises(EstimatorError, match=r"2 s apart, and 4 s before row 100 .*asfreq"):
+        identify(gap, gap)
+    with pytest.raises(EstimatorError, match="2 s apart, and 4 s before row 100"):
+        diagnose(gap, gap, period=2.0)
+    twice = pd.concat([op[:100], op[99:]])
+    with pytest.raises(EstimatorError, match=r"do not rise at row 100 .*sort"):
+        identify(twice, twice)
+
+
+def test_a_series_with_times_is_judged_as_its_samples_are() -> None:
+    pv = 0.5 * np.roll(WAVE, 3)
+    named = identify(_series(WAVE), _series(pv)).to_dict()
+    plain = identify(WAVE, pv, period=2.0).to_dict()
+    assert {**named, "seconds": 0} == {**plain, "seconds": 0}
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -83,7 +84,7 @@ def test_one_finding_for_a_group_and_none_for_its_victims() -> None:
     assert (row.loop, row.cause, row.loops) == ("A", "sticky_valve", ("A", "B", "C"))
     assert row.document is not None
     assert row.document["candidates"][0]["loop"] == "A"  # type: ignore[index]
-    assert describe_finding(row) == "candidate A: sticky valve; B and C swing with it (90 s)"
+    assert describe_finding(row) == "candidate A: sticky valve; B and C swing with it every 90 s"
     assert len(ledger.open) == 1
 
 
@@ -212,5 +213,20 @@ def test_a_source_that_turns_out_to_be_another_stays_one_finding() -> None:
     other = replace(swinging(3, "A", "B", "C"), groups=(group("A", "B", "C", "D", source=None),))
     other = replace(other, loops={**other.loops, "D": loop(3, "quiet", period=90.0)})
     (changed,) = [r for r in ledger.advance(other) if r.finding == row.finding]
-    assert changed.message.startswith("changed: A, B, C and D swing together (90 s)")
+    assert changed.message.startswith("changed: A, B, C and D swing together every 90 s")
     assert (changed.loop, changed.state) == ("", "confirmed")
+
+
+@pytest.mark.parametrize(
+    ("period", "said"),
+    [
+        (74.3, "FC101: sticky valve, swings every 74 s"),
+        (4.26, "FC101: sticky valve, swings every 4.3 s"),
+        (None, "FC101: sticky valve"),
+    ],
+)
+def test_a_period_is_said_in_words(period: float | None, said: str) -> None:
+    found = SimpleNamespace(
+        cause="sticky_valve", loop="FC101", loops=("FC101",), swing_period_s=period
+    )
+    assert describe_finding(found) == said

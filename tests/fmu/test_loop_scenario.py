@@ -14,9 +14,11 @@ from fieldlink.cli.fmu import app
 from fieldlink.lab.fmu import FmuError
 from fieldlink.lab.fmu.loop_scenario import write_scenario
 from fieldlink.lab.fmu.step_test import LoopWish, is_share, respond
+from fieldlink.lab.plc.build import LoopSetup
 from fieldlink.lab.rehearse import Defect, load_scenario, rehearse
 from fieldlink.lab.rehearse.briefing import list_findings
 from fieldlink.lab.rehearse.happenings import Manual
+from fieldlink.lab.rehearse.site_files import LOOP, write_site
 from fmu_models import fmu_path, summarise
 
 TANK = LoopWish("tank.inflow[1]", "tank.h", period=0.1)
@@ -43,6 +45,36 @@ def test_an_opening_from_0_to_1_is_named(mini_fmus: dict[str, Path]) -> None:
         told = replace(fmu.variables[place], low=low, high=high, start=start)
         variables = (*fmu.variables[:place], told, *fmu.variables[place + 1 :])
         assert is_share(replace(fmu, variables=variables), told.name) is named
+
+
+def test_an_opening_from_0_to_1_is_scaled_or_refused(
+    mini_fmus: dict[str, Path], tmp_path: Path
+) -> None:
+    """dh/dt = inflow - h, the inflow as an opening: 1 % of OP is 0.01."""
+    fmu = summarise(mini_fmus["fmi2"])
+    place = next(n for n, v in enumerate(fmu.variables) if v.name == TANK.op)
+    opening = replace(fmu.variables[place], low="0", high="1", start="0.4")
+    told = replace(fmu, variables=(*fmu.variables[:place], opening, *fmu.variables[place + 1 :]))
+    with pytest.raises(FmuError, match=r"goes from 0 to 1.*give --op-scale 0\.01"):
+        respond(told, TANK)
+    wish = replace(TANK, op_scale=0.01)
+    response = respond(told, wish)
+    assert (response.op, response.start) == pytest.approx((40.0, 0.4))
+    assert response.gain == pytest.approx(0.01, rel=0.1)
+    file = tmp_path / "tank.toml"
+    write_scenario(told, wish, response, file)
+    scenario = load_scenario(file).scenario
+    assert scenario.plant.variables.op_scale == 0.01
+    folder = tmp_path / "site"
+    folder.mkdir()
+    setup = LoopSetup.of(write_site(scenario, file, folder), LOOP)
+    assert setup.op == pytest.approx(40.0)
+    # OP of the PLC is percent, and the tank gets a hundredth of it.
+    with setup.open() as plant:
+        assert plant.run(200, {TANK.op: 40.0})[TANK.pv][-1] == pytest.approx(0.4, rel=1e-3)
+        for _ in range(200):
+            found = plant.step({TANK.op: 60.0})
+        assert found[TANK.pv] == pytest.approx(0.6, rel=1e-3)
 
 
 def test_an_integrating_process_is_seen(tmp_path: Path) -> None:
@@ -129,3 +161,11 @@ def test_what_is_refused(mini_fmus: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(FmuError, match="it exists; remove it, or name another with --output"):
         write_scenario(fmu, TANK, respond(fmu, TANK), file)
     assert file.read_text() == "mine"
+
+
+def test_a_plant_that_is_written_wrong_is_suggested() -> None:
+    done = CliRunner().invoke(app, ["info", "exampel1"])
+    assert done.exit_code == 2
+    said = " ".join(done.output.replace("│", " ").split())
+    assert "exampel1 is neither a file nor a plant of the catalogue" in said
+    assert "did you mean 'example1'" in said

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldlink.links.backoff import Backoff, BackoffSettings
+from fieldlink.links.backoff import Backoff, BackoffSettings, describe_next
 from fieldlink.links.turns import Turns
 
 
@@ -66,3 +66,10 @@ def test_a_success_forgets_the_failures() -> None:
 def test_settings_that_make_no_sense_are_refused(values: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="backoff needs"):
         BackoffSettings(**values)
+
+
+@pytest.mark.parametrize(
+    ("wait", "said"), [(0.3, "in 0.3 s"), (0.04, "at once"), (0.0, "at once"), (0.05, "in 0.1 s")]
+)
+def test_a_wait_of_no_time_is_said_in_words(wait: float, said: str) -> None:
+    assert describe_next(wait, 3) == f"next attempt {said} (failures in a row: 3)"

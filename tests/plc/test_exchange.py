@@ -47,6 +47,31 @@ def test_a_sound_block_is_accepted_and_acknowledged(
         assert plc.image.read(Table.HOLDING, AREA.active_bank, 1) == [Bank.A]
 
 
+def test_enable_is_the_operators_and_a_client_writes_it_only_where_it_is_his_switch(
+    make_site: MakeSite, make_block: MakeBlock, writer_of: Callable
+) -> None:
+    with (
+        VirtualPlc(make_site(), "plc") as plc,
+        pytest.raises(RequestRefusedError, match="100 is read-only"),
+    ):
+        plc.image.write(Table.HOLDING, AREA.enable, [0])
+    with VirtualPlc(make_site(), "plc", operator_switch=True) as plc:
+        writer = writer_of(plc)
+        writer.run(3)
+        writer.send(make_block(7))
+        writer.run(1)
+        assert plc.block("FC101").in_force is not None
+        plc.image.write(Table.HOLDING, AREA.enable, [0])
+        writer.run(1)
+        assert plc.block("FC101").fallback is Fallback.DISABLED
+        plc.image.write(Table.HOLDING, AREA.enable, [1])
+        writer.run(1)
+        assert plc.block("FC101").in_force.seq == 7
+        # What the PLC answers stays its own.
+        with pytest.raises(RequestRefusedError, match="101 is read-only"):
+            plc.image.write(Table.HOLDING, AREA.ack_seq, [3])
+
+
 def spoil_crc(words: list[int]) -> list[int]:
     return [*words[:30], words[30] ^ 1, *words[31:]]
 

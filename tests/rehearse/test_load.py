@@ -78,6 +78,12 @@ def test_a_slip_is_named_with_its_remedy(
         load_scenario(write_scenario(**parts))
 
 
+def test_a_list_whose_only_entry_is_wrong_is_not_empty_too(write_scenario: WriteScenario) -> None:
+    with pytest.raises(SiteError) as refused:
+        load_scenario(write_scenario(expect='[[expect]]\nkind = "verdikt"'))
+    assert [problem.message for problem in refused.value.problems] == ["'verdikt' is unknown"]
+
+
 def test_a_window_longer_than_the_run_is_refused(write_scenario: WriteScenario) -> None:
     path = write_scenario()
     path.write_text(path.read_text().replace("window = 60", "window = 121"))

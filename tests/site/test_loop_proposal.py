@@ -57,3 +57,20 @@ def test_an_output_and_a_measurement_of_one_number_are_asked_for() -> None:
 
 def test_text_is_no_signal() -> None:
     assert proposed("FC1.OP", text="FC1.PV").loops == ()
+
+
+def test_the_letters_of_din_19226_are_taken_where_they_stand_together() -> None:
+    (loop,) = proposed("FIC101.Y", "FIC101.X", "FIC101.W", "FIC101.A").loops
+    assert loop.roles == {"op": "FIC101.Y", "pv": "FIC101.X", "sp": "FIC101.W"}
+    (pair,) = proposed("FIC101_X", "FIC101_Y").loops
+    assert pair == LoopProposal("FIC101", {"op": "FIC101_Y", "pv": "FIC101_X"})
+    (disturbed,) = proposed("FIC1.X", "FIC1.Y", "FIC1.W", "FIC1.Z").loops
+    assert set(disturbed.roles) == {"op", "pv", "sp"}
+
+
+def test_letters_alone_or_of_coordinates_are_no_loop() -> None:
+    for names in (("A.X",), ("A.X", "A.W"), ("X", "Y", "W"), ("R1.X", "R1.Y", "R1.Z"),
+                  ("A.X", "B.Y"), ("X_PV", "Y_PV")):  # fmt: skip
+        assert proposed(*names).loops == (), names
+    (plain,) = proposed("FC1.OP", "FC1.PV", "FC1.X", "FC1.Y", "FC1.W").loops
+    assert plain.roles == {"op": "FC1.OP", "pv": "FC1.PV"}

@@ -279,6 +279,15 @@ def test_matlab_excel_and_parquet(tmp_path: Path) -> None:
         check(read_recording(path))
 
 
+def test_the_columns_of_a_matrix_of_matlab_can_be_named(tmp_path: Path) -> None:
+    savemat(tmp_path / "tall.mat", {"data": np.column_stack([OP, PV]), "Ts": 2.0})
+    savemat(tmp_path / "wide.mat", {"data": np.vstack([OP, PV]), "Ts": 2.0})
+    for path in sorted(tmp_path.iterdir()):
+        check(read_recording(path, op="column1", pv="column2"))
+        with pytest.raises(RecordingError, match="column1, column2"):
+            read_recording(path)
+
+
 @pytest.mark.parametrize("heading", ["", "When"])
 def test_a_column_of_moments_is_the_time_whatever_its_heading(tmp_path: Path, heading: str) -> None:
     """What pandas writes for an index of moments has no heading."""

@@ -19,6 +19,8 @@ from fieldlink.store import EstimateRecord, EventRecord, Historian, StoreError, 
 from fieldlink.web import WebError, store_server, web_server
 from fieldlink.web.responses import render
 from fieldlink.web.view.curves import stem_of
+from fieldlink.worklist import WorkListSettings, list_loops
+from fieldlink.worklist.row import Outlook
 
 TOKEN = "0123456789abcdef0123456789abcdef"
 PAGES = ("/", "/devices", "/api/loops", "/api/loops/LIC-0001", "/api/devices", "/fragments/fleet")
@@ -75,6 +77,49 @@ async def test_the_rank_follows_from_the_figures_that_are_shown(
     assert [(loop["name"], loop["avoidable"]) for loop in loops] == [("B", 1.0), ("A", 1.0)]
     shown = [loop["avoidable"] + loop["stick_band"]["value"] / loop["limit"] for loop in loops]
     assert shown == sorted(shown, reverse=True)
+
+
+async def test_page_and_work_list_judge_a_stick_band_by_the_same_limit(
+    tmp_path: Path, device: Any, live: Any
+) -> None:
+    live.site_for(tmp_path, {"a": device.port, "b": device.port})
+    # An OP in mA: the limit in % of its span is another number in its units.
+    rows = "OP,holding,0,float32,4,20\nPV,holding,2,float32,,\nSCAN,holding,4,uint16,,\n"
+    (tmp_path / "map.csv").write_text(f"tag,table,address,type,low,high\n{rows}")
+    site_file = tmp_path / "site.toml"
+    site_file.write_text(site_file.read_text() + "\n[report]\nstick_band_limit = 2.5\n")
+    site = load_site(site_file)
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    historian = Historian(url)
+    historian.start(EventRecord(1, "start", "daemon", "started"))
+    for name, S in (("A", 0.3), ("B", 11.0)):
+        document = {
+            "verdict": "stiction", "confidence": 0.9, "period_s": 1.0, "reasons": [],
+            "stick_band": {"value": S, "low": 0.9 * S, "high": 1.1 * S},
+            "slip_jump": {"value": 0.5, "low": 0.4, "high": 0.6},
+        }  # fmt: skip
+        historian.put(
+            EstimateRecord(
+                name, 2, 2, 0, 9, "estimated", "", "stiction", stick_band=S, document=document
+            )
+        )
+    historian.stop()
+    async with (
+        store_server(url, site, "127.0.0.1", 0) as address,
+        httpx.AsyncClient(base_url=address, timeout=60.0) as client,
+    ):
+        loops = {one["name"]: one for one in (await client.get("/api/loops")).json()["loops"]}
+        pages = {name: (await client.get(f"/loops/{name}")).text for name in loops}
+    settings = WorkListSettings(stick_band_limit=site.report.stick_band_limit)
+    printed = {one.row.tag: one for one in list_loops(url, site, settings=settings)}
+    for name, loop in loops.items():
+        span = printed[name].op_span
+        assert loop["limit"] == pytest.approx(printed[name].row.limit * span / 100.0)
+        is_over = printed[name].row.outlook is Outlook.REACHED
+        assert is_over == (name == "B")
+        assert ("over the limit of 0.4" in pages[name]) == is_over
+        assert ("below the limit of 0.4" in pages[name]) != is_over
+        assert "allowed" not in pages[name]
 
 
 async def test_a_loop_says_why_and_what_was_written(client: httpx.AsyncClient) -> None:

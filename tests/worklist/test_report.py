@@ -164,7 +164,7 @@ def test_paper_has_the_list_first_and_a_page_for_each_sick_loop(
     assert "FC107" not in first
     assert len(pages) == 1 + 6
     assert all(len(page.images) == 1 for page in pages[1:])
-    assert "check air supply and positioner" in pages[1].extract_text()
+    assert "check the packing, the positioner and the air supply" in pages[1].extract_text()
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_each_reader_gets_a_list_of_its_own(
     assert run("report", fleet.file, "--for", audience, "--out", out).exit_code == 0
     page = out.read_text("utf-8")
     assert len(re.findall(r'<td class="tag">', page)) == listed
-    assert ("Loss: share of" in page) == (audience != "technician")
+    assert ("Avoidable: share of" in page) == (audience != "technician")
     assert ("Travel and reversals are" in page) == (audience == "engineer")
     assert page.count('<section class="evidence') == evidence
 

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from benchmarks.made_fleet import END_MS, Fleet
+from estimator import ReasonCode
+from estimator.diagnosis.result import CauseName
 from fieldlink.store import EventRecord, FleetReader, StoreError, WritebackRecord, record_work
 from fieldlink.store.database import open_for_writing
 from fieldlink.store.inserting import insert_batch
@@ -26,7 +28,9 @@ from fieldlink.worklist import (
     list_loops,
 )
 from fieldlink.worklist.estimates_over_time import Course
+from fieldlink.worklist.finding import Action
 from fieldlink.worklist.row import Confidence, Outlook
+from fieldlink.worklist.texts import facts_of
 
 END = datetime.fromtimestamp(END_MS / 1000.0, UTC)
 
@@ -297,3 +301,16 @@ def test_a_historian_of_an_earlier_release_is_read_and_brought_up_to_date(
     record_work(own_fleet.url, "FC101", "planned")
     row = next(loop.row for loop in list_loops(own_fleet.url) if loop.row.tag == "FC101")
     assert row.state == "planned"
+
+
+def test_what_to_do_at_a_sticky_valve_has_one_wording() -> None:
+    wording = "heck the packing, the positioner and the air supply"
+    assert wording in ReasonCode.STICKY_VALVE_EXPLAINS.advice
+    assert wording in Action.REPAIR_VALVE.text
+    assert wording in CauseName.STICKY_VALVE.action
+
+
+def test_facts_say_which_turns_of_op_are_counted(loops: dict[str, ReportedLoop]) -> None:
+    named = dict(facts_of(loops["FC101"].row))
+    assert "reversals of OP a day, turns below 0.2 % left out" in named
+    assert "avoidable: share of PV's variance that sticking makes" in named

@@ -6,7 +6,7 @@ keeps its window, whatever else changes on its device.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,7 @@ class SiteChange:
 
     Attributes:
         added, removed, changed: devices to start, to end, and to start again.
+        changed_loops: by changed device, the loops that alone are the reason.
         kept_loops: loops on changed devices whose windows go on.
         restart: keys that take effect when the daemon is started again.
     """
@@ -31,6 +32,7 @@ class SiteChange:
     added: tuple[str, ...]
     removed: tuple[str, ...]
     changed: tuple[str, ...]
+    changed_loops: Mapping[str, tuple[str, ...]]
     kept_loops: tuple[str, ...]
     restart: tuple[str, ...]
 
@@ -51,6 +53,11 @@ class SiteChange:
             added=tuple(name for name in after if name not in before),
             removed=tuple(name for name in before if name not in after),
             changed=changed,
+            changed_loops={
+                name: _differing_loops(old, new, name)
+                for name in changed
+                if _same_wire(old, new, name)
+            },
             kept_loops=kept,
             restart=tuple(restart),
         )
@@ -67,13 +74,19 @@ class SiteChange:
             for what, names in (
                 ("new:", self.added),
                 ("gone:", self.removed),
-                ("changed:", self.changed),
+                ("changed:", [self._name_change(name) for name in self.changed]),
                 ("windows kept:", self.kept_loops),
                 ("at the next start:", self.restart),
             )
             if names
         ]
         return "; ".join(parts) or "nothing that matters has changed"
+
+    def _name_change(self, device: str) -> str:
+        loops = self.changed_loops.get(device)
+        if not loops:
+            return device
+        return f"loop{'s' if len(loops) > 1 else ''} {' and '.join(loops)} of {device}"
 
 
 class FileWatch:
@@ -121,11 +134,18 @@ def _used(site: Site) -> list[str]:
 
 
 def _same_device(old: Site, new: Site, name: str) -> bool:
-    return (
-        old.devices[name] == new.devices[name]
-        and dict(old.maps.get(name, {})) == dict(new.maps.get(name, {}))
-        and old.loops_of(name) == new.loops_of(name)
+    return _same_wire(old, new, name) and old.loops_of(name) == new.loops_of(name)
+
+
+def _same_wire(old: Site, new: Site, name: str) -> bool:
+    return old.devices[name] == new.devices[name] and dict(old.maps.get(name, {})) == dict(
+        new.maps.get(name, {})
     )
+
+
+def _differing_loops(old: Site, new: Site, name: str) -> tuple[str, ...]:
+    before, after = old.loops_of(name), new.loops_of(name)
+    return tuple(loop for loop in {**before, **after} if before.get(loop) != after.get(loop))
 
 
 def _files(site: Site) -> tuple[Path, ...]:

@@ -80,6 +80,8 @@ def _loop(name: str, loop: LoopStatus) -> Document:
         "missed": loop.counts.missed,
         "verdict": None if found is None else found.verdict,
         "stick_band": None if found is None else _number(found.stick_band.value),
+        "stick_band_low": None if found is None else _number(found.stick_band.low),
+        "stick_band_high": None if found is None else _number(found.stick_band.high),
         "block": {
             "status": None if block is None else block.status.name.lower(),
             "seq": None if block is None else block.seq,
@@ -156,7 +158,10 @@ def _stored_loop(
         "fault": "",
         "missed": _total(mine, "missed"),
         "verdict": None if found.empty else found["verdict"].iloc[-1],
-        "stick_band": None if found.empty else _number(found["stick_band"].iloc[-1]),
+        **{
+            key: None if found.empty else _number(found[key].iloc[-1])
+            for key in ("stick_band", "stick_band_low", "stick_band_high")
+        },
         "block": {
             "status": None if accepted.empty else accepted["status"].iloc[-1],
             "seq": None if accepted.empty else int(accepted["seq"].iloc[-1]),

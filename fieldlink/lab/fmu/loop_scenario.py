@@ -50,7 +50,8 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
         "period": period,
         "op_name": json.dumps(wish.op),
         "pv_name": json.dumps(wish.pv),
-        "op": response.op,
+        "op_start": response.op * wish.scale,
+        "op_scale": "" if wish.scale == 1.0 else f"op_scale = {wish.scale:.6g}\n",
         "gain": gain,
         "integral_time": integral_time,
         "S": wish.stick_band,
@@ -92,11 +93,11 @@ duration = {duration}
 [plant]
 fmu = {fmu}
 period = {period}
-parameters = {{ {op_name} = {op} }}
+parameters = {{ {op_name} = {op_start} }}
 
 [plant.variables]
 op = {op_name}
-pv = {pv_name}
+{op_scale}pv = {pv_name}
 
 [controller]
 kind = "pi"

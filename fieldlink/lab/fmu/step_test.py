@@ -39,6 +39,7 @@ class LoopWish:
         pv: output of the FMU.
         period: seconds between two scans; None takes the FMU's step, or a tenth of its lag.
         op_start: percent at the start; None takes the FMU's start value.
+        op_scale: the FMU's input for 1 % of OP; None takes 1 where the FMU does not speak against.
         stick_band, slip_jump: of the valve, percent of OP.
     """
 
@@ -48,6 +49,12 @@ class LoopWish:
     op_start: float | None = None
     stick_band: float = 5.0
     slip_jump: float = 1.5
+    op_scale: float | None = None
+
+    @property
+    def scale(self) -> float:
+        """The FMU's input for 1 % of OP."""
+        return 1.0 if self.op_scale is None else self.op_scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +91,17 @@ def respond(fmu: FmuSummary, wish: LoopWish) -> StepResponse:
     """Step the FMU's input by 10 % and describe what its output does.
 
     Raises:
-        FmuError: a variable is neither input nor output, or an output does not answer.
+        FmuError: a variable is neither input nor output, an input looks like an opening from 0 to
+            1 and no scale is given, or an output does not answer.
         PlantError: the FMU does not run.
     """
     _require(fmu, wish.op, "input")
     _require(fmu, wish.pv, "output")
+    if wish.op_scale is None and is_share(fmu, wish.op):
+        raise FmuError(
+            f"{fmu.file.name}: by its range or start value {wish.op} goes from 0 to 1, and OP is "
+            "in percent; give --op-scale 0.01, or --op-scale 1 if it does take percent"
+        )
     op = _first_op(fmu, wish)
     step = wish.period or fmu.step_size
     if step is None:
@@ -132,7 +145,7 @@ def _first_op(fmu: FmuSummary, wish: LoopWish) -> float:
     variable = fmu.variable(wish.op)
     text = variable.start.split()[0] if variable is not None and variable.start else ""
     try:
-        start = float(text)
+        start = float(text) / wish.scale
     except ValueError:
         return 40.0
     return start if 5.0 <= start <= 95.0 - STEP else 40.0
@@ -144,14 +157,15 @@ def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> StepRes
     while True:
         runs = []
         for value in (op, op + STEP):
-            with open_plant(fmu.file, parameters={wish.op: op}, period=step) as plant:
-                runs.append(plant.run(steps, {wish.op: value})[wish.pv])
+            with open_plant(fmu.file, parameters={wish.op: op * wish.scale}, period=step) as plant:
+                runs.append(plant.run(steps, {wish.op: value * wish.scale})[wish.pv])
         rise = (runs[1] - runs[0]) / STEP
         start = float(runs[0][-1])
         if not np.abs(rise).max() > 1e-9 * max(1.0, abs(start)):
+            low, high = op * wish.scale, (op + STEP) * wish.scale
             raise FmuError(
-                f"{fmu.file.name}: {wish.pv} does not answer to {wish.op} stepping from {op:g} to "
-                f"{op + STEP:g} in {steps * step:g} s; name other variables, or another OP with "
+                f"{fmu.file.name}: {wish.pv} does not answer to {wish.op} stepping from {low:g} to "
+                f"{high:g} in {steps * step:g} s; name other variables, or another OP with "
                 "--op-start"
             )
         tail = rise[-steps // 5 :]

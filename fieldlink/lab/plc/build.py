@@ -22,6 +22,7 @@ from fieldlink.lab.plc.control import ControlledLoop, SelfControlledLoop, Signal
 from fieldlink.lab.plc.op_sources import ByClient, ByHand, OpSource, Supervised, TimeOut
 from fieldlink.lab.plc.plants import HostedPlant
 from fieldlink.lab.plc.program import LoopProgram, ReplayedLoop
+from fieldlink.lab.plc.scaled_plant import ScaledPlant
 from fieldlink.site import Loop, PlantSettings, Site, read_recording
 from fieldlink.site.missing_rows import fill_missing_rows
 from fmu_models import (
@@ -164,7 +165,12 @@ class LoopSetup:
         except BaseException:
             plant.close()
             raise
-        return plant
+        scales = {
+            setup.signals.op: scale
+            for setup in setups
+            if (scale := setup.settings.variables.op_scale) != 1.0
+        }
+        return ScaledPlant(plant, scales) if scales else plant
 
     def program(self, plant: HostedPlant) -> LoopProgram:
         """Return the loop's program on a plant that rests at ``op``.
@@ -298,7 +304,7 @@ def _parameters(
         found["seed"] = float(settings.seed)
     for number, setup in enumerate(setups):
         if setup.settings.controller_kind != "fmu":
-            found[setup.signals.op] = setup.op
+            found[setup.signals.op] = setup.op * setup.settings.variables.op_scale
         elif known is not None:
             found[known.loops[min(number, len(known.loops) - 1)].controller] = 1.0
     return found | dict(settings.parameters)
@@ -320,4 +326,4 @@ def _first_op(settings: PlantSettings, name: str, limits: OpLimits) -> float:
     given = settings.parameters.get(name, settings.parameters.get(f"{name}_start"))
     if given is None or isinstance(given, str):  # a text is refused where the FMU is opened
         return limits.low + 0.4 * (limits.high - limits.low)
-    return given
+    return given / settings.variables.op_scale if name in settings.parameters else given

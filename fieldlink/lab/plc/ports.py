@@ -81,9 +81,23 @@ class TagPort:
 
 
 class ExchangePort:
-    """The exchange area of one loop, enabled until the operator says otherwise."""
+    """The exchange area of one loop, enabled until the operator says otherwise.
 
-    def __init__(self, image: RegisterImage, layout: ExchangeLayout, reader: BlockReader) -> None:
+    Args:
+        image: holds it.
+        layout: where.
+        reader: judges blocks.
+        operator_switch: whether clients may write ``enable``, as an operator's panel does.
+    """
+
+    def __init__(
+        self,
+        image: RegisterImage,
+        layout: ExchangeLayout,
+        reader: BlockReader,
+        *,
+        operator_switch: bool = False,
+    ) -> None:
         self._image = image
         self._layout = layout
         self._reader = reader
@@ -93,9 +107,11 @@ class ExchangePort:
             # The compact layout is one run of registers; those between its parts read 0.
             last = max(last for _, _, last in layout.spans())
             image.define(Table.HOLDING, layout.enable, last - layout.enable + 1)
-        fieldlinks = {"heartbeat", "writer", "commit", "bank_a", "bank_b"}
+        written = {"heartbeat", "writer", "commit", "bank_a", "bank_b"}
+        if operator_switch:
+            written.add("enable")
         for part, first, last in layout.spans():
-            image.define(Table.HOLDING, first, last - first + 1, writable=part in fieldlinks)
+            image.define(Table.HOLDING, first, last - first + 1, writable=part in written)
         self.enable(True)
 
     def enable(self, allowed: bool) -> None:

@@ -165,6 +165,7 @@ async def serve(
     *,
     port: int | None = None,
     speed: float | None = None,
+    operator_switch: bool = False,
     ready: Callable[[Sequence[PlcServer]], None] | None = None,
     stop: asyncio.Event | None = None,
 ) -> tuple[PlcServer, ...]:
@@ -174,6 +175,7 @@ async def serve(
         site: the site; a device's ``host`` (or ``plc_serial_port``) is where its server listens.
         port: instead of the site's (0 picks a free one); for a site with one endpoint.
         speed: instead of every device's own.
+        operator_switch: whether clients may write ``enable``, as an operator's panel does.
         ready: called once all servers listen.
         stop: ends it.
 
@@ -196,6 +198,7 @@ async def serve(
                     speed=speed or device.speed,
                     pace=device.pace,
                     patience=PATIENCE,
+                    operator_switch=operator_switch,
                 )
                 stack.callback(plc.close)
                 units[device.unit] = plc

@@ -53,6 +53,7 @@ class VirtualPlc:
             takes longer goes on by itself and its loops stand still meanwhile; after 10 seconds it
             is given up. Without a limit a run is the same on every machine.
         programs: builds the program of a loop of the site; by default what the site file says.
+        operator_switch: whether clients may write ``enable``, as an operator's panel does.
         retained: what an earlier life of this PLC kept (RETAIN), see `retained`.
 
     Raises:
@@ -70,6 +71,7 @@ class VirtualPlc:
         isolated: bool = True,
         patience: float = math.inf,
         programs: BuildProgram | None = None,
+        operator_switch: bool = False,
         retained: Mapping[str, LoopMemory] | None = None,
     ) -> None:
         self.device = device
@@ -81,6 +83,7 @@ class VirtualPlc:
         self._loops: dict[str, HostedLoop] = {}
         settings = site.devices[device]
         self._patience = patience
+        self._operator_switch = operator_switch
         own = Programs(site, isolated=isolated)
         build = programs or own.build
         dead_after = HEARTBEAT_TIMEOUT * speed if pace == "clock" else math.inf
@@ -229,7 +232,9 @@ class VirtualPlc:
             heartbeat_timeout=heartbeat,
             limits=BlockLimits(writeback.limits.stick_band, writeback.limits.slip_jump),
         )
-        return ExchangePort(self.image, writeback.exchange, reader)
+        return ExchangePort(
+            self.image, writeback.exchange, reader, operator_switch=self._operator_switch
+        )
 
 
 def scan_period(site: Site, device: str) -> Fraction:

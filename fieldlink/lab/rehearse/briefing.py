@@ -251,8 +251,8 @@ def list_site_work(rehearsal: Rehearsal) -> list[str]:
     )
     if any(w.verdict == "stiction" for w in course.windows):
         lines.append(
-            "A verdict of stiction: look at the valve (packing, positioner, air) before anything "
-            "is compensated, and compare S with a stroke test in manual."
+            "A verdict of stiction: check the packing, the positioner and the air supply before "
+            "anything is compensated, and compare S with a stroke test in manual."
         )
     if any(w.verdict == "not_assessable" for w in course.windows):
         lines.append(

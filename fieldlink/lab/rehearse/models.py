@@ -57,6 +57,8 @@ class PlantVariables(ScenarioModel):
 
     op: str = "op"
     """Input: controller output."""
+    op_scale: float = Field(default=1.0, gt=0, le=1e6)
+    """The FMU's input for 1 % of OP: 0.01 for an opening from 0 to 1."""
     pv: str = "pv"
     """Output: process variable."""
     stem: str = "stem"

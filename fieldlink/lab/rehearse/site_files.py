@@ -52,7 +52,7 @@ def _site(scenario: Scenario, file: Path) -> str:
         "compensate": controller.compensate,
         "seed": scenario.scenario.seed,
         "parameters": dict(plant.parameters),
-        "variables": plant.variables.model_dump(include={"op", "pv", "stem"}),
+        "variables": plant.variables.model_dump(include={"op", "op_scale", "pv", "stem"}),
     }
     if controller.kind == "pi":
         hosted["pi"] = {"gain": controller.gain, "integral_time": controller.integral_time}

@@ -27,6 +27,9 @@ __all__ = ["Document", "Fleet", "FleetView"]
 
 Document = dict[str, Any]
 
+USUAL_OP_SPAN = 100.0
+"""OP's span where the register map does not give it, as in the work list."""
+
 REFRESH_EVERY = 1.0
 """Seconds for which a view of the fleet serves everybody who asks."""
 
@@ -177,22 +180,24 @@ class FleetView:
         points = known.trend_points
         if len(points) < 3:
             return None
-        key = f"{name}\0{points[0]['id']}\0{points[-1]['id']}"
+        limit = self._limit(name)
+        key = f"{name}\0{points[0]['id']}\0{points[-1]['id']}\0{limit}"
         if (before := self._courses.get(name)) not in (None, key):
             # What is there stays until the new one is ready, so that the table does not blink.
-            fresh = self._analyst.course(key, lambda: _points(points), self._limit(name))
+            fresh = self._analyst.course(key, lambda: _points(points), limit)
             if fresh is None:
                 assert before is not None
                 return self._analyst.course(before, list, None)
             self._analyst.forget(before or "")
         self._courses[name] = key
-        return self._analyst.course(key, lambda: _points(points), self._limit(name))
+        return self._analyst.course(key, lambda: _points(points), limit)
 
     def _limit(self, name: str) -> float | None:
+        """The work list's limit of S (``report.stick_band_limit``) in units of OP."""
         site = self._site()
         if site is None or name not in site.loops:
             return None
-        return site.loops[name].writeback.limits.stick_band[1]
+        return 0.01 * site.report.stick_band_limit * (site.op_span(name) or USUAL_OP_SPAN)
 
     def _row(
         self,

@@ -69,6 +69,10 @@ def loop_document(
             "estimate_every_s": settings.estimate_period,
             "tags": {"OP": settings.op, "PV": settings.pv, "SP": settings.sp},
             "writeback": settings.writeback.enabled,
+            "limits": {
+                "stick_band": settings.writeback.limits.stick_band,
+                "slip_jump": settings.writeback.limits.slip_jump,
+            },
             "min_windows": settings.writeback.min_windows,
         },
         "latest": None

@@ -1,0 +1,37 @@
+"""What ``fieldlink status`` prints of a loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from fieldlink.cli.ask_daemon import _lines
+
+LOOP: dict[str, Any] = {
+    "name": "FC101", "device": "plc", "expected": 100, "read": 100, "bad": 0, "fault": "",
+    "missed": 0, "verdict": "stiction", "stick_band": 11.0, "stick_band_low": 10.12,
+    "stick_band_high": 11.91, "waiting": None,
+    "block": {"status": None, "seq": None, "acknowledged": False, "reason": ""},
+}  # fmt: skip
+
+
+def printed(units: dict[str, str], **loop: object) -> str:
+    daemon = {"alive": True, "since": "2026-11-26T08:00:00+00:00"}
+    found = {"daemon": daemon, "devices": [], "loops": [{**LOOP, **loop}]}
+    return _lines(found, units)[1]
+
+
+@pytest.mark.parametrize(
+    ("units", "loop", "said"),
+    [
+        ({"FC101": "%"}, {}, "stiction, S = 11 (10.12 to 11.91) %"),
+        ({}, {}, "stiction, S = 11 (10.12 to 11.91) in units of OP"),
+        ({"FC101": "mA"}, {"stick_band_low": None}, "stiction, S = 11 mA"),
+        ({"FC101": "%"}, {"verdict": "no_stiction"}, "no_stiction"),
+    ],
+)
+def test_a_stick_band_has_its_interval_and_unit(
+    units: dict[str, str], loop: dict[str, object], said: str
+) -> None:
+    assert printed(units, **loop).endswith(f"0 missed; {said}")
