@@ -33,8 +33,7 @@ _CLOSE = -2.0
 """Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
 this and `_CLEAR` that were swept, none became a sticky valve)."""
 _TRIED = 4
-"""Valves that are weighed in a second search: which is the likeliest hangs on what else moves PV and
-on the process."""
+"""Valves weighed in a second search: which is the likeliest hangs on what else moves PV."""
 _ANOTHER = 0.05
 """Stick bands that differ by more, as a share, are different valves."""
 
