@@ -253,7 +253,8 @@ def _step_of(times: Array) -> float:
             f"the times of the index do not rise at row {row} (counted from 0): sort them and drop "
             f"those that are empty or there twice, {remedy}"
         )
-    usual = float(np.median(steps))
+    # times that are rounded alternate between two steps: their mean is between these
+    usual = max(float(np.median(steps)), float(np.mean(steps)))
     row = int(np.argmax(steps))
     if steps[row] > _HOLE * usual:
         raise EstimatorError(
