@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from estimator.arrays import Array
 from estimator.cleaning import find_held
 from estimator.controller.reading import Controller, read_aligned, read_controller
+from estimator.controller.shifts import find_shift, shifted
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.explanations import Explained, explain
@@ -196,14 +197,34 @@ def _read_controller(
     assert record.pv is not None
     measured = np.where(record.good, record.pv, math.nan)
     found = read(record, measured)
-    if found is not None and found.exact:
+    if found is not None and found.timed:
         return found, record
     aligned = read_aligned(record.op, measured, record.sp, settings.reading)
-    if aligned.late == 0:
+    late = aligned.late
+    if aligned.controller is None:
+        action = 0.0 if found is None else math.copysign(1.0, found.gain or found.integral_rate)
+        late = find_shift(_in_auto(record), measured, record.sp, action, settings.reading)
+    if late == 0:
         return found, record
+    moved = _moved(record, measured, late)
+    assert moved.pv is not None
+    again = read(moved, np.where(moved.good, moved.pv, math.nan))
+    if again is None or (found is not None and again.action != found.action):
+        # not the controller's law: the process's
+        return found, record
+    return replace(again, timed=True), moved
+
+
+def _in_auto(record: LoopRecord) -> Array:
+    """OP, NaN where a hand moves it."""
+    return record.op if record.auto is None else np.where(record.auto, record.op, math.nan)
+
+
+def _moved(record: LoopRecord, measured: Array, late: int) -> LoopRecord:
+    """The record with PV moved forward by ``late`` samples, or OP where that is negative."""
     auto = None if record.auto is None else record.auto.astype(float)
-    moved = loop_record(record.op, aligned.pv, record.sp, auto, record.period)
-    return read(moved, aligned.pv), moved
+    op = shifted(record.op, -late)
+    return loop_record(op, shifted(measured, late), record.sp, auto, record.period)
 
 
 def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
@@ -248,7 +269,7 @@ def _explain(
         return None
     assert cut.pv is not None
     cycles = cut.op.size * cut.period / swing.period_s if swing.present else math.nan
-    exact = controller if controller is not None and controller.exact else None
+    exact = controller if controller is not None and controller.timed else None
     late = exact is not None and exact.delay == 0
     pv = np.where(cut.good, cut.pv, np.nan)
     auto = None if cut.auto is None else cut.auto.astype(float)
