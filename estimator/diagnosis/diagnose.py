@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Mask
 from estimator.cleaning import find_held
 from estimator.controller.reading import Controller, read_aligned, read_controller
 from estimator.controller.shifts import find_shift, shifted
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import Limits, by_hand_of, limits_of, sensor_of
+from estimator.diagnosis.facts import Limits, by_hand_of, in_long_runs, limits_of, sensor_of
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
@@ -118,11 +118,11 @@ def diagnose(
     pv, error = record.pv, record.error
     assert pv is not None
     assert error is not None
-    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts)
+    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts, period)
     recorded = record
     if by_hand.any():
         record = replace(record, auto=~by_hand)
-    limits = limits_of(record.op, error, controller, by_hand, settings.facts)
+    limits = limits_of(record.op, error, controller, by_hand, settings.facts, period)
     sensor = sensor_of(pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
     if sensor.frozen > settings.judging.frozen:
@@ -147,6 +147,7 @@ def diagnose(
         has_pv=True,
         sensor=sensor,
         manual=manual,
+        still=_unclear(recorded, controller, by_hand | limits.where, settings),
         controller=controller,
         explained=explained,
         loop=loop,
@@ -225,6 +226,18 @@ def _moved(record: LoopRecord, measured: Array, late: int) -> LoopRecord:
     auto = None if record.auto is None else record.auto.astype(float)
     op = shifted(record.op, -late)
     return loop_record(op, shifted(measured, late), record.sp, auto, record.period)
+
+
+def _unclear(
+    record: LoopRecord, controller: Controller | None, told: Mask, settings: DiagnosisSettings
+) -> float:
+    """Share of the samples in which a hand may hold OP, beside those for which that is told."""
+    facts = settings.facts
+    is_read = controller is not None and controller.explained >= facts.of_moves
+    if record.auto is not None or is_read:
+        return 0.0
+    still = in_long_runs(record.op, max(facts.least_run, int(facts.run_share * record.op.size)))
+    return float(np.mean(still & ~told))
 
 
 def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
