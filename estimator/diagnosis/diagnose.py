@@ -384,6 +384,7 @@ def _shares(
         "log_bayes_factor_sticky": math.nan,
         "log_bayes_factor_outside": math.nan,
         "log_bayes_factor_curved": math.nan,
+        "wave_beside_valve_period_s": math.nan,
         "share_without_sticking": math.nan,
         "share_without_tuning": math.nan,
         "gain_margin": math.nan,
@@ -394,6 +395,8 @@ def _shares(
         found["log_bayes_factor_sticky"] = explained.sticking
         found["log_bayes_factor_outside"] = explained.outside
         found["log_bayes_factor_curved"] = explained.curved
+        if explained.wave is not None:
+            found["wave_beside_valve_period_s"] = explained.wave.period_s
         found["share_without_sticking"] = min(1.0, explained.effect)
     if loop is not None:
         margins = loop.margins()

@@ -184,6 +184,12 @@ def _own_cause(
     weights = {cause.name: cause for cause in diagnosis.causes}
     sticky, tight = weights.get(CauseName.STICKY_VALVE), weights.get(CauseName.TIGHT_TUNING)
     if sticky is not None:
+        wave = diagnosis.indices.get("wave_beside_valve_period_s", math.nan)
+        if abs(wave / period - 1.0) < grouping.width:
+            return -grouping.external, False, (
+                f"beside its valve there is a wave of {wave:.4g} s from outside, the group's own "
+                f"period: it began elsewhere"
+            )  # fmt: skip
         return grouping.sticky, True, f"its valve sticks: {sticky.evidence[0]}"
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     is_unsure = diagnosis.first.name is CauseName.UNDETERMINED and amplified > judging.tight
