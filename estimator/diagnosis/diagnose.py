@@ -113,7 +113,7 @@ def diagnose(
             rank_causes(gathered, settings), swing, signal, indices, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
-    controller, record = _read_controller(record, settings)
+    controller, record, late = _read_controller(record, settings)
     record = with_own_setpoint(record, controller, settings)
     pv, error = record.pv, record.error
     assert pv is not None
@@ -180,14 +180,17 @@ def diagnose(
         tuning=None if proposal is None else proposal.to_dict(),
         samples=record.op.size,
         period_s=period,
-        notes=tuple(reason.text for reason in explained.reasons) if explained else (),
+        notes=(
+            *(reason.text for reason in (explained.reasons if explained else ())),
+            *_tell_late(late),
+        ),
     )
 
 
 def _read_controller(
     record: LoopRecord, settings: DiagnosisSettings
-) -> tuple[Controller | None, LoopRecord]:
-    """The controller, and the record with PV as that saw it."""
+) -> tuple[Controller | None, LoopRecord, int]:
+    """The controller, the record with PV as that saw it, and the samples by which PV was late."""
 
     def read(one: LoopRecord, pv: Array) -> Controller | None:
         return read_controller(
@@ -199,21 +202,30 @@ def _read_controller(
     measured = np.where(record.good, record.pv, math.nan)
     found = read(record, measured)
     if found is not None and found.timed:
-        return found, record
+        return found, record, 0
     aligned = read_aligned(record.op, measured, record.sp, settings.reading)
     late = aligned.late
     if aligned.controller is None:
         action = 0.0 if found is None else math.copysign(1.0, found.gain or found.integral_rate)
         late = find_shift(_in_auto(record), measured, record.sp, action, settings.reading)
     if late == 0:
-        return found, record
+        return found, record, 0
     moved = _moved(record, measured, late)
     assert moved.pv is not None
     again = read(moved, np.where(moved.good, moved.pv, math.nan))
     if again is None or (found is not None and again.action != found.action):
         # not the controller's law: the process's
-        return found, record
-    return replace(again, timed=True), moved
+        return found, record, 0
+    return replace(again, timed=True), moved, late
+
+
+def _tell_late(late: int) -> tuple[str, ...]:
+    """That one signal was moved; empty where none was."""
+    if late == 0:
+        return ()
+    one, other = ("PV", "the OP that answers it") if late > 0 else ("OP", "the PV that it answers")
+    by = "1 sample" if abs(late) == 1 else f"{abs(late)} samples"
+    return (f"{one} is recorded {by} after {other}: it is judged as if {by} earlier",)
 
 
 def _in_auto(record: LoopRecord) -> Array:
