@@ -222,7 +222,8 @@ def _read_exactly(given: _Given, period: float, settings: Reading) -> Controller
         other = fit_filtered(u, given.y, given.e, rows, settings.resolution)
         if other is not None:
             again = _filtered(other, period, 1.0 - other.fit.squares / other.fit.rows / whole)
-            if _is_rounding(other.fit, again, given, whole, period, settings):
+            is_exact = again.explained > settings.exact
+            if is_exact and _is_rounding(other.fit, again, given, whole, period, settings):
                 return replace(again, exact=True)
         return found if found.explained > settings.exact else None
     return replace(found, exact=found.explained > settings.exact)
