@@ -19,7 +19,6 @@ __all__ = [
     "by_hand_of",
     "in_long_runs",
     "limits_of",
-    "longest_run",
     "sensor_of",
 ]
 
@@ -101,11 +100,6 @@ def by_hand_of(
         if np.mean(np.cumsum(push) < 0.0) > 1.0 - settings.pushed:
             found[start:stop] = True
     return found
-
-
-def longest_run(values: Array) -> int:
-    """Samples of the longest run of one value."""
-    return max((stop - start for start, stop in runs_of(np.diff(values) == 0.0)), default=0) + 1
 
 
 def in_long_runs(values: Array, least: int) -> Mask:
