@@ -16,12 +16,13 @@ more samples they hold less of it, and the sums are instrumented by what was rec
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from estimator.arrays import Array, Mask
+from estimator.controller.filtered import Filtered, fit_filtered
 from estimator.controller.fits import (
     TIE,
     Fit,
@@ -46,11 +47,16 @@ class Controller:
         integral_time_s: Ti in seconds, infinite without integral action.
         derivative_time_s: Td in seconds, 0 without derivative action.
         integral_rate: ``Kc / Ti``, OP per PV and second.
-        filter_time_s: time constant of a first-order filter in series, 0 where there is none.
+        filter_time_s: time constant of a first-order filter, 0 where there is none.
         derivative_on: ``"error"`` or ``"pv"``.
         delay: samples from PV to OP's answer in the record, 0 or 1.
         explained: share of OP's moves that these settings explain, 0 to 1.
-        exact: whether the record is what the controller saw: the moves are explained to rounding.
+        exact: whether the record is what the controller saw: what these settings leave of OP's
+            moves is the record's rounding.
+        filter_on: what is filtered: ``"all"``, ``"derivative"`` alone, or ``"pv"`` and not the
+            set-point.
+        timed: whether the samples that belong together are known: OP of a sample answers PV of
+            the sample, or of the one before it (`delay`).
     """
 
     structure: str
@@ -63,6 +69,8 @@ class Controller:
     delay: int
     explained: float
     exact: bool
+    filter_on: str = "all"
+    timed: bool = False
 
     @property
     def action(self) -> str:
@@ -87,6 +95,7 @@ class Controller:
             "derivative_time_s": self.derivative_time_s,
             "action": self.action,
             "filter_time_s": self.filter_time_s,
+            "filter_on": self.filter_on,
             "derivative_on": self.derivative_on,
             "delay_samples": self.delay,
             "explained": self.explained,
@@ -96,6 +105,11 @@ class Controller:
 
 _LATE = (0, 1, 2)
 """Samples by which PV may be recorded later than OP."""
+_ROUNDED = 2.0
+"""Times the variance of the record's rounding that a law may leave for all that it leaves to be
+rounding: some values repeat, and their errors do."""
+_ONE = 1e-9
+"""Of a signal's span: values that are nearer are one."""
 _CANDIDATES = (
     ("p",), ("i",), ("p", "i"), ("p", "i", "d"), ("p", "i", "dpv"), ("i", "ppv"),
     ("p", "i", "f"), ("p", "i", "d", "f"), ("p", "i", "dpv", "f"),
@@ -201,9 +215,41 @@ def _read_exactly(given: _Given, period: float, settings: Reading) -> Controller
         return None
     moves = np.diff(u)[rows[1:]]
     whole = float(np.mean((moves - moves.mean()) ** 2))
-    explained = 1.0 - best.squares / best.rows / whole if whole > 0.0 else 0.0
-    is_exact = explained > settings.exact
-    return _controller(best, period, explained, exact=True) if is_exact else None
+    if not whole > 0.0:
+        return None
+    found = _controller(best, period, 1.0 - best.squares / best.rows / whole)
+    if not _is_rounding(best, found, given, whole, period, settings):
+        other = fit_filtered(u, given.y, given.e, rows, settings.resolution)
+        if other is not None:
+            again = _filtered(other, period, 1.0 - other.fit.squares / other.fit.rows / whole)
+            is_exact = again.explained > settings.exact
+            if is_exact and _is_rounding(other.fit, again, given, whole, period, settings):
+                return replace(again, exact=True)
+        return found if found.explained > settings.exact else None
+    return replace(found, exact=found.explained > settings.exact)
+
+
+def _is_rounding(
+    fit: Fit, of: Controller, given: _Given, whole: float, period: float, settings: Reading
+) -> bool:
+    """Whether the record's rounding makes all that a law leaves of OP's moves."""
+    pole = math.exp(-period / of.filter_time_s) if of.filter_time_s > 0.0 else 0.0
+    proportional, integral = of.gain, of.integral_rate * period
+    derivative = of.gain * of.derivative_time_s / period
+    on_op = np.array([1.0, -1.0 - pole, pole])
+    on_pv = (1.0 - pole) * np.array(
+        [proportional + integral + derivative, -proportional - 2.0 * derivative, derivative]
+    )
+    steps = _resolution(given.u), _resolution(given.y)
+    made = float(on_op @ on_op) * steps[0] ** 2 + float(on_pv @ on_pv) * steps[1] ** 2
+    return fit.squares / fit.rows <= _ROUNDED * made / 12.0 + settings.resolution * whole
+
+
+def _resolution(x: Array) -> float:
+    """The least difference of two values of a signal ``(n,)``."""
+    steps = np.diff(np.unique(x))
+    steps = steps[steps > _ONE * float(np.ptp(x))]
+    return float(steps.min()) if steps.size else 0.0
 
 
 def _usable(op: ArrayLike, pv: ArrayLike, auto: ArrayLike | None, u: Array) -> Mask:
@@ -278,7 +324,14 @@ def _best(u: Array, y: Array, e: Array, rows: Mask, settings: Reading) -> Fit | 
     return fit_columns(fit.terms, fit.delay, columns, moves, moves.size)
 
 
-def _controller(fit: Fit, period: float, explained: float, *, exact: bool) -> Controller:
+def _filtered(found: Filtered, period: float, explained: float) -> Controller:
+    one = _controller(found.fit, period, explained)
+    filtered = -period / math.log(found.pole) if found.pole > 1e-3 else 0.0
+    by = "error" if found.on == "derivative" and "d" in found.fit.terms else "pv"
+    return replace(one, filter_time_s=filtered, filter_on=found.on, derivative_on=by)
+
+
+def _controller(fit: Fit, period: float, explained: float, *, timed: bool = True) -> Controller:
     values = dict(zip(fit.terms, (float(v) for v in fit.coefficients), strict=False))
     pole = values.get("f", 0.0)
     gain = (values.get("p", values.get("ppv", 0.0))) / (1.0 - pole)
@@ -300,7 +353,8 @@ def _controller(fit: Fit, period: float, explained: float, *, exact: bool) -> Co
         derivative_on="pv" if "dpv" in values else "error",
         delay=fit.delay,
         explained=max(0.0, min(1.0, explained)),
-        exact=exact,
+        exact=False,
+        timed=timed,
     )
 
 
@@ -346,4 +400,4 @@ def _read_noisy(given: _Given, period: float, settings: Reading) -> Controller |
                 best, found = share, (terms, used, tools, columns, moves, k.size)
     if found is None or best < settings.least_explained:
         return None
-    return _controller(fit_instrumented(*found), period, best, exact=False)
+    return _controller(fit_instrumented(*found), period, best, timed=False)

@@ -288,11 +288,26 @@ def _slow_or_not(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     )
 
 
+def _is_read(found: Gathered, settings: DiagnosisSettings) -> bool:
+    """Whether the controller is known well enough to close the loop with."""
+    one = found.controller
+    return one is not None and (one.timed or one.explained >= settings.judging.explains)
+
+
 def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
     """No cause was told: the loop is quiet, or it swings and the record does not show why."""
     swing = found.swing
+    if found.still >= settings.judging.by_hand:
+        text = (
+            f"OP stands still for long in {found.still:.0%} of the record and does not answer the "
+            f"control error: a hand holds it, or its moves are too few to show the controller"
+        )
+        return Cause(
+            CauseName.UNDETERMINED, 0.0, (text,), "Record the controller's mode, or record longer."
+        )
     # the loop is only known not to make it where the process shows
     shows = found.explained is not None and found.explained.process >= settings.judging.threshold
+    shows &= _is_read(found, settings)
     if not swing.present or (shows and is_aperiodic(found, settings)):
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
@@ -338,6 +353,12 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         action = found.explained.reasons[0].advice
     elif found.controller is None:
         evidence.append("OP does not answer the control error: no controller can be read off")
+    elif not _is_read(found, settings):
+        evidence.append(
+            f"the controller's settings as read off explain {found.controller.explained:.0%} of "
+            f"OP's moves: too little to tell whether the loop swings by itself"
+        )
+        action = "Record OP and PV of the same scan, every scan, as the controller has them."
     else:
         here, _ = found.amplification()
         evidence.append(

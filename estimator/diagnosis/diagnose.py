@@ -13,13 +13,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Mask
 from estimator.cleaning import find_held, find_slow_transmitter
 from estimator.controller.reading import Controller, read_aligned, read_controller
+from estimator.controller.shifts import find_shift, shifted
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.explanations import Explained, explain
-from estimator.diagnosis.facts import Limits, by_hand_of, limits_of, sensor_of
+from estimator.diagnosis.facts import Limits, by_hand_of, in_long_runs, limits_of, sensor_of
 from estimator.diagnosis.figures import figures_of, share_around
 from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.headroom import headroom_of
@@ -113,16 +114,16 @@ def diagnose(
             rank_causes(gathered, settings), swing, signal, indices, None, None, record.op.size,
             period, ("only OP is given: causes need PV",),
         )  # fmt: skip
-    controller, record = _read_controller(record, settings)
+    controller, record, late = _read_controller(record, settings)
     record = with_own_setpoint(record, controller, settings)
     pv, error = record.pv, record.error
     assert pv is not None
     assert error is not None
-    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts)
+    by_hand = by_hand_of(record.op, record.auto, error, controller, settings.facts, period)
     recorded = record
     if by_hand.any():
         record = replace(record, auto=~by_hand)
-    limits = limits_of(record.op, error, controller, by_hand, settings.facts)
+    limits = limits_of(record.op, error, controller, by_hand, settings.facts, period)
     sensor = sensor_of(pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
     if sensor.frozen > settings.judging.frozen:
@@ -150,6 +151,7 @@ def diagnose(
         has_pv=True,
         sensor=sensor,
         manual=manual,
+        still=_unclear(recorded, controller, by_hand | limits.where, settings),
         controller=controller,
         explained=explained,
         loop=loop,
@@ -184,6 +186,7 @@ def diagnose(
         period_s=period,
         notes=(
             *(reason.text for reason in (explained.reasons if explained else ())),
+            *_tell_late(late),
             *([slow.why] if slow.why else []),
         ),
     )
@@ -191,8 +194,8 @@ def diagnose(
 
 def _read_controller(
     record: LoopRecord, settings: DiagnosisSettings
-) -> tuple[Controller | None, LoopRecord]:
-    """The controller, and the record with PV as that saw it."""
+) -> tuple[Controller | None, LoopRecord, int]:
+    """The controller, the record with PV as that saw it, and the samples by which PV was late."""
 
     def read(one: LoopRecord, pv: Array) -> Controller | None:
         return read_controller(
@@ -203,14 +206,55 @@ def _read_controller(
     assert record.pv is not None
     measured = np.where(record.good, record.pv, math.nan)
     found = read(record, measured)
-    if found is not None and found.exact:
-        return found, record
+    if found is not None and found.timed:
+        return found, record, 0
     aligned = read_aligned(record.op, measured, record.sp, settings.reading)
-    if aligned.late == 0:
-        return found, record
+    late = aligned.late
+    if aligned.controller is None:
+        action = 0.0 if found is None else math.copysign(1.0, found.gain or found.integral_rate)
+        late = find_shift(_in_auto(record), measured, record.sp, action, settings.reading)
+    if late == 0:
+        return found, record, 0
+    moved = _moved(record, measured, late)
+    assert moved.pv is not None
+    again = read(moved, np.where(moved.good, moved.pv, math.nan))
+    if again is None or (found is not None and again.action != found.action):
+        # not the controller's law: the process's
+        return found, record, 0
+    return replace(again, timed=True), moved, late
+
+
+def _tell_late(late: int) -> tuple[str, ...]:
+    """That one signal was moved; empty where none was."""
+    if late == 0:
+        return ()
+    one, other = ("PV", "the OP that answers it") if late > 0 else ("OP", "the PV that it answers")
+    by = "1 sample" if abs(late) == 1 else f"{abs(late)} samples"
+    return (f"{one} is recorded {by} after {other}: it is judged as if {by} earlier",)
+
+
+def _in_auto(record: LoopRecord) -> Array:
+    """OP, NaN where a hand moves it."""
+    return record.op if record.auto is None else np.where(record.auto, record.op, math.nan)
+
+
+def _moved(record: LoopRecord, measured: Array, late: int) -> LoopRecord:
+    """The record with PV moved forward by ``late`` samples, or OP where that is negative."""
     auto = None if record.auto is None else record.auto.astype(float)
-    moved = loop_record(record.op, aligned.pv, record.sp, auto, record.period)
-    return read(moved, aligned.pv), moved
+    op = shifted(record.op, -late)
+    return loop_record(op, shifted(measured, late), record.sp, auto, record.period)
+
+
+def _unclear(
+    record: LoopRecord, controller: Controller | None, told: Mask, settings: DiagnosisSettings
+) -> float:
+    """Share of the samples in which a hand may hold OP, beside those for which that is told."""
+    facts = settings.facts
+    is_read = controller is not None and controller.explained >= facts.of_moves
+    if record.auto is not None or is_read:
+        return 0.0
+    still = in_long_runs(record.op, max(facts.least_run, int(facts.run_share * record.op.size)))
+    return float(np.mean(still & ~told))
 
 
 def _oscillation(record: LoopRecord, settings: DiagnosisSettings) -> tuple[Oscillation, str]:
@@ -255,7 +299,7 @@ def _explain(
         return None
     assert cut.pv is not None
     cycles = cut.op.size * cut.period / swing.period_s if swing.present else math.nan
-    exact = controller if controller is not None and controller.exact else None
+    exact = controller if controller is not None and controller.timed else None
     late = exact is not None and exact.delay == 0
     pv = np.where(cut.good, cut.pv, np.nan)
     auto = None if cut.auto is None else cut.auto.astype(float)
@@ -357,6 +401,7 @@ def _shares(
         "log_bayes_factor_sticky": math.nan,
         "log_bayes_factor_outside": math.nan,
         "log_bayes_factor_curved": math.nan,
+        "wave_beside_valve_period_s": math.nan,
         "share_without_sticking": math.nan,
         "share_without_tuning": math.nan,
         "gain_margin": math.nan,
@@ -367,6 +412,8 @@ def _shares(
         found["log_bayes_factor_sticky"] = explained.sticking
         found["log_bayes_factor_outside"] = explained.outside
         found["log_bayes_factor_curved"] = explained.curved
+        if explained.wave is not None:
+            found["wave_beside_valve_period_s"] = explained.wave.period_s
         found["share_without_sticking"] = min(1.0, explained.effect)
     if loop is not None:
         margins = loop.margins()

@@ -10,6 +10,7 @@ import numpy as np
 from estimator.arrays import Array, Mask
 from estimator.controller.reading import Controller, at_limit
 from estimator.diagnosis.settings import Facts
+from estimator.diagnosis.standing import held_runs, mask_of, moves_in_steps
 from estimator.faults import find_spikes, runs_of
 
 __all__ = [
@@ -18,7 +19,6 @@ __all__ = [
     "by_hand_of",
     "in_long_runs",
     "limits_of",
-    "longest_run",
     "sensor_of",
 ]
 
@@ -67,11 +67,17 @@ class Sensor:
 
 
 def by_hand_of(
-    op: Array, auto: Mask | None, error: Array, controller: Controller | None, settings: Facts
+    op: Array,
+    auto: Mask | None,
+    error: Array,
+    controller: Controller | None,
+    settings: Facts,
+    period: float = 1.0,
 ) -> Mask:
     """Samples in manual, ``(n,)``; from the signals where no mode was recorded.
 
-    Without a mode a controller is in manual where OP stands still for long beside an error. A
+    Without a mode a controller is in manual where OP stands still for long beside an error, for
+    which the controller would have moved it (`estimator.diagnosis.standing`). A
     limit holds OP as well, at its highest or lowest value, as long as the errors since it was
     reached ask for more in sum; where they ask for less, a controller would have left it.
     """
@@ -80,7 +86,7 @@ def by_hand_of(
     if np.ptp(error) == 0.0:
         return np.zeros(op.size, dtype=bool)
     # without an error a controller keeps still
-    still = in_long_runs(op, max(settings.least_run, int(settings.run_share * op.size)))
+    still = mask_of(held_runs(op, error, controller, period, settings), op.size)
     still &= error != 0.0
     if np.ptp(op) == 0.0:
         return still
@@ -96,11 +102,6 @@ def by_hand_of(
     return found
 
 
-def longest_run(values: Array) -> int:
-    """Samples of the longest run of one value."""
-    return max((stop - start for start, stop in runs_of(np.diff(values) == 0.0)), default=0) + 1
-
-
 def in_long_runs(values: Array, least: int) -> Mask:
     """Samples that lie in a run of one value of at least ``least`` samples."""
     found = np.zeros(values.size, dtype=bool)
@@ -111,18 +112,26 @@ def in_long_runs(values: Array, least: int) -> Mask:
 
 
 def limits_of(
-    op: Array, error: Array, controller: Controller | None, by_hand: Mask, settings: Facts
+    op: Array,
+    error: Array,
+    controller: Controller | None,
+    by_hand: Mask,
+    settings: Facts,
+    period: float = 1.0,
 ) -> Limits:
     """Where OP is held at its highest or lowest value.
 
     With a known controller a limit is where it would have moved OP further outwards and OP stayed;
-    without one it is where OP stays at an extreme for long.
+    without one it is where OP stays at an extreme for long. OP that moves in steps must be held
+    there (`estimator.diagnosis.standing`).
     """
     found = np.zeros(op.size, dtype=bool)
     sides = []
     span = float(np.ptp(op))
     if span == 0.0:
         return Limits(0.0, 0.0, False, False, math.nan, found)
+    runs = held_runs(op, error, controller, period, settings)
+    in_steps = moves_in_steps(op, settings)
     for side, extreme in ((1.0, op.max()), (-1.0, op.min())):
         at = (np.abs(op - extreme) <= 1e-6 * span) & ~by_hand
         stays = at & np.concatenate([[False], at[:-1]])
@@ -130,9 +139,9 @@ def limits_of(
             sides.append(False)
             continue
         # nothing but a limit or a hand holds OP for long at its extreme
-        is_limit = longest_run(np.where(at, 1.0, np.arange(op.size) + 2.0)) >= max(
-            settings.least_run, settings.run_share * op.size
-        )
+        is_limit = any(at[start:stop].all() for start, stop in runs)
+        if in_steps and not is_limit:
+            stays &= False
         if controller is not None and controller.integral_rate:
             # held with the error pushing outwards for most of the time
             push = side * math.copysign(1.0, controller.integral_rate) * error

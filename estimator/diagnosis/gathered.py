@@ -40,6 +40,8 @@ class Gathered:
     Attributes:
         swing, signal: the main oscillation and where it is.
         limits, sensor, manual: facts of the record; ``manual`` is a share of the samples.
+        still: share of the samples in which OP stands still for long, and nothing tells whether a
+            hand holds it: no controller explains OP's moves, and no mode was recorded.
         has_pv: whether PV was recorded.
         controller, explained, loop: what was identified; None where it could not be.
         loop_beside_wave: the loop with the process as fitted beside a wave from outside; None
@@ -66,6 +68,7 @@ class Gathered:
     has_pv: bool
     sensor: Sensor | None = None
     manual: float = 0.0
+    still: float = 0.0
     controller: Controller | None = None
     explained: Explained | None = None
     loop: LinearLoop | None = None

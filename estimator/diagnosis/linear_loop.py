@@ -73,7 +73,11 @@ class LinearLoop:
         kp, ki = controller.gain, controller.integral_rate * h
         kd = controller.gain * controller.derivative_time_s / h
         pole = math.exp(-h / controller.filter_time_s) if controller.filter_time_s > 0.0 else 0.0
-        r = np.array([kp + ki + kd, -kp - 2.0 * kd, kd]) * (1.0 - pole)
+        slow, quick = np.array([kp + ki, -kp]), kd * np.array([1.0, -2.0, 1.0])
+        if controller.filter_on == "derivative":
+            r = np.convolve(slow, [1.0, -pole]) + (1.0 - pole) * quick
+        else:
+            r = (np.append(slow, 0.0) + quick) * (1.0 - pole)
         b = np.concatenate([np.zeros(controller.samples_late(process.dead_time)), process.b])
         t = np.convolve([1.0, -1.0], [1.0, -pole])
         return cls(np.array([1.0, *process.a]), b, r, t, h)

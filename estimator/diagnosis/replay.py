@@ -85,6 +85,7 @@ class Replay:
             friction[0],
             friction[1],
             1.0 if slides else 0.0,
+            1.0 if controller.filter_on == "derivative" else 0.0,
         )
         return found[0, sp.size :], found[1, sp.size :]
 
@@ -93,7 +94,7 @@ class Replay:
 def _run(
     a: Array, b: Array, dead: int, kp: float, ki: float, kd: float, pole: float, sp: Array,
     disturbance: Array, rest: float, low: float, high: float, static: float, dynamic: float,
-    slides: float,
+    slides: float, derivative: float,
 ) -> Array:  # fmt: skip
     """Closed loop ``(2, n)``: OP and PV; the valve's laws are those of `estimator.valves.laws`."""
     n = sp.size
@@ -117,9 +118,11 @@ def _run(
         e = sp[k] - y
         if k == 0:
             last_e, last_y, older_y = e, y, y
-        move = kp * (e - last_e) + ki * e - kd * (y - 2.0 * last_y + older_y)
-        move = pole * last_move + (1.0 - pole) * move
-        last_move = move
+        quick = -kd * (y - 2.0 * last_y + older_y)
+        slow = kp * (e - last_e) + ki * e
+        filtered = quick if derivative > 0.0 else slow + quick
+        last_move = pole * last_move + (1.0 - pole) * filtered
+        move = last_move + slow if derivative > 0.0 else last_move
         before, op = op, min(max(op + move, low), high)
         older_y, last_y, last_e = last_y, y, e
         gap, goes_on = op - stem, way * (op - before) > 0.0

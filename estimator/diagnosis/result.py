@@ -48,7 +48,10 @@ _ACTIONS = {
         "the same hours together."
     ),
     CauseName.TIGHT_TUNING: "Lower the controller's gain; see the proposed settings, if any.",
-    CauseName.SLOW_TUNING: "Tune the controller faster; see the proposed settings, if any.",
+    CauseName.SLOW_TUNING: (
+        "Tune the controller faster; see the proposed settings, if any. A level that is meant to "
+        "average the flows through its vessel is right as it is."
+    ),
     CauseName.SATURATION: (
         "Check the size of the valve, its limits in the controller, and what the loop is asked for."
     ),

@@ -136,6 +136,15 @@ class Facts:
         pushed: share of the time at an extreme in which the error pushes outwards: a limit.
         least_limit: share of the window at a limit from which it is told.
         levels: fewer different values of PV are a coarse resolution.
+        in_steps: share of OP's moves after which it stands still, from which it moves in steps.
+        steps: OP's usual moves by which the controller must have wanted to move it in a run for
+            something to hold it: OP that moves once it is a step away may be one away to each side
+            (tuning family's hands: in automatic up to 1.9, held 2.1 and more in nine of ten).
+        least_moves: moves of OP from which they tell the controller's law by themselves: seven for
+            each of its unknowns; of_moves: share that it must explain, and a
+            controller that was read: most of them.
+        chance: probability that a run of OP that moves in steps is taken for held, if each sample
+            repeated the last one as often as among all others.
     """
 
     least_run: int = 20
@@ -143,6 +152,11 @@ class Facts:
     pushed: float = 0.8
     least_limit: float = 0.02
     levels: int = 60
+    in_steps: float = 0.5
+    steps: float = 2.0
+    least_moves: int = 15
+    of_moves: float = 0.5
+    chance: float = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,6 +270,10 @@ class Judging:
         ratio: between the largest and the smallest gain over OP's middle nine tenths, from which
             the characteristic is a cause: tuning rules leave a gain margin of two to three.
         by_hand: share of samples in manual from which that is the finding.
+        explains: share of OP's moves that a controller must explain, where they are not explained
+            sample by sample, for an oscillation not to be its loop's (tuning family, noisy or
+            jittered: of readings that explain less a third is off by more than 30 %, of others a
+            sixth).
     """
 
     threshold: float = 10.0
@@ -288,6 +306,7 @@ class Judging:
     seen: float = 0.2
     ratio: float = 2.0
     by_hand: float = 0.3
+    explains: float = 0.9
 
 
 @dataclass(frozen=True, slots=True)

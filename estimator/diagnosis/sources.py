@@ -169,6 +169,15 @@ def _add_leads(
         )
 
 
+def _is_of_group(wave_s: float, period_s: float, settings: DiagnosisSettings) -> bool:
+    """Whether a wave has the group's period, or is a harmonic of what the group has."""
+    grouping = settings.grouping
+    if abs(wave_s / period_s - 1.0) < grouping.width:
+        return True
+    orders = {order for shape in settings.weighing.harmonics for order in shape}
+    return any(abs(order * wave_s / period_s - 1.0) < grouping.same for order in orders)
+
+
 def _own_cause(
     loop: str, group: GroupMembers, variation: float, settings: DiagnosisSettings
 ) -> tuple[float, bool, str]:
@@ -184,6 +193,12 @@ def _own_cause(
     weights = {cause.name: cause for cause in diagnosis.causes}
     sticky, tight = weights.get(CauseName.STICKY_VALVE), weights.get(CauseName.TIGHT_TUNING)
     if sticky is not None:
+        wave = diagnosis.indices.get("wave_beside_valve_period_s", math.nan)
+        if _is_of_group(wave, period, settings):
+            return -grouping.external, False, (
+                f"beside its valve there is a wave of {wave:.4g} s from outside, as the group has "
+                f"it: that began elsewhere"
+            )  # fmt: skip
         return grouping.sticky, True, f"its valve sticks: {sticky.evidence[0]}"
     amplified = diagnosis.indices.get("amplification_at_period", math.nan)
     is_unsure = diagnosis.first.name is CauseName.UNDETERMINED and amplified > judging.tight

@@ -41,6 +41,7 @@ def largest_integral_gain(
 ) -> Controller | None:
     """PI settings of the largest integral gain at a sensitivity; None where there are none."""
     unit = replace(running, structure="PI", derivative_time_s=0.0, filter_time_s=0.0)
+    unit = replace(unit, filter_on="all")
     probe = LinearLoop.of(process, replace(unit, gain=1.0, integral_rate=0.0))
     response = probe.process_response(_GRID)
     if not np.isfinite(response).all() or not np.median(np.abs(response)) > 0.0:
@@ -172,4 +173,5 @@ def _controller(running: Controller, gain: float, time: float, derivative: float
         derivative_time_s=derivative,
         integral_rate=gain / time,
         filter_time_s=_FILTERED * derivative,
+        filter_on="all",
     )

@@ -1,0 +1,66 @@
+"""OP that moves in steps is no hand's and at no limit; hands and limits are found all the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis_families.tuning.hands import KINDS, HandRecord, draw_hand
+from estimator.diagnosis.facts import by_hand_of, limits_of
+from estimator.diagnosis.loop_record import loop_record
+from estimator.diagnosis.settings import DIAGNOSIS
+from fieldlink.diagnosis import CauseName, diagnose, read_controller
+
+SEEDS = range(20)
+STEPS = KINDS[1:]
+
+
+def told(loop: HandRecord) -> tuple[np.ndarray, float]:
+    """Samples that are called manual, ``(n,)``, and the share at a limit."""
+    record = loop_record(loop.op, loop.pv, loop.sp, None, 1.0)
+    controller = read_controller(loop.op, loop.pv, loop.sp)
+    assert record.error is not None
+    by_hand = by_hand_of(record.op, None, record.error, controller, DIAGNOSIS.facts)
+    limits = limits_of(record.op, record.error, controller, by_hand, DIAGNOSIS.facts)
+    return by_hand, limits.share
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_op_in_automatic_is_neither_by_hand_nor_at_a_limit(kind: str) -> None:
+    wrong = 0
+    for seed in SEEDS:
+        by_hand, limited = told(draw_hand(kind, seed))
+        wrong += by_hand.mean() > 0.05 or limited > 0.02
+    assert wrong <= 2
+
+
+@pytest.mark.parametrize("share", [0.06, 0.2, 0.4])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_hand_that_holds_op_is_found_without_a_mode(kind: str, share: float) -> None:
+    found = 0
+    for seed in SEEDS:
+        loop = draw_hand(kind, seed, share=share)
+        by_hand, _ = told(loop)
+        found += np.mean(by_hand[loop.by_hand]) > 0.8
+    assert found >= (20 if kind == "continuous" else 13)
+
+
+def test_a_hand_that_moves_op_a_few_times_is_found_beside_a_continuous_op() -> None:
+    shares = []
+    for seed in SEEDS:
+        loop = draw_hand("continuous", seed, share=0.9, moves=12)
+        shares.append(told(loop)[0].mean())
+    assert min(shares) > 0.3
+
+
+@pytest.mark.parametrize("kind", ["continuous", "three-point", "coarse"])
+def test_a_limit_is_found_however_op_moves(kind: str) -> None:
+    assert sum(told(draw_hand(kind, seed, limit=True))[1] > 0.02 for seed in SEEDS) >= 19
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_what_may_be_a_hand_is_never_called_quiet(kind: str) -> None:
+    for seed in range(6):
+        loop = draw_hand(kind, seed, share=0.9, moves=12)
+        answer = diagnose(loop.op, loop.pv, loop.sp, advice=False, figures=False)
+        assert answer.first.name is not CauseName.QUIET
