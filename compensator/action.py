@@ -12,7 +12,15 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-__all__ = ["Action", "ActionStatus", "CompensatorError", "Controller", "OpLimits", "RefusalKind", "as_measured"]
+__all__ = [
+    "Action",
+    "ActionStatus",
+    "CompensatorError",
+    "Controller",
+    "OpLimits",
+    "RefusalKind",
+    "as_measured",
+]
 
 
 class RefusalKind(Enum):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -43,6 +43,8 @@ LONGEST_DEAD_TIME = 200
 """Samples of dead time: each is a state, and the covariance's update grows with their square."""
 _FASTEST_WITHIN = 400
 """Samples after the dead time within which a process answers fastest."""
+_REMEMBERED = 8
+"""Predictions whose settling time is known: every tracker of a bank asks for the same few."""
 _DESIGNED_BITS = 27
 """Of a design's gains: eight digits; BLAS differs between processors from the twelfth on."""
 
@@ -245,6 +247,7 @@ def as_designed(gains: Array) -> Array:
     return rounded
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def settling_samples(prediction: Prediction, most: int = 2000) -> int:
     """Return samples after which a step's effect (its slope, when integrating) stays within 2 %."""
     response = prediction.step_response(most)

@@ -1,8 +1,8 @@
 """The base controller has the loop for a while, for a reason that is not the model's.
 
-After a fault of PV, or a load that is large for the loop, the error is what nobody was the cause of:
-no figures are taken from it, and no compensator is judged by it. The recess is over after some time,
-once the error is again inside the range that was known of it.
+After a fault of PV, or a load that is large for the loop, the error is nobody's doing: no figures
+are taken from it, and no compensator is judged by it. The recess is over after some time, once the
+error is again inside the range that was known of it.
 """
 
 from __future__ import annotations

@@ -49,6 +49,7 @@ class WithdrawReason(Enum):
     OPERATOR = "withdrawn by an operator, or the enable bit is off"
     NO_STICTION = "the valve was found healthy; the base controller suffices"
     PV_BAD = "PV was bad for too long; the compensator returns when PV does"
+    LOAD = "a load drove PV out of its known range; the compensator returns when PV has"
     OP_OUTSIDE = "OP is outside the compensator's limits; it takes over once OP is inside"
     PV_FROZEN = "PV repeats one value: its sensor is frozen; the compensator returns with PV"
     SOLVER = "the compensator's solver passed its bound several scans in a row; use another one"

@@ -75,6 +75,7 @@ _PASSING = (
     WithdrawReason.PV_BAD,
     WithdrawReason.PV_FROZEN,
     WithdrawReason.OP_OUTSIDE,
+    WithdrawReason.LOAD,
     WithdrawReason.SOLVER,
 )
 """Reasons that are over at the next take-over."""
@@ -261,7 +262,11 @@ class Supervisor:
             return
         prediction = Prediction.of(model.process, "input")
         samples = without_jumps(
-            self._record.all, prediction, model.valve, settling_samples(prediction), self.settings.jump
+            self._record.all,
+            prediction,
+            model.valve,
+            settling_samples(prediction),
+            self.settings.jump,
         )
         self._record.replace(samples)
 
@@ -305,6 +310,11 @@ class Supervisor:
     def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
         assert self._compensator is not None
         verdict = self._judge.push(self._compensator, pv, sp, op_applied, moved)
+        if verdict is WatchVerdict.LEFT_RANGE and self._judge.load_did_it(self._compensator):
+            self.state, self.reason = SupervisorState.WAITING, WithdrawReason.LOAD
+            self._recess.begin(self._compensator.horizon)
+            self._judge.forget()
+            return Action(op_applied, ActionStatus.HOLDING, detail=WithdrawReason.LOAD.value)
         if verdict is not WatchVerdict.FINE:
             self._admission.given_up.add(
                 self._offered or self._compensator.model,
