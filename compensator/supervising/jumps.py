@@ -68,8 +68,7 @@ class JumpScreen:
         self.settings = settings or JumpSettings()
         self.believed = False
         self._last = math.nan
-        self._since = 0
-        self._jumps = 0
+        self._missing = self._jumps = 0
         self._changes: deque[float] = deque(maxlen=self.settings.changes)
 
     def check(
@@ -84,20 +83,20 @@ class JumpScreen:
             op_span: returns how far OP went in the latest scans; asked only of a large change.
         """
         self.believed = False
-        self._since += 1
         if not math.isfinite(pv):
+            self._missing += 1
             return math.nan
         change = abs(pv - self._last)
         if math.isfinite(change) and change > self._usual():
             way = op_span() + (1.0 + self.settings.load) * valve.stick_band
-            jumped = change > self._usual() + self._since * prediction.fastest * way
-            self._jumps = self._jumps + 1 if jumped else 0
-            if 0 < self._jumps <= self.settings.scans:
+            jumped = change > self._usual() + (1 + self._missing) * prediction.fastest * way
+            if jumped and self._jumps < self.settings.scans:
+                self._jumps += 1
                 return math.nan
             self.believed = jumped
-        if self._since == 1 and math.isfinite(change) and not self.believed:
+        if not (self._missing or self._jumps) and math.isfinite(change):
             self._changes.append(change)
-        self._last, self._since, self._jumps = pv, 0, 0
+        self._last, self._missing, self._jumps = pv, 0, 0
         return pv
 
     def _usual(self) -> float:
@@ -113,7 +112,7 @@ def without_jumps(
     prediction: Prediction,
     valve: ValveModel,
     horizon: int,
-    settings: JumpSettings,
+    screen: JumpScreen,
 ) -> list[Sample]:
     """Return a record with NaN for each PV that jumped.
 
@@ -122,9 +121,9 @@ def without_jumps(
         prediction: the process.
         valve: the valve.
         horizon: scans in which a move of the stem still changes PV.
-        settings: what a jump is.
+        screen: a new one, which knows afterwards what the latest scans were like.
     """
-    screen, cleaned = JumpScreen(settings), []
+    cleaned = []
     for k, sample in enumerate(samples):
         recent = samples[max(0, k - horizon) : k + 1]
         pv = screen.check(sample.pv, prediction, valve, partial(span_of, recent))

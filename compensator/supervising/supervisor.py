@@ -261,13 +261,9 @@ class Supervisor:
         if self._compensator is not None or self._next is not None:
             return
         prediction = Prediction.of(model.process, "input")
-        samples = without_jumps(
-            self._record.all,
-            prediction,
-            model.valve,
-            settling_samples(prediction),
-            self.settings.jump,
-        )
+        horizon = settling_samples(prediction)
+        screen = self._jumps = JumpScreen(self.settings.jump)
+        samples = without_jumps(self._record.all, prediction, model.valve, horizon, screen)
         self._record.replace(samples)
 
     def _move_stem(self, op: float) -> float:
