@@ -76,7 +76,8 @@ class SupervisorSettings:
         history: scans that a new compensator relives, to find stem and load at once; four times as
             many tell how good the loop was before.
         relived: of them in one scan, so that an offer makes no scan late: each takes as long as a
-            scan's own. With 10, the first take-over is 34 scans after the offer.
+            scan's own. With 30, a tenth of a second in all, the first take-over is 11 scans after
+            the offer.
         least_known: scans under the base controller that must be known before a take-over: without
             them nothing tells whether the loop has become worse. After a restart as many and the
             dead time must be seen, because stem and load have to be found again.
@@ -96,7 +97,7 @@ class SupervisorSettings:
     jump: JumpSettings = field(default_factory=JumpSettings)
     friction_rate: float = 0.05
     history: int = 300
-    relived: int = 10
+    relived: int = 30
     least_known: int = 40
     gain_sign: int = 0
     period: float = 0.0

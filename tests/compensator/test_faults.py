@@ -33,7 +33,7 @@ BLIND = RecordCheckSettings(shortest=10**6)
 """The record refuses no model beforehand: the watch alone has to notice."""
 UNDISTURBED = 240
 """Scans after an offer: without a watch a model of the wrong sign has left the range by then,
-although 34 of them pass before it has relived what was before."""
+although 11 of them pass before it has relived what was before."""
 TOLERATED = 60
 """Scans in a row that a compensated loop may be far beyond what was known of it."""
 
