@@ -2,7 +2,8 @@
 
 After a fault of PV, or a load that is large for the loop, the error is nobody's doing: no figures
 are taken from it, and no compensator is judged by it. The recess is over after some time, once the
-error is again inside the range that was known of it.
+error has been inside the range that was known of it for as long as makes figures: an upset passes
+its set-point, too.
 """
 
 from __future__ import annotations
@@ -11,10 +12,15 @@ __all__ = ["Recess"]
 
 
 class Recess:
-    """`begin` it, then `follow` the error once a scan."""
+    """`begin` it, then `follow` the error once a scan.
 
-    def __init__(self) -> None:
-        self._left = 0
+    Args:
+        settled: scans in a row that the error must be inside the range.
+    """
+
+    def __init__(self, settled: int) -> None:
+        self._settled = settled
+        self._left = self._inside = 0
         self._returned = True
 
     @property
@@ -25,6 +31,7 @@ class Recess:
     def begin(self, scans: int) -> None:
         """Begin, or begin again, for ``scans`` at least."""
         self._left = max(self._left, scans)
+        self._inside = 0
         self._returned = False
 
     def follow(self, error: float, largest: float) -> None:
@@ -35,5 +42,6 @@ class Recess:
             largest: error known; infinity where none is.
         """
         self._left = max(0, self._left - 1)
-        if self._left == 0 and (self._returned or abs(error) <= largest):
+        self._inside = self._inside + 1 if abs(error) <= largest else 0
+        if self._left == 0 and self._inside >= self._settled:
             self._returned = True

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from compensator.action import (
     Action,
@@ -122,7 +123,7 @@ class Supervisor:
         self._judge = LoopJudge(self.settings, self._record)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._jumps = JumpScreen(self.settings.jump)
-        self._recess = Recess()
+        self._recess = Recess(self.settings.least_known)
         self._stem = math.nan
         self._bad_scans = 0
         self._unsolved = self._pauses = self._pause = 0
@@ -219,7 +220,9 @@ class Supervisor:
         self._recess.follow(pv - sp, math.inf if self._known is None else self._known.largest)
         by_base = automatic and not self.compensating and self._recess.over
         sample = Sample(pv, sp, op_applied, by_base)
-        self._record.push(sample)
+        # A fault and what it leads to contradict no model.
+        told = self._recess.over or self.reason is WithdrawReason.LOAD
+        self._record.push(sample if told else replace(sample, pv=math.nan))
         self._admission.given_up.pass_scan()
         for controller in (self.base, self._compensator):
             if controller is not None:
