@@ -16,11 +16,12 @@ class Recess:
 
     Args:
         settled: scans in a row that the error must be inside the range.
+        longest: scans after which the recess is over although it is not: that is how the loop is.
     """
 
-    def __init__(self, settled: int) -> None:
-        self._settled = settled
-        self._left = self._inside = 0
+    def __init__(self, settled: int, longest: int) -> None:
+        self._settled, self._longest = settled, longest
+        self._left = self._inside = self._passed = 0
         self._returned = True
 
     @property
@@ -31,7 +32,7 @@ class Recess:
     def begin(self, scans: int) -> None:
         """Begin, or begin again, for ``scans`` at least."""
         self._left = max(self._left, scans)
-        self._inside = 0
+        self._inside = self._passed = 0
         self._returned = False
 
     def follow(self, error: float, largest: float) -> None:
@@ -39,9 +40,11 @@ class Recess:
 
         Args:
             error: PV minus SP, NaN when bad.
-            largest: error known; infinity where none is.
+            largest: error that belongs to the loop; infinity where none is known.
         """
+        self._passed += 1
         self._left = max(0, self._left - 1)
         self._inside = self._inside + 1 if abs(error) <= largest else 0
-        if self._left == 0 and self._inside >= self._settled:
+        settled = self._inside >= self._settled or self._passed >= self._longest
+        if self._left == 0 and settled:
             self._returned = True

@@ -123,7 +123,7 @@ class Supervisor:
         self._judge = LoopJudge(self.settings, self._record)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
         self._jumps = JumpScreen(self.settings.jump)
-        self._recess = Recess(self.settings.least_known)
+        self._recess = Recess(self.settings.least_known, self.settings.history)
         self._stem = math.nan
         self._bad_scans = 0
         self._unsolved = self._pauses = self._pause = 0
@@ -217,7 +217,8 @@ class Supervisor:
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
         pv = self._screened(pv, op_applied)
         moved = self._move_stem(op_applied)
-        self._recess.follow(pv - sp, math.inf if self._known is None else self._known.largest)
+        known = math.inf if self._known is None else self._known.largest
+        self._recess.follow(pv - sp, self.settings.watch.limit_trip * known)
         by_base = automatic and not self.compensating and self._recess.over
         sample = Sample(pv, sp, op_applied, by_base)
         # A fault and what it leads to contradict no model.
