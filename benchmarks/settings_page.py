@@ -30,6 +30,7 @@ from compensator.stem_tracking.tracking import NOISE_KINDS
 from compensator.supervising.cycles import CycleSettings
 from compensator.supervising.figures import FiguresSettings
 from compensator.supervising.harm import HarmSettings
+from compensator.supervising.jumps import JumpSettings
 from compensator.supervising.promise import PromiseSettings
 from compensator.supervising.record_check import RecordCheckSettings
 from estimator.settings import SETTINGS
@@ -67,6 +68,7 @@ COMPENSATOR = (
     FrictionPrior(),
     InnovationSettings(),
     LoadStepSettings(),
+    JumpSettings(),
     RecordCheckSettings(),
     FiguresSettings(),
     WatchSettings(),

@@ -12,7 +12,15 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-__all__ = ["Action", "ActionStatus", "CompensatorError", "Controller", "OpLimits", "RefusalKind"]
+__all__ = [
+    "Action",
+    "ActionStatus",
+    "CompensatorError",
+    "Controller",
+    "OpLimits",
+    "RefusalKind",
+    "as_measured",
+]
 
 
 class RefusalKind(Enum):
@@ -112,6 +120,15 @@ class OpLimits:
         """Return ``op`` moved inside the range and the rate seen from ``previous``."""
         inside = min(max(op, self.low), self.high)
         return min(max(inside, previous - self.rate), previous + self.rate)
+
+
+_LARGEST_PV = 3.4028235e38
+"""Largest number of a register of 32 bits; squares of it are numbers still."""
+
+
+def as_measured(pv: float) -> float:
+    """Return PV, NaN where no register can have held it."""
+    return pv if abs(pv) <= _LARGEST_PV else math.nan
 
 
 def require_positive(where: str, **values: float) -> None:

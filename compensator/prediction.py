@@ -15,11 +15,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, RefusalKind, require_not_negative
 from compensator.kernels import multiplied
@@ -40,6 +41,10 @@ Array = NDArray[np.float64]
 
 LONGEST_DEAD_TIME = 200
 """Samples of dead time: each is a state, and the covariance's update grows with their square."""
+_FASTEST_WITHIN = 400
+"""Samples after the dead time within which a process answers fastest."""
+_REMEMBERED = 8
+"""Predictions whose settling time is known: every tracker of a bank asks for the same few."""
 _DESIGNED_BITS = 27
 """Of a design's gains: eight digits; BLAS differs between processors from the twelfth on."""
 
@@ -156,6 +161,13 @@ class Prediction:
             return abs(self.process.gain)
         return float(np.abs(self.step_response(self.dead_time + 20)).max())
 
+    @cached_property
+    def fastest(self) -> float:
+        """Largest change of PV within one scan that a step of OP by one makes."""
+        impulse = np.zeros(_FASTEST_WITHIN)
+        impulse[0] = 1.0
+        return float(np.abs(lfilter(self.process.b, [1.0, *self.process.a], impulse)).max())
+
     def equilibrium(self, pv: float, disturbance: float) -> tuple[Array, float]:
         """Return the state (shape ``(n,)``) and the input at which PV rests at ``pv``."""
         state, drive = self._rest_at_one
@@ -235,6 +247,7 @@ def as_designed(gains: Array) -> Array:
     return rounded
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def settling_samples(prediction: Prediction, most: int = 2000) -> int:
     """Return samples after which a step's effect (its slope, when integrating) stays within 2 %."""
     response = prediction.step_response(most)

@@ -19,6 +19,7 @@ from compensator.action import (
     Action,
     ActionStatus,
     CompensatorError,
+    as_measured,
     require_finite,
 )
 from compensator.hybrid.move_prices import MovePrices
@@ -172,6 +173,7 @@ class HybridMpc:
     def observe(self, pv: float, op: float) -> None:
         """See `Controller.observe`."""
         require_finite("HybridMpc.observe", op=op)
+        pv = as_measured(pv)
         self._pv_bad = not math.isfinite(pv)
         before = self.stem
         self._bank.observe(pv, op)

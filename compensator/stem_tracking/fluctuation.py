@@ -8,6 +8,7 @@ for noise. What PV does around its own running mean, with the stem at rest, is a
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ class RestFluctuation:
             self.variance = self._variance
 
 
+@lru_cache(maxsize=8)  # every tracker of a bank asks for the same few
 def held_correlations(prediction: Prediction) -> NDArray[np.float64]:
     """Return the autocovariance (lag 0, 1, ...) of what unit equation noise makes of PV with
     the stem held; of an integrating process (it has no limit there) of what comes up within 20

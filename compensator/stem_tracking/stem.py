@@ -165,8 +165,11 @@ class StemTracker:
         variance = 0.5 * squares[len(squares) // 2] / 0.455
         settings = self.settings.innovations
         self._begin(InnovationStatistics(variance, settings.first, settings))
+        # What lies apart from all others would be the rest that everything starts from.
+        middle = sorted(pv for pv, _ in self._first)[len(self._first) // 2]
+        apart = self._farthest(variance, len(self._first))
         for pv, op in self._first:
-            self._take_in(pv, op)
+            self._take_in(pv if abs(pv - middle) <= apart else math.nan, op)
 
     def _take_in(self, pv: float, op: float) -> None:
         self.innovations.evidence = 0.0
@@ -219,7 +222,10 @@ class StemTracker:
         gain = self._covariance.gain(variance, self.innovations.colour, load_only=unsettled)
         innovation = self._covariance.innovation
         carried = variance * settings.noise.equation**2 / innovation
-        surprises = {id(h): pv - float(h.state[0]) for h in self.beliefs}
+        farthest = self._farthest(innovation)
+        surprises = {
+            id(h): min(max(pv - float(h.state[0]), -farthest), farthest) for h in self.beliefs
+        }
         # Heavy tails: one wild sample must not decide between two positions.
         evidence = {h: -0.5 * min(value**2 / innovation, 9.0) for h, value in surprises.items()}
         # A PV that all hypotheses expected alike tells nothing, and lets nothing be forgotten:
@@ -235,6 +241,12 @@ class StemTracker:
             h.see(evidence[id(h)] - most, keep)
         self.beliefs = likely_ones(self.beliefs, settings)
         self._watch(surprises[id(self.best)])
+
+    def _farthest(self, innovation: float, scans: int = 1) -> float:
+        """Return the largest surprise that a process can be the reason of."""
+        s = self.settings
+        reach = scans * s.farthest_load * self.prediction.fastest
+        return reach + s.farthest_noise * math.sqrt(innovation)
 
     @property
     def _floor(self) -> float:

@@ -48,6 +48,10 @@ class TrackerSettings:
             explains such innovations more often than a slip that was missed.
         fluctuation_margin: factor on the variance of PV at rest that noise may be taken for: the
             variance of some ten independent values is known to a factor of two.
+        farthest_load: OP, a move of which by as much at once is the largest surprise that PV is
+            taken for: the whole range. What is beyond it and ``farthest_noise`` deviations is the
+            transmitter's and counts for no more than that.
+        farthest_noise: see ``farthest_load``; noise does not reach ten deviations.
         innovations: what PV's innovations tell of the noise.
         frictions: factors of the model's friction, the model's own first, of which each has a
             tracker in a `TrackerBank`: a tracker covers some 15 % to either side of its own
@@ -87,6 +91,8 @@ class TrackerSettings:
     memory: float = 60.0
     recalled: float = 3.5
     fluctuation_margin: float = 2.0
+    farthest_load: float = 100.0
+    farthest_noise: float = 10.0
     innovations: InnovationSettings = field(default_factory=InnovationSettings)
     frictions: tuple[float, ...] = (1.0, 1.3, 0.75)
     claim: float = 6.0
@@ -113,6 +119,8 @@ class TrackerSettings:
             offset_memory=self.offset_memory,
             memory=self.memory,
             fluctuation_margin=self.fluctuation_margin,
+            farthest_load=self.farthest_load,
+            farthest_noise=self.farthest_noise,
             recalled=self.recalled,
             hopeless=self.hopeless,
             bank_memory=self.bank_memory,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from compensator.action import require_not_negative, require_positive, require_whole
@@ -107,6 +107,10 @@ class LoopRecord:
         """Take in a scan."""
         self._samples.append(sample)
 
+    def replace(self, samples: Iterable[Sample]) -> None:
+        """Keep other samples instead."""
+        self._samples = deque(samples, self._samples.maxlen)
+
     @property
     def all(self) -> list[Sample]:
         """Every scan that is kept, oldest first."""
@@ -129,8 +133,13 @@ class LoopRecord:
             valve: by which OP moves the stem.
         """
         steady = self._stretches(any_setpoint=False)
-        settled = [s if k == 0 else s[window // 2 :] for k, s in enumerate(steady)]
-        settled = [s for s in settled if len(s) >= max(least, SETTINGS.steady)]
+        left = [s if k == 0 else s[window // 2 :] for k, s in enumerate(steady)]
+        # The model may know nothing of a loop that takes long to arrive.
+        arrived = [s if k == 0 else _arrived(s) for k, s in enumerate(left)]
+        enough = max(least, SETTINGS.steady)
+        settled = [s for s in arrived if len(s) >= enough]
+        if not settled:
+            settled = [s for s in left if len(s) >= enough]
         if not settled:
             settled = [s for s in self._stretches(any_setpoint=True) if len(s) >= least]
         if not settled:
@@ -167,6 +176,20 @@ def _figures_of(
         min(oscillation_period(main, window), max(0.5 * len(main), window)),
         max(abs(e) for part in errors for e in part),
     )
+
+
+def _arrived(stretch: list[Sample]) -> list[Sample]:
+    """Return a stretch from where its error first changes its sign: before, it is the way to the
+    set-point. One whose error never does is returned whole.
+    """
+    side = 0.0
+    for k, sample in enumerate(stretch):
+        error = sample.pv - sample.sp
+        if error * side < 0.0:
+            return stretch[k:]
+        if not side and math.isfinite(error):
+            side = error
+    return stretch
 
 
 def _travel_in(stretch: Sequence[Sample], valve: ValveModel) -> float:

@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 
 from compensator.supervising.figures import LoopFigures, LoopRecord
+from compensator.supervising.load_cause import explained_by_load
 from compensator.supervising.record_check import seen_agreement
 from compensator.supervising.supervision import Compensator, SupervisorSettings
 from compensator.supervising.watch import LoopWatch, Watched, WatchVerdict
@@ -35,6 +36,8 @@ class LoopJudge:
         self._sp = math.nan
         self._slope = 0.0
         self._own_scans = 0
+        self._outside = 0
+        self._load_stepped = math.inf
         self.limited = False
 
     def follow(self, sp: float) -> None:
@@ -58,7 +61,8 @@ class LoopJudge:
                 step=_step_of(candidate, before),
             )
         self._watch.restart(candidate.horizon // 2)
-        self._own_scans = 0
+        self._own_scans = self._outside = 0
+        self._load_stepped = math.inf
         self.limited = False
 
     def push(
@@ -85,8 +89,11 @@ class LoopJudge:
             self._watch.restart(compensator.horizon // 2)
         elif compensator.load_stepped:
             self._watch.excuse(compensator.horizon // 2)
+        self._load_stepped = 0.0 if compensator.load_stepped else self._load_stepped + 1.0
         if not math.isfinite(pv):
             return WatchVerdict.FINE
+        inside = abs(pv - sp) <= self._watch.before.largest
+        self._outside = 0 if inside else self._outside + 1
         limits = self._settings.hybrid.limits
         reach = 1e-6 * (limits.high - limits.low)
         seen = Watched(
@@ -102,6 +109,21 @@ class LoopJudge:
         if verdict is WatchVerdict.FINE and self._answers_wrongly(compensator, seen):
             return WatchVerdict.LEFT_RANGE
         return verdict
+
+    def load_did_it(self, compensator: Compensator) -> bool:
+        """Whether PV left its range because a step of the load drove it out."""
+        run = compensator.prediction.dead_time + self._settings.watch.trip_scans
+        since = self._outside + run
+        if self._load_stepped > since:
+            return False
+        samples = self._record.latest(since + compensator.horizon)
+        return explained_by_load(
+            samples,
+            min(since, len(samples)),
+            compensator.prediction,
+            compensator.model.valve,
+            self._settings.watch.unexplained,
+        )
 
     def _answers_wrongly(self, compensator: Compensator, seen: Watched) -> bool:
         """Whether PV is farther off than ever and has moved against what the model makes of OP.

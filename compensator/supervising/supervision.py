@@ -17,6 +17,7 @@ from compensator.hybrid.settings import HybridSettings
 from compensator.prediction import Prediction
 from compensator.supervising.figures import LoopFigures
 from compensator.supervising.given_up import GivenUp, RetrySettings
+from compensator.supervising.jumps import JumpSettings
 from compensator.supervising.record_check import RecordCheckSettings
 from compensator.supervising.watch_settings import WatchSettings
 from loop_model import LoopModel, ValveModel
@@ -48,6 +49,8 @@ class WithdrawReason(Enum):
     OPERATOR = "withdrawn by an operator, or the enable bit is off"
     NO_STICTION = "the valve was found healthy; the base controller suffices"
     PV_BAD = "PV was bad for too long; the compensator returns when PV does"
+    LOAD = "a load drove PV out of its known range; the compensator returns when PV has"
+    OP_OUTSIDE = "OP is outside the compensator's limits; it takes over once OP is inside"
     PV_FROZEN = "PV repeats one value: its sensor is frozen; the compensator returns with PV"
     SOLVER = "the compensator's solver passed its bound several scans in a row; use another one"
     WORSE = "PV deviated more than before; the model was given up, identify again"
@@ -68,9 +71,13 @@ class SupervisorSettings:
         watch: when the compensated loop counts as worse than before.
         retry: when a model that was given up may be tried again.
         check: what the record must show to contradict a model's sign.
+        jump: which PV jumped farther than a process can make it.
         friction_rate: largest change of fS and of fD per scan when a newer model differs, in OP.
         history: scans that a new compensator relives, to find stem and load at once; four times as
             many tell how good the loop was before.
+        relived: of them in one scan, so that an offer makes no scan late: each takes as long as a
+            scan's own. With 30, a tenth of a second in all, the first take-over is 11 scans after
+            the offer.
         least_known: scans under the base controller that must be known before a take-over: without
             them nothing tells whether the loop has become worse. After a restart as many and the
             dead time must be seen, because stem and load have to be found again.
@@ -87,8 +94,10 @@ class SupervisorSettings:
     watch: WatchSettings = field(default_factory=WatchSettings)
     retry: RetrySettings = field(default_factory=RetrySettings)
     check: RecordCheckSettings = field(default_factory=RecordCheckSettings)
+    jump: JumpSettings = field(default_factory=JumpSettings)
     friction_rate: float = 0.05
     history: int = 300
+    relived: int = 30
     least_known: int = 40
     gain_sign: int = 0
     period: float = 0.0
@@ -107,6 +116,7 @@ class SupervisorSettings:
             "SupervisorSettings",
             1,
             history=self.history,
+            relived=self.relived,
             least_known=self.least_known,
             pv_bad_limit=self.pv_bad_limit,
             pv_frozen_limit=self.pv_frozen_limit,

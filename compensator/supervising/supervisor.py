@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from compensator.action import (
     Action,
@@ -25,13 +26,18 @@ from compensator.action import (
     CompensatorError,
     Controller,
     RefusalKind,
+    as_measured,
     require_finite,
 )
 from compensator.hybrid.controller import HybridMpc
+from compensator.prediction import Prediction, settling_samples
 from compensator.stem_tracking.friction import Uncertainty
 from compensator.supervising.admission import Admission
 from compensator.supervising.figures import LoopFigures, LoopRecord, Sample
+from compensator.supervising.jumps import JumpScreen, span_of, without_jumps
 from compensator.supervising.loop_judge import LoopJudge
+from compensator.supervising.recess import Recess
+from compensator.supervising.reliving import Reliving
 from compensator.supervising.screen import PvScreen
 from compensator.supervising.supervision import (
     Compensator,
@@ -66,7 +72,14 @@ _GIVEN_UP = {
 }
 
 
-_PASSING = (WithdrawReason.PV_BAD, WithdrawReason.PV_FROZEN, WithdrawReason.SOLVER)
+_PASSING = (
+    WithdrawReason.PV_BAD,
+    WithdrawReason.PV_FROZEN,
+    WithdrawReason.OP_OUTSIDE,
+    WithdrawReason.LOAD,
+    WithdrawReason.SOLVER,
+)
+"""Reasons that are over at the next take-over."""
 _PAUSES = 3
 """Pauses that an overtaxed solver is given before it is given up."""
 
@@ -98,6 +111,9 @@ class Supervisor:
         self.refused = RefusalKind.NONE
         self._compensator: Compensator | None = None
         self._next: Compensator | None = None
+        self._reliving = Reliving(self.settings.relived)
+        self._queued: tuple[LoopModel, Uncertainty] | None = None
+        self._chances = 0
         self._goal: ValveModel | None = None
         self._offered: LoopModel | None = None
         self._uncertainty = Uncertainty()
@@ -106,6 +122,8 @@ class Supervisor:
         self._record = LoopRecord(4 * self.settings.history)
         self._judge = LoopJudge(self.settings, self._record)
         self._screen = PvScreen(self.settings.pv_frozen_limit)
+        self._jumps = JumpScreen(self.settings.jump)
+        self._recess = Recess(self.settings.least_known, self.settings.history)
         self._stem = math.nan
         self._bad_scans = 0
         self._unsolved = self._pauses = self._pause = 0
@@ -144,13 +162,18 @@ class Supervisor:
         stated = uncertainty or Uncertainty()
         try:
             self._admission.require_usable(model)
+            self._leave_out_jumps(model)
             self._admission.require_right_sign(model, self._record.all)
             offered, model = model, self._admission.with_seen_friction(model, self._record.all)
             current = self._next or self._compensator
             if current is not None and current.model.process == model.process:
                 current.require_reachable(model.valve)
+                self._queued = None
                 self._goal, self._offered, self._uncertainty = model.valve, offered, stated
                 self.refusal, self.refused = "", RefusalKind.NONE
+                return True
+            if not self._reliving.done or self._chances:
+                self._queued = offered, stated
                 return True
             compensator = self._build(model, stated)
             if len(self._record) >= self.settings.check.shortest:
@@ -162,8 +185,8 @@ class Supervisor:
             if self._compensator is None and self._next is None:
                 self.reason = WithdrawReason.REFUSED
             return False
-        for sample in self._record.latest(self.settings.history):
-            compensator.observe(sample.pv, sample.op)
+        self._reliving.begin(self._record.latest(self.settings.history))
+        self._chances = self.settings.least_known
         self._next, self._goal = compensator, model.valve
         self._offered, self._uncertainty = offered, stated
         self.reason, self.refusal = WithdrawReason.NONE, ""
@@ -174,7 +197,9 @@ class Supervisor:
 
     def withdraw(self, reason: WithdrawReason) -> None:
         """Give the loop back to the base controller, from the next scan on."""
-        self._compensator = self._next = self._goal = None
+        self._compensator = self._next = self._goal = self._queued = None
+        self._reliving.forget()
+        self._chances = 0
         self._judge.forget()
         self.reason = reason
         self.refused = _KINDS.get(reason, RefusalKind.NONE)
@@ -190,14 +215,20 @@ class Supervisor:
             automatic: False while an operator has the loop; OP then follows ``op_applied``.
         """
         require_finite("Supervisor.step", sp=sp, op_applied=op_applied)
-        pv = self._screened(pv)
+        pv = self._screened(pv, op_applied)
         moved = self._move_stem(op_applied)
-        by_base = automatic and not self.compensating
-        self._record.push(Sample(pv, sp, op_applied, by_base))
+        known = math.inf if self._known is None else self._known.largest
+        self._recess.follow(pv - sp, self.settings.watch.limit_trip * known)
+        by_base = automatic and not self.compensating and self._recess.over
+        sample = Sample(pv, sp, op_applied, by_base)
+        # A fault and what it leads to contradict no model.
+        told = self._recess.over or self.reason is WithdrawReason.LOAD
+        self._record.push(sample if told else replace(sample, pv=math.nan))
         self._admission.given_up.pass_scan()
-        for controller in (self.base, self._compensator, self._next):
+        for controller in (self.base, self._compensator):
             if controller is not None:
                 controller.observe(pv, op_applied)
+        self._relive(sample)
         self._bad_scans = 0 if math.isfinite(pv) else self._bad_scans + 1
         if not automatic:
             self.state = SupervisorState.MANUAL
@@ -210,13 +241,34 @@ class Supervisor:
             frozen = self._screen.frozen
             self.reason = WithdrawReason.PV_FROZEN if frozen else WithdrawReason.PV_BAD
         self._ramp_frictions()
-        if self._take_over():
+        if self._take_over(op_applied):
             self._judge.follow(sp)
             return Action(op_applied, ActionStatus.HOLDING, detail="take-over")
         if not self.compensating:
             self._judge.follow(sp)
             return self.base.decide(sp)
         return self._compensate(pv, sp, op_applied, moved)
+
+    def _relive(self, sample: Sample) -> None:
+        """Let the next compensator follow the loop; begin with what was offered meanwhile after it
+        has had its chances to take over.
+        """
+        if self._next is not None:
+            self._reliving.observe(self._next, sample)
+        if self._reliving.done:
+            self._chances = 0 if self._next is None else max(0, self._chances - 1)
+            if self._queued is not None and not self._chances:
+                self.offer(*self._queued)
+
+    def _leave_out_jumps(self, model: LoopModel) -> None:
+        """Look for jumps in the record from before any model was there."""
+        if self._compensator is not None or self._next is not None:
+            return
+        prediction = Prediction.of(model.process, "input")
+        horizon = settling_samples(prediction)
+        screen = self._jumps = JumpScreen(self.settings.jump)
+        samples = without_jumps(self._record.all, prediction, model.valve, horizon, screen)
+        self._record.replace(samples)
 
     def _move_stem(self, op: float) -> float:
         """Return how far OP moves the stem, by the same model before and after the take-over."""
@@ -226,16 +278,43 @@ class Supervisor:
         before, self._stem = self._stem, self._compensator.model.valve.step(self._stem, op)
         return abs(self._stem - before)
 
-    def _screened(self, pv: float) -> float:
-        """Return PV, NaN if it is frozen."""
+    def _screened(self, pv: float, op: float) -> float:
+        """Return PV, NaN if it is frozen, or jumped, or was never measured."""
+        pv = as_measured(pv)
         known = self._compensator or self._next
-        if known is None or not known.ready:
+        if known is None:
             return self._screen.check(pv, 0.0, 1.0)
-        return self._screen.check(pv, math.sqrt(known.held_variance), known.prediction.scale)
+        follows = known.ready and (known is self._compensator or self._reliving.done)
+        noise = math.sqrt(known.held_variance) if follows else 0.0
+        pv = self._screen.check(pv, noise, known.prediction.scale)
+
+        def op_span() -> float:
+            return span_of([*self._record.latest(known.horizon), Sample(pv, 0.0, op, True)])
+
+        seen = self._jumps.check(pv, known.prediction, known.model.valve, op_span)
+        if self._jumps.believed:
+            self._start_afresh(known)
+        return seen
+
+    def _start_afresh(self, known: Compensator) -> None:
+        """Give the loop back after a jump that stays: what ``known`` followed is no longer what PV
+        shows, so another compensator of its model finds stem and load again.
+        """
+        if self.compensating:
+            self.state, self.reason = SupervisorState.WAITING, WithdrawReason.PV_BAD
+        self._compensator, self._next = None, self._build(known.model, self._uncertainty)
+        self._reliving.forget()
+        self._judge.forget()
+        self._recess.begin(max(known.horizon, self.settings.least_known))
 
     def _compensate(self, pv: float, sp: float, op_applied: float, moved: float) -> Action:
         assert self._compensator is not None
         verdict = self._judge.push(self._compensator, pv, sp, op_applied, moved)
+        if verdict is WatchVerdict.LEFT_RANGE and self._judge.load_did_it(self._compensator):
+            self.state, self.reason = SupervisorState.WAITING, WithdrawReason.LOAD
+            self._recess.begin(self._compensator.horizon)
+            self._judge.forget()
+            return Action(op_applied, ActionStatus.HOLDING, detail=WithdrawReason.LOAD.value)
         if verdict is not WatchVerdict.FINE:
             self._admission.given_up.add(
                 self._offered or self._compensator.model,
@@ -259,10 +338,12 @@ class Supervisor:
                 self.reason = WithdrawReason.SOLVER
         return action
 
-    def _take_over(self) -> bool:
+    def _take_over(self, op: float) -> bool:
         """Switch to the compensator, or to a newer one, if the valve rests; tell whether."""
         candidate = self._next or (None if self.compensating else self._compensator)
         self._pause = max(0, self._pause - 1)
+        if not (self._reliving.done and self._recess.over):
+            return False
         if candidate is None or not candidate.ready or self._bad_scans or self._pause:
             return False
         if candidate.is_moving or (self._compensator is not None and self._compensator.is_moving):
@@ -270,12 +351,18 @@ class Supervisor:
         known_scans = self.settings.least_known + candidate.prediction.dead_time
         if len(self._record) < known_scans:
             return False
+        limits = self.settings.hybrid.limits
+        reach = 1e-6 * (limits.high - limits.low)
+        if not limits.low - reach <= op <= limits.high + reach:
+            if not self.compensating:
+                self.reason = WithdrawReason.OP_OUTSIDE
+            return False
         before = self._figures(candidate)
         if before is None or not self._accept(candidate):
             return False
         self._judge.begin(before, candidate)
         candidate.improve_on(math.sqrt(before.mean_square), before.travel)
-        self._compensator, self._next = candidate, None
+        self._compensator, self._next, self._chances = candidate, None, 0
         self.state = SupervisorState.COMPENSATING
         if self.reason in _PASSING:
             self.reason = WithdrawReason.NONE
@@ -314,6 +401,8 @@ class Supervisor:
         """Move the compensator's fS and fD towards the offered ones while the valve rests."""
         for controller in (self._compensator, self._next):
             if controller is None or self._goal is None or controller.is_moving:
+                continue
+            if controller is self._next and not self._reliving.done:
                 continue
             have, goal, rate = controller.model.valve, self._goal, self.settings.friction_rate
             if have == goal:

@@ -37,6 +37,9 @@ class WatchSettings:
             long is none that the last move has yet to answer.
         trip_latest: scans after which PV may be beyond it no longer, whatever the dead time is.
         limit_trip: the same multiple as ``pv_trip`` while OP is at a limit and PV is leaving.
+        unexplained: largest share of PV's variance, since its range was left, that a step of the
+            load and the answer to the stem may leave unexplained for the load to be the reason: one
+            that a wrong model has made leaves more, or less when the answer is turned round.
         periods: of the oscillation before: length of the quick, the short and the long window.
         least: samples of the quick window at least.
         persist: share of the short window for which a verdict of the windows must hold.
@@ -59,6 +62,7 @@ class WatchSettings:
     trip_scans: int = 8
     trip_latest: int = 60
     limit_trip: float = 1.5
+    unexplained: float = 0.05
     periods: tuple[float, float, float] = (1.5, 2.5, 4.5)
     least: int = 40
     persist: float = 0.125
