@@ -18,6 +18,7 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.linear_fit import delay
 from estimator.hypotheses.nuisances import spectral_peaks
 from estimator.hypotheses.triangle import TriangularLoad, triangular_response
+from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import polish
 
 __all__ = ["fit_triangular_load"]
@@ -38,6 +39,10 @@ _LEAST_RISE = 0.03
 """Shortest rise, and fall, in cycles: a saw-tooth."""
 _STEPS = np.array([0.1, 0.05, 0.02, 0.01])
 """Steps in cycles, of which begin and rise take `_SHARES`; each until it gains no more."""
+_ROUGHLY = _STEPS[:1]
+"""The same where only processes are compared."""
+_LAGS, _DEAD_TIMES = (3.0, 8.0, 20.0), (0, 4, 8, 12)
+"""Lags and dead times, in samples, with which it is looked for beside those of the starts."""
 _SHARES = np.array([1.0, 0.4, 1.0])
 _MOST_MOVES = 6
 """Moves with one step."""
@@ -56,9 +61,31 @@ def fit_triangular_load(case: Case, starts: tuple[Hypothesis, ...]) -> Hypothesi
     """
     best: Hypothesis | None = None
     for cycles in _periods(case, starts):
-        for start in starts:
+        # what was fitted without the wave may have another shape and dead time altogether
+        for start in (*starts, _lag_beside_wave(case, starts[0], cycles)):
             found = _fitted(case, start, cycles)
             best = found if best is None else likelier(best, found)
+    return best
+
+
+def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float) -> Hypothesis:
+    """The healthy valve with the lag, of a few, that beside a roughly placed wave leaves least."""
+    best: Hypothesis | None = None
+    for slow in _LAGS:
+        for dead_time in _DEAD_TIMES:
+            if dead_time > case.max_dead_time:
+                continue
+            at = replace(
+                near,
+                valve=None,
+                stem=case.rows.u,
+                poles=Poles(Shape.LAGS, slow),
+                dead_time=dead_time,
+            )
+            load = _best_load(case, at, cycles, _ROUGHLY)
+            found = case.fit(None, at.poles, dead_time, (load,), near.taps)
+            best = found if best is None else likelier(best, found)
+    assert best is not None
     return best
 
 
@@ -94,7 +121,7 @@ def _fitted(case: Case, start: Hypothesis, cycles: float) -> Hypothesis:
     return best
 
 
-def _best_load(case: Case, of: Hypothesis, cycles: float) -> TriangularLoad:
+def _best_load(case: Case, of: Hypothesis, cycles: float, steps: Array = _STEPS) -> TriangularLoad:
     """The load that takes most from PV with this process and noise model."""
     rows = case.rows
     response = of.poles.response(of.stem)
@@ -106,7 +133,7 @@ def _best_load(case: Case, of: Hypothesis, cycles: float) -> TriangularLoad:
     )
     basis = orthonormal(filter_rows(known, of.taps, rows.weight))
     left = project_out(filter_rows(rows.y[None], of.taps, rows.weight)[0], basis)
-    wave = _best_wave(cycles, of.poles.coefficients, of.taps, rows.weight, basis, left)
+    wave = _best_wave(cycles, of.poles.coefficients, of.taps, rows.weight, basis, left, steps)
     cycles, begin, rise = (float(one) for one in wave)
     return TriangularLoad(cycles, begin, rise, of.poles)
 
@@ -119,6 +146,7 @@ def _best_wave(
     weight: Array,
     basis: Array,
     left: Array,
+    steps: Array,
 ) -> Array:
     """Cycles, begin and rise ``(3,)`` of the wave that takes most; see `_taken`."""
     best, most = np.array([cycles, 0.0, 0.5]), 0.0
@@ -128,7 +156,7 @@ def _best_wave(
             more = _taken(tried, process, taps, weight, basis, left)
             if more > most * (1.0 + _TIE):
                 best, most = tried, more
-    for step in _STEPS:
+    for step in steps:
         for _ in range(_MOST_MOVES):
             before = most
             for c in range(3):
