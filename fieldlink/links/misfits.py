@@ -17,7 +17,7 @@ class Misfits:
         self._seen: set[tuple[int | None, int | None]] = set()
 
     def note_fit(self) -> None:
-        """Note an answer that fits: what does not fit is no habit of the device."""
+        """Note an answer that fits: one that never fits is a habit of the device."""
         self._has_fitted = True
 
     def remedy(self, error: WrongReplyError) -> str:

@@ -42,7 +42,7 @@ def _fault_of(file: Path) -> str:
         load = x509.load_pem_x509_certificate if is_text else x509.load_der_x509_certificate
         certificate = load(data)
     except (OSError, ValueError):
-        return "is no certificate that can be read"
+        return "cannot be read as a certificate"
     now = datetime.now(UTC)
     if now < certificate.not_valid_before_utc:
         return f"is valid from {certificate.not_valid_before_utc:%Y-%m-%d} on only"

@@ -58,7 +58,7 @@ class AreaLooks:
             loop: whose area it was.
             error: why it failed; None when it did not.
             now: the plant second.
-            answers: whether the device answers its polls; else it is no matter of the area.
+            answers: whether the device answers its polls; else the area is not to blame.
         """
         lost = isinstance(error, LinkTimeoutError | LinkUnreachableError)
         if not lost:
