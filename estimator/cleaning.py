@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.arrays import Array, Index, Mask
 from estimator.controller.reading import Controller, read_aligned
+from estimator.controller.shifts import tell_shift
 from estimator.faults import faults_of
 from estimator.outcomes import Reason, ReasonCode
 from estimator.settings import Screening
@@ -84,9 +85,7 @@ def find_slow_transmitter(pv: Array) -> Held:
     usual = float(np.median(gaps))
     if usual < 2.0:
         return each
-    alike = (gaps >= usual - max(1.0, _JITTER * usual)) & (
-        gaps <= usual + max(1.0, _JITTER * usual)
-    )
+    alike = np.abs(gaps - usual) <= max(1.0, _JITTER * usual)
     if float(np.mean(alike & (gaps > 1))) < _REGULAR:
         return each
     _, times = np.unique(np.round(steps / np.nanmax(steps), 6), return_counts=True)
@@ -130,12 +129,7 @@ class Cleaned:
 
     def tell_late(self) -> tuple[str, ...]:
         """That PV was moved; empty where it was not."""
-        if self.late == 0:
-            return ()
-        by = "1 sample" if self.late == 1 else f"{self.late} samples"
-        return (
-            f"PV is recorded {by} after the OP that answers it: it is judged as if {by} earlier",
-        )
+        return tell_shift(self.late)
 
 
 def clean(op: Array, pv: Array, sp: Array | None, settings: Screening) -> Cleaned:

@@ -31,6 +31,7 @@ from estimator.controller.fits import (
     triangle_of,
 )
 from estimator.controller.settings import READING, Reading
+from estimator.controller.shifts import shifted
 from estimator.window import bridge, carry_on
 
 __all__ = ["Aligned", "Controller", "at_limit", "read_aligned", "read_controller"]
@@ -173,7 +174,7 @@ def read_aligned(op: Array, pv: Array, sp: Array | None, settings: Reading = REA
     never are.
     """
     for late in _LATE:
-        moved = np.append(pv[late:], np.full(late, math.nan))
+        moved = shifted(pv, late)
         given = _prepare(op, moved, sp, None, settings)
         found = None if given is None else _read_exactly(given, 1.0, settings)
         if found is not None:

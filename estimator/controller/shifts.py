@@ -16,7 +16,7 @@ from estimator.controller.fits import TIE
 from estimator.controller.settings import READING, Reading
 from estimator.window import carry_on
 
-__all__ = ["find_shift", "shifted"]
+__all__ = ["find_shift", "shifted", "tell_shift"]
 
 _AROUND = 1
 """Samples beyond the largest shift that are tried as well: a match at the end of the range may have
@@ -55,6 +55,15 @@ def find_shift(
 def shifted(signal: Array, by: int) -> Array:
     """The signal ``(n,)`` moved forward by some samples, NaN where nothing is known."""
     return signal if by <= 0 else np.append(signal[by:], np.full(by, np.nan))
+
+
+def tell_shift(late: int) -> tuple[str, ...]:
+    """That PV was moved forward by ``late`` samples, or OP where that is negative; empty at 0."""
+    if late == 0:
+        return ()
+    one, other = ("PV", "the OP that answers it") if late > 0 else ("OP", "the PV that it answers")
+    by = "1 sample" if abs(late) == 1 else f"{abs(late)} samples"
+    return (f"{one} is recorded {by} after {other}: it is judged as if {by} earlier",)
 
 
 def _left_over(op: Array, error: Array, action: float, integral: float) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from estimator.arrays import Array, Mask
 from estimator.cleaning import find_held, find_slow_transmitter
 from estimator.controller.reading import Controller, read_aligned, read_controller
-from estimator.controller.shifts import find_shift, shifted
+from estimator.controller.shifts import find_shift, shifted, tell_shift
 from estimator.diagnosis.amplitude import swing_amplitude
 from estimator.diagnosis.causes import rank_causes
 from estimator.diagnosis.explanations import Explained, explain
@@ -186,7 +186,7 @@ def diagnose(
         period_s=period,
         notes=(
             *(reason.text for reason in (explained.reasons if explained else ())),
-            *_tell_late(late),
+            *tell_shift(late),
             *([slow.why] if slow.why else []),
         ),
     )
@@ -222,15 +222,6 @@ def _read_controller(
         # not the controller's law: the process's
         return found, record, 0
     return replace(again, timed=True), moved, late
-
-
-def _tell_late(late: int) -> tuple[str, ...]:
-    """That one signal was moved; empty where none was."""
-    if late == 0:
-        return ()
-    one, other = ("PV", "the OP that answers it") if late > 0 else ("OP", "the PV that it answers")
-    by = "1 sample" if abs(late) == 1 else f"{abs(late)} samples"
-    return (f"{one} is recorded {by} after {other}: it is judged as if {by} earlier",)
 
 
 def _in_auto(record: LoopRecord) -> Array:

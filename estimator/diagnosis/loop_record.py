@@ -63,7 +63,7 @@ class LoopRecord:
 
     def thinned(self, held: Held) -> LoopRecord:
         """Each value once."""
-        return self._rows(held.at, held.every)
+        return self._rows(held.at, held.every) if held.why else self
 
     def _rows(self, rows: slice | Index, every: float) -> LoopRecord:
         def cut(signal: Array | None) -> Array | None:

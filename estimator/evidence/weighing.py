@@ -156,8 +156,9 @@ def _looked_again(
     settings = replace(case.settings, searching=wider(case.settings.searching))
     again = replace(case, settings=settings)
     valves = find_valves(again, plain)
-    unlike = (*valves[:1], *(_others(valves[0], valves) if valves else ()))
-    for valve in unlike[:_TRIED]:
+    if not valves:
+        return healthy, sticky
+    for valve in (valves[0], *_others(valves[0], valves))[:_TRIED]:
         other, better = _weighed(again, plain, valve)
         healthy, sticky = likelier(healthy, other), likelier(sticky, better)
         if not _is_doubtful(case, healthy, sticky):
