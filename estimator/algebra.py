@@ -157,8 +157,11 @@ def is_stable(taps: Array, largest: float) -> bool:
 
 
 @kernel
-def orthonormal(rows: Array) -> Array:
-    """Orthonormal rows of the same span, in order; what others span is left out (Gram-Schmidt)."""
+def orthonormal(rows: Array, spanned: float = _SPANNED) -> Array:
+    """Orthonormal rows of the same span, in order; what others span is left out (Gram-Schmidt).
+
+    That is a row of whose sum of squares no more than a share ``spanned`` is left by the others.
+    """
     m, n = rows.shape
     basis, room = np.empty((m, n)), np.empty(_SIDE_BY_SIDE)
     count = 0
@@ -173,7 +176,7 @@ def orthonormal(rows: Array) -> Array:
                 for k in range(n):
                     v[k] -= share * basis[c, k]
         left = dot_in(room, v, v)
-        if left > _SPANNED * whole:
+        if left > spanned * whole:
             scale = 1.0 / math.sqrt(left)
             for k in range(n):
                 basis[count, k] = v[k] * scale

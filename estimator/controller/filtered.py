@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from estimator.arrays import Array, Mask
-from estimator.controller.fits import TIE, Fit, fit_columns, triangle_of
+from estimator.controller.fits import TIE, Fit, fit_columns, left_by_pole, triangle_of
 
 __all__ = ["Filtered", "fit_filtered"]
 
@@ -57,12 +57,14 @@ def fit_filtered(u: Array, y: Array, e: Array, rows: Mask, resolution: float) ->
     for delay, parts in whole.items():
         short = parts.in_triangle()
         for on, terms in _FORMS:
-            left = [_fit(short, on, terms, a, delay).squares for a in _POLES]
-            tried.append((min(left), delay, on, terms, short, int(np.argmin(left))))
+            pair = _at_ends(short, on, terms)
+            left = left_by_pole(*pair, np.array(_POLES))
+            tried.append((float(left.min()), delay, on, terms, short, pair, int(left.argmin())))
     tried.sort(key=lambda one: one[0])
     best, least = None, math.inf
-    for _, delay, on, terms, short, start in tried[:_REFINED]:
-        found = _refine(short, on, terms, delay, start)
+    for _, delay, on, terms, short, pair, start in tried[:_REFINED]:
+        pole = _best_pole(pair, start)
+        found = Filtered(on, pole, _fit(short, on, terms, pole, delay))
         if found.fit.is_sensible and (cost := found.fit.cost(floor)) < least - TIE:
             best, least = found, cost
     if best is None:
@@ -132,14 +134,23 @@ def _columns(parts: _Parts, on: str, a: float) -> dict[str, Array]:
     }
 
 
-def _refine(parts: _Parts, on: str, terms: tuple[str, ...], delay: int, start: int) -> Filtered:
+def _at_ends(parts: _Parts, on: str, terms: tuple[str, ...]) -> tuple[Array, Array]:
+    """OP's moves and the columns of some terms with the poles 0 and 1: linear between."""
+    rows = []
+    for a in (0.0, 1.0):
+        columns = _columns(parts, on, a)
+        rows.append(np.stack([parts.moves - a * parts.old_moves, *(columns[t] for t in terms)]))
+    ones = parts.one
+    return np.vstack([rows[0], ones]), np.vstack([rows[1], ones])
+
+
+def _best_pole(pair: tuple[Array, Array], start: int) -> float:
     """The best pole between the neighbours of the one of that place."""
     ends = (0.0, *_POLES, _LAST_POLE)
     found = minimize_scalar(
-        lambda a: _fit(parts, on, terms, a, delay).squares,
+        lambda a: left_by_pole(*pair, np.array([a]))[0],
         bounds=(ends[start], ends[start + 2]),
         method="bounded",
         options={"xatol": 1e-6},
     )
-    pole = float(found.x)
-    return Filtered(on, pole, _fit(parts, on, terms, pole, delay))
+    return float(found.x)

@@ -12,12 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compiled import kernel
+from estimator.algebra import dot, orthonormal, project_out
 from estimator.arrays import Array
 
-__all__ = ["TIE", "Fit", "fit_columns", "fit_instrumented", "triangle_of"]
+__all__ = ["TIE", "Fit", "fit_columns", "fit_instrumented", "left_by_pole", "triangle_of"]
 
 TIE = 1e-6
 """Nats, or share of the moves, by which a form must be better: rounding decides nothing."""
+_ALONG = 1e-10
+"""Share of a column that others leave of it below which it tells nothing of its own."""
 _ROUNDING = float(np.finfo(np.float64).eps)
 
 
@@ -52,9 +56,23 @@ def fit_columns(
     """Least squares of OP's moves on the columns of some terms."""
     design = np.stack([columns[t] for t in (*terms, "one")], axis=1)
     scale = np.sqrt(np.sum(design**2, axis=0) / rows) + 1e-300
-    solution = np.linalg.lstsq(design / scale, moves, rcond=1e-10)[0] / scale
+    solution = np.linalg.lstsq(design / scale, moves, rcond=_ALONG)[0] / scale
     left = moves - design @ solution
     return Fit(terms, delay, solution, float(left @ left), rows)
+
+
+@kernel
+def left_by_pole(at_zero: Array, at_one: Array, poles: Array) -> Array:
+    """Sums of squares ``(p,)`` that least squares leave at each of ``poles`` ``(p,)``.
+
+    Rows ``(m, n)`` are linear in the pole: told at 0 and at 1, OP's moves first, then the columns.
+    """
+    left = np.empty(poles.size)
+    for i in range(poles.size):
+        rows = (1.0 - poles[i]) * at_zero + poles[i] * at_one
+        rest = project_out(rows[0], orthonormal(rows[1:], _ALONG * _ALONG))
+        left[i] = dot(rest, rest)
+    return left
 
 
 def triangle_of(columns: list[Array]) -> Array:
