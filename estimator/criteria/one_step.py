@@ -111,10 +111,10 @@ def arx_estimate(
     centre = np.array([start.band, start.jump, start.start])
     tables, costs = [np.zeros((1, 3))], []
     middle, reach = np.zeros(3), np.array(_REACH)
-    costs.append(ranking.costs(moved_valves(centre, tables[0]), 1, longest)[0])
+    costs.append(ranking.costs(moved_valves(centre, tables[0]), 1, longest)[0][:, 0])
     for _ in range(_ROUNDS):
         table = middle + reach * spread_points(_LANES, 3)
-        cost = ranking.costs(moved_valves(centre, table), 1, longest)[0]
+        cost = ranking.costs(moved_valves(centre, table), 1, longest)[0][:, 0]
         tables.append(table)
         costs.append(cost)
         every, all_costs = np.vstack(tables), np.concatenate(costs)

@@ -32,6 +32,8 @@ __all__ = ["Peak", "Posterior", "sample_posterior"]
 
 _IMPOSSIBLE = 1e6
 """Nats by which a stem that does not work like a valve is behind."""
+_NOTHING = 1e-9
+"""Weight of a sample, as a share of the heaviest one's, below which it moves no interval."""
 _STILL = 1e-9
 """Moves of the stem (shares of OP's span), and of J over S beyond its bounds, that are rounding."""
 _ALIKE = 0.05
@@ -126,7 +128,10 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
         valves.append(found)
         # a law that is a little behind may still be that of the valve: no law is quite
         weights.append(weight / weight.sum() * math.exp(-spreading.law_temper * behind))
-    weight = np.concatenate(weights)
+    weight, valve = np.concatenate(weights), np.vstack(valves)
+    # most samples are there to find the others
+    counts = weight > _NOTHING * weight.max()
+    weight, valve = weight[counts], valve[counts]
     # A real valve slips between two samples, anywhere: the deviation of a uniform distribution.
     late = _usual_step(case.rows.u) / math.sqrt(12.0)
     # a lead is worth less where the leading law's own errors follow the turns
@@ -136,7 +141,7 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
         math.hypot(late, best.valve.band * (known + doubt * (open_ - known)))
         for known, open_ in ((told, down), (told, up), spreading.law_jump)
     )
-    return Posterior(np.vstack(valves), weight / weight.sum(), (below, jump), above)
+    return Posterior(valve, weight / weight.sum(), (below, jump), above)
 
 
 def _unevenness(case: Case, of: Hypothesis) -> float:

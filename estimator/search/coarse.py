@@ -137,13 +137,18 @@ def simulated_starts(
 
 
 def one_step_starts(
-    case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...], past: int
-) -> list[tuple[Valve, int]]:
-    """The best valves of He's law by one-step errors, with their dead times.
+    case: Case,
+    near: Hypothesis,
+    nuisances: tuple[Nuisance, ...],
+    past: int,
+    beside: tuple[Nuisance, ...] = (),
+) -> list[tuple[Valve, int, tuple[Nuisance, ...]]]:
+    """The best valves of He's law by one-step errors, with their dead times and disturbances.
 
-    So many samples of PV's past stand for process and noise. The dead time is one sample or more:
-    with direct feed-through the regression may learn the controller, which answers PV within the
-    same scan, instead of the process.
+    So many samples of PV's past stand for process and noise. They are looked at with the
+    ``nuisances``, and where there are any ``beside`` them with those as well. The dead time is one
+    sample or more: with direct feed-through the regression may learn the controller, which answers
+    PV within the same scan, instead of the process.
     """
     searching = case.settings.searching
     shifts = min(_SHIFTS, case.max_dead_time - 3)
@@ -151,17 +156,23 @@ def one_step_starts(
         return []
     table = _table(_fine_bands(searching), searching.fine_jumps, searching.fine_starts)
     valves = _placed(table, float(case.rows.u[0]))
-    columns = case.columns(nuisances, near.stem, COARSE[0], near.dead_time)
-    ranking = OneStep(case.rows, columns, past)
+    views = (nuisances, (*nuisances, *beside))[: 1 + bool(beside)]
+    columns = [case.columns(known, near.stem, COARSE[0], near.dead_time) for known in views]
+    more = columns[1][len(columns[0]) :] if beside else None
+    ranking = OneStep(case.rows, columns[0], past, more)
     cost, late = ranking.costs(valves, 1, shifts)
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley
-        tops = first_apart(valves[:, 0], cost, _TOPS, reach)
-        tops = sorted({*tops, *first_apart(valves[:, 0], cost, _TOPS, -1.0)})
-        if not tops:
+        bands = valves[:, 0]
+        tops = [
+            [*first_apart(bands, of_view, _TOPS, reach), *first_apart(bands, of_view, _TOPS, -1.0)]
+            for of_view in cost.T
+        ]
+        if not any(tops):
             break
         valves, cost, late = look_around(ranking, (valves, cost, late), tops, reach, shifts)
     return [
-        (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i]))
-        for i in first_apart(valves[:, 0], cost, searching.basins[0], searching.apart)
+        (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i, v]), one)
+        for v, one in enumerate(views)
+        for i in first_apart(valves[:, 0], cost[:, v], searching.basins[0], searching.apart)
     ]

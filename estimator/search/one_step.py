@@ -33,17 +33,31 @@ LATEST = 32
 
 @kernel
 def _least(
-    shared: Array, products: Array, columns: int, rest: float, sign: float
-) -> tuple[float, int]:
-    """Least sum of squares over the dead times, and which; see `add_slips` for the sums."""
+    shared: Array,
+    products: Array,
+    columns: int,
+    common: Array,
+    rests: Array,
+    sign: float,
+    least: Array,
+    best: Index,
+) -> None:
+    """Least sum of squares over the dead times, and which, of each view ``(v,)``.
+
+    See `add_slips` for the sums, and `OneStep` for the views.
+    """
     own, next_, second = products[0], products[1], products[2]
-    least, best = np.inf, 0
+    least[:] = np.inf
+    best[:] = 0
+    plain = columns - common.size
     for w in range(own.size - 2):
         at0, at1, at2 = w * columns, (w + 1) * columns, (w + 2) * columns
         g00, g11, g22 = own[w], own[w + 1], own[w + 2]
         g01, g12 = own[w] - next_[w], own[w + 1] - next_[w + 1]
         g02 = own[w] - second[w]
-        for c in range(1, columns):
+        r0, r1, r2 = shared[at0], shared[at1], shared[at2]
+        small = 1e-6 * own[w]
+        for c in range(1, plain):
             a0, a1, a2 = shared[at0 + c], shared[at1 + c], shared[at2 + c]
             g00 -= a0 * a0
             g11 -= a1 * a1
@@ -51,28 +65,60 @@ def _least(
             g01 -= a0 * a1
             g12 -= a1 * a2
             g02 -= a0 * a2
-        r0, r1, r2 = shared[at0], shared[at1], shared[at2]
-        small = 1e-6 * own[w]
-        if g00 <= small:
+        left = rests[0] - _gain((g00, g01, g02, g11, g12, g22), (r0, r1, r2), small, sign)
+        if 0.0 <= left < least[0]:
+            least[0], best[0] = left, w
+        if common.size == 0:
             continue
-        l10, l20 = g01 / g00, g02 / g00
-        d1 = g11 - l10 * g01
-        if d1 <= small:
-            continue
-        l21 = (g12 - l20 * g01) / d1
-        d2 = g22 - l20 * g02 - l21 * l21 * d1
-        if d2 <= small:
-            continue
-        z0 = r0
-        z1 = r1 - l10 * z0
-        z2 = r2 - l20 * z0 - l21 * z1
-        gain = z0 * z0 / g00 + z1 * z1 / d1 + z2 * z2 / d2
-        b2 = z2 / d2
-        b1 = z1 / d1 - l21 * b2
-        b0 = z0 / g00 - l10 * b1 - l20 * b2
-        if sign * (b0 + b1 + b2) >= 0.0 and 0.0 <= rest - gain < least:
-            least, best = rest - gain, w
-    return least, best
+        for i in range(common.size):
+            c = plain + i
+            a0, a1, a2 = shared[at0 + c], shared[at1 + c], shared[at2 + c]
+            g00 -= a0 * a0
+            g11 -= a1 * a1
+            g22 -= a2 * a2
+            g01 -= a0 * a1
+            g12 -= a1 * a2
+            g02 -= a0 * a2
+            # what PV has in common with these columns is taken out of it
+            r0 -= common[i] * a0
+            r1 -= common[i] * a1
+            r2 -= common[i] * a2
+        left = rests[1] - _gain((g00, g01, g02, g11, g12, g22), (r0, r1, r2), small, sign)
+        if 0.0 <= left < least[1]:
+            least[1], best[1] = left, w
+
+
+@kernel
+def _gain(
+    g: tuple[float, float, float, float, float, float],
+    r: tuple[float, float, float],
+    small: float,
+    sign: float,
+) -> float:
+    """What three columns explain of PV; minus infinity where they are no process of the sign.
+
+    ``g`` are their products with each other (00, 01, 02, 11, 12, 22), ``r`` those with PV.
+    """
+    g00, g01, g02, g11, g12, g22 = g
+    if g00 <= small:
+        return -np.inf
+    l10, l20 = g01 / g00, g02 / g00
+    d1 = g11 - l10 * g01
+    if d1 <= small:
+        return -np.inf
+    l21 = (g12 - l20 * g01) / d1
+    d2 = g22 - l20 * g02 - l21 * l21 * d1
+    if d2 <= small:
+        return -np.inf
+    z0 = r[0]
+    z1 = r[1] - l10 * z0
+    z2 = r[2] - l20 * z0 - l21 * z1
+    b2 = z2 / d2
+    b1 = z1 / d1 - l21 * b2
+    b0 = z0 / g00 - l10 * b1 - l20 * b2
+    if sign * (b0 + b1 + b2) < 0.0:
+        return -np.inf
+    return z0 * z0 / g00 + z1 * z1 / d1 + z2 * z2 / d2
 
 
 @kernel
@@ -83,23 +129,29 @@ def one_step_costs(
     sums: Array,
     counts: Array,
     judged: Array,
-    rest: float,
+    common: Array,
+    rests: Array,
     shortest: Index,
     shifts: int,
     sign: float,
     reversals: int,
 ) -> tuple[Array, Index]:
-    """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m,)``.
+    """Least sum of squares and its dead time for valves ``(m, 3)`` of He's law; both ``(m, v)``.
 
     ``blocks`` are OP's highest and lowest values of eight samples each, by which a walk skips.
     ``sums`` ``(n + p, c)`` holds, of PV (first) and the columns beside the stem, the sums from a
     row to the end; ``counts`` ``(n + p,)`` the judged rows from a row to the end, ``judged`` 1 for
-    each of them. All are zero from row ``n`` on, for the longest dead time. ``shifts`` dead times
-    are tried from each valve's ``shortest`` on, ``(m,)``. Valves of one S, J and dead time that
-    follow each other cost little more than one of them.
+    each of them. All are zero from row ``n`` on, for the longest dead time. The last columns are
+    those of a second view, ``common`` what PV has in common with each; ``rests`` ``(v,)`` are what
+    PV and the columns of a view leave without a stem. ``shifts`` dead times are tried from each
+    valve's ``shortest`` on, ``(m,)``. Valves of one S, J and dead time that follow each other cost
+    little more than one of them.
     """
-    n, m, columns = op.size, valves.shape[0], sums.shape[1]
-    cost, best = np.full(m, np.inf), shortest.copy()
+    n, m, columns, views = op.size, valves.shape[0], sums.shape[1], rests.size
+    cost, best = np.full((m, views), np.inf), np.empty((m, views), np.int64)
+    for v in range(m):
+        best[v] = shortest[v]
+    later = np.empty(views, np.int64)
     wide = shifts + 2
     plain = ahead_judged(judged, wide)
     flat = sums.ravel()
@@ -178,8 +230,8 @@ def one_step_costs(
                 known_at, known_moments, same + 1 + beside, -1.0, tables, columns, shared, products
             )
             add_slips(at, moments, slips + beside, 1.0, tables, columns, shared, products)
-        cost[v], more = _least(shared, products, columns, rest, sign)
-        best[v] += more
+        _least(shared, products, columns, common, rests, sign, cost[v], later)
+        best[v] += later
     return cost, best
 
 
@@ -194,9 +246,18 @@ def _share_sums(valves: Array, shortest: Index, v: int) -> bool:
 
 
 class OneStep:
-    """PV and its past made ready for the ranking; ``columns`` ``(m, n)`` are beside the stem."""
+    """PV and its past made ready for the ranking, in one view or two.
 
-    def __init__(self, rows: Rows, columns: Array, past: int = _PAST) -> None:
+    Args:
+        rows: the window.
+        columns: those beside the stem, ``(m, n)``.
+        past: samples of PV's own past.
+        more: columns of a second view, in which they are beside the stem too, ``(k, n)``.
+    """
+
+    def __init__(
+        self, rows: Rows, columns: Array, past: int = _PAST, more: Array | None = None
+    ) -> None:
         n = rows.size
         shifted = np.zeros((past, n))
         for i in range(past):
@@ -204,14 +265,21 @@ class OneStep:
         none = np.zeros(0)
         basis = orthonormal(filter_rows(np.vstack([shifted, columns]), none, rows.weight))
         target = project_out(rows.y * rows.weight, basis)
+        extra = basis[:0]
+        if more is not None:
+            both = np.vstack([basis, filter_rows(more, none, rows.weight)])
+            extra = orthonormal(both)[len(basis) :]
         # the target is orthogonal to the basis: its products with a stem need nothing taken out
-        signals = np.vstack([target[None], basis])
+        signals = np.vstack([target[None], basis, extra])
         tail = np.cumsum(signals[:, ::-1], axis=1)[:, ::-1]
         beyond = LATEST + 1
         self.sums = np.ascontiguousarray(np.vstack([tail.T, np.zeros((beyond, len(signals)))]))
         self.counts = np.append(np.cumsum(rows.weight[::-1])[::-1], np.zeros(beyond))
         self.judged = np.append(rows.weight, np.zeros(beyond))
-        self.rest = dot(target, target)
+        self.common = np.array([dot(row, target) for row in extra])
+        rest = dot(target, target)
+        left = [rest] if more is None else [rest, rest - dot(self.common, self.common)]
+        self.rests = np.array(left)
         self.rows = rows
         blocks = -(-n // BLOCK)
         padded = np.concatenate([rows.u, np.full(blocks * BLOCK - n, rows.u[-1])])
@@ -221,7 +289,7 @@ class OneStep:
     def costs(
         self, valves: Array, shortest: int | Index, shifts: int, reversals: int = 2
     ) -> tuple[Array, Index]:
-        """Cost and dead time of every valve; see :func:`one_step_costs`.
+        """Cost and dead time of every valve in every view, ``(m, v)``; see `one_step_costs`.
 
         ``shortest`` is one dead time for all, or one a valve.
 
@@ -239,7 +307,8 @@ class OneStep:
             self.sums,
             self.counts,
             self.judged,
-            self.rest,
+            self.common,
+            self.rests,
             np.ascontiguousarray(each),
             shifts,
             self.rows.sign,
@@ -251,25 +320,27 @@ class OneStep:
 def look_around(
     ranking: OneStep,
     ranked: tuple[Array, Array, Index],
-    tops: list[int],
+    tops: list[list[int]],
     reach: float,
     longest: int,
     reversals: int = 2,
 ) -> tuple[Array, Array, Index]:
     """Ranked valves, and behind them others around some of them, ``reach`` wide as a share of S.
 
-    ``ranked`` are valves ``(m, 3)``, their costs and dead times ``(m,)``; ``tops`` are the numbers
-    of those that are looked around, with dead times up to a sample beside theirs and to
-    ``longest``.
+    ``ranked`` are valves ``(m, 3)``, their costs and dead times ``(m, v)``; ``tops`` are, of each
+    view, the numbers of those that are looked around, with dead times up to a sample beside theirs
+    and to ``longest``.
     """
     valves, cost, late = ranked
-    more = _around(valves[tops], spread_points(_NEAR + 1, 3)[1:], reach)
-    soonest = np.clip(late[tops] - 1, 1, max(1, longest - 2)).repeat(_NEAR)
+    places = sorted({(i, int(late[i, view])) for view, some in enumerate(tops) for i in some})
+    chosen, found = np.array(places, dtype=np.int64).reshape(-1, 2).T
+    more = _around(valves[chosen], spread_points(_NEAR + 1, 3)[1:], reach)
+    soonest = np.clip(found - 1, 1, max(1, longest - 2)).repeat(_NEAR)
     more_cost, more_late = ranking.costs(more, soonest, min(3, longest), reversals)
     return (
         np.vstack([valves, more]),
-        np.concatenate([cost, more_cost]),
-        np.concatenate([late, more_late]),
+        np.vstack([cost, more_cost]),
+        np.vstack([late, more_late]),
     )
 
 

@@ -116,11 +116,11 @@ def _best_by_one_step(case: Case, ranking: OneStep, dead_time: int, lattice: Arr
     reversals = case.settings.searching.reversals
     ranked = (lattice, *ranking.costs(lattice, shortest, shifts, reversals))
     for reach in _REACHES:
-        tops = _best_apart(ranked[0], ranked[1], _LOOKED_AROUND)
+        tops = _best_apart(ranked[0], ranked[1][:, 0], _LOOKED_AROUND)
         if not tops:
             break
-        ranked = look_around(ranking, ranked, tops, reach, case.max_dead_time, reversals)
-    return ranked[0][_best_apart(ranked[0], ranked[1], _CHOSEN)]
+        ranked = look_around(ranking, ranked, [tops], reach, case.max_dead_time, reversals)
+    return ranked[0][_best_apart(ranked[0], ranked[1][:, 0], _CHOSEN)]
 
 
 def _around(valve: Array, bands: Array, jumps: Array) -> Array:

@@ -41,7 +41,7 @@ def find_valves(
     searching = case.settings.searching
     looks = tuple(Look(nuisances, taps) for taps in LOOKS)
     if not nuisances:
-        looks += tuple(Look(wave, DRIFT_AND_NOISE) for wave in _own_wave(case))
+        looks += tuple(Look((wave,), DRIFT_AND_NOISE) for wave in _own_wave(case))
     first, *others = searching.laws
     starts = _one_step(case, near, nuisances)
     lead = max((one.likelihood for one in starts), default=-np.inf) - near.likelihood
@@ -78,13 +78,13 @@ def _refined(case: Case, starts: list[Hypothesis]) -> list[Hypothesis]:
     return sorted(ended, key=_likeliest_first)
 
 
-def _own_wave(case: Case) -> tuple[tuple[Nuisance, ...], ...]:
+def _own_wave(case: Case) -> tuple[Nuisance, ...]:
     """PV's own oscillation as one from outside, if it has one.
 
     Without it the right valve explains little where another loop swings this one.
     """
     cycles = case.own_cycles
-    return () if cycles is None else ((Sinusoid(cycles),),)
+    return () if cycles is None else (Sinusoid(cycles),)
 
 
 def _simulated(
@@ -102,12 +102,11 @@ def _simulated(
 def _one_step(case: Case, near: Hypothesis, nuisances: tuple[Nuisance, ...]) -> list[Hypothesis]:
     """The valves of the first law whose one-step errors are least, their processes fitted."""
     lag = Poles(Shape.LAGS, 6.0)
-    views = (nuisances,) if nuisances else (nuisances, *_own_wave(case))
+    beside = () if nuisances else _own_wave(case)
     return [
         polish(case, valve, (lag, dead_time), known, near.taps, passes=2, wide=True)
-        for known in views
         for past in case.settings.searching.pasts
-        for valve, dead_time in one_step_starts(case, near, known, past)
+        for valve, dead_time, known in one_step_starts(case, near, nuisances, past, beside)
     ]
 
 

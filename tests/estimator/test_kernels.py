@@ -265,19 +265,26 @@ def test_noise_that_grows_is_drawn_back_until_it_is_stable() -> None:
 @pytest.mark.parametrize("past", [2, 3])
 def test_one_step_costs_are_those_of_the_regression(past: int) -> None:
     rows = _rows()
-    ranking = OneStep(rows, rows.shared, past)
+    turn = np.arange(rows.size) / 9.0
+    waves = np.stack([np.sin(turn), np.cos(turn)])
+    ranking = OneStep(rows, rows.shared, past, waves)
     valves = np.array([[0.3, 0.1, 0.05], [0.5, 0.4, -0.1], [0.2, 0.02, 0.0], [0.12, 0.12, 0.05]])
     cost, late = ranking.costs(valves, 1, 6)
+    alone, at = OneStep(rows, rows.shared, past).costs(valves, 1, 6)
+    np.testing.assert_allclose(cost[:, :1], alone, rtol=1e-9)
+    np.testing.assert_array_equal(late[:, :1], at)
     judged = np.flatnonzero(rows.weight)
     others = [rows.y[judged - i] for i in range(1, past + 1)] + [c[judged] for c in rows.shared]
+    views = (others, others + [wave[judged] for wave in waves])
     for v, (band, jump, start) in enumerate(valves):
         stem = ValveModel(band, jump).simulate(rows.u, start)
-        least = [
-            _squares([*(stem[judged - d - i] for i in range(3)), *others], rows.y[judged])
-            for d in range(1, 7)
-        ]
-        assert cost[v] == pytest.approx(min(least), rel=1e-9)
-        assert late[v] == 1 + int(np.argmin(least))
+        for view, beside in enumerate(views):
+            least = [
+                _squares([*(stem[judged - d - i] for i in range(3)), *beside], rows.y[judged])
+                for d in range(1, 7)
+            ]
+            assert cost[v, view] == pytest.approx(min(least), rel=1e-9)
+            assert late[v, view] == 1 + int(np.argmin(least))
 
 
 def test_a_valve_costs_by_one_step_errors_what_it_costs_alone() -> None:
@@ -301,8 +308,8 @@ def test_a_valve_costs_by_one_step_errors_what_it_costs_alone() -> None:
     assert int(np.isfinite(cost).sum()) > 20
     for v in np.flatnonzero(~often):
         alone, at = ranking.costs(valves[v : v + 1], 1, 3)
-        assert cost[v] == pytest.approx(alone[0], rel=1e-9)
-        assert late[v] == at[0]
+        assert cost[v, 0] == pytest.approx(alone[0, 0], rel=1e-9)
+        assert late[v, 0] == at[0, 0]
 
 
 @pytest.mark.parametrize("taps", TAPS, ids=["white", "coloured"])
