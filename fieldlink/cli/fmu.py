@@ -13,6 +13,7 @@ import typer
 from fieldlink.cli.fmu_progress import FmuProgress
 from fieldlink.cli.fmu_sweep import sweep
 from fieldlink.cli.fmu_tables import print_result, print_summary
+from fieldlink.cli.outputs import refuse_source
 
 if TYPE_CHECKING:
     from fieldlink.lab.fmu import FmuMap
@@ -162,6 +163,8 @@ def run(
             "takes a file that ends in .ssp, and no --map: a system has variables, no tags",
             param_hint="--export",
         )
+    for written, option in ((out, "--out"), (intermediate, "--intermediate")):
+        refuse_source(written, [path for path in (inputs, map_file) if path is not None], option)
     summary = summarise(_file(fmu))
     mapping = FmuMap() if map_file is None else load_map(map_file, summary)
     chosen = _start_values(start_values or [], summary)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from fieldlink.cli.outputs import refuse_source
 from fieldlink.cli.site import SiteFile
 
 __all__ = ["app", "parse_headings"]
@@ -46,6 +47,7 @@ def import_(
     from fieldlink.site.map_export import map_as_csv, write_map
     from fieldlink.site.map_import import import_map
 
+    refuse_source(out, [file])
     found = import_map(
         file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
     )
