@@ -293,3 +293,24 @@ def test_a_pipe_in_a_folder_of_recordings_is_not_waited_for(tmp_path: Path) -> N
     assert files_in(tmp_path) == [tmp_path / "FC1.csv"]
     # one that is named itself is read, as a shell gives it for the output of a program
     assert files_in(tmp_path / "pipe.csv") == [tmp_path / "pipe.csv"]
+
+
+@pytest.mark.parametrize("left", ["2026-11-05 11:0", "2026-11-05 11:02:00,4", "2026"])
+def test_a_file_copied_while_it_was_written_lacks_its_last_row(left: str, write: Write) -> None:
+    rows = "".join(f"2026-11-05 11:{s // 60:02}:{s % 60:02},{s},{-s}\n" for s in range(0, 120, 2))
+    found = read_recording(write(f"time,op,pv\n{rows}{left}"))
+    assert len(found) == 60
+    assert found.notes[0] == "the header is line 1; line without samples: 62"
+    assert found.op[-1] == 118.0
+
+
+def test_an_index_of_elapsed_times_without_a_name_is_the_time(write: Write) -> None:
+    def row(k: int) -> str:
+        hours, rest = divmod(1800 * k, 3600)
+        return f"{hours // 24} days {hours % 24:02}:{rest // 60:02}:00,{k},{-k}"
+
+    found = read_recording(write(",op,pv", row))
+    assert found.period == 1800.0
+    assert found.notes == (
+        "the column without a heading holds dates or times of day: taken for the time",
+    )
