@@ -156,6 +156,11 @@ def _lines(found: dict[str, Any], units: Mapping[str, str]) -> list[str]:
 def _no_verdict(loop: dict[str, Any]) -> str:
     # Only a running daemon has a window.
     filled = loop.get("filled")
+    if filled is not None and filled >= 1.0 and loop.get("estimates") == 0:
+        return (
+            "no estimate yet, window full and being judged (the first time after an installation "
+            "that takes minutes)"
+        )
     return "no estimate yet" + ("" if filled is None else f", window {filled:.0%} full")
 
 
