@@ -28,6 +28,15 @@ _COMMENT = re.compile(
 _BLANK = re.compile(r"[^\S\n]|\"")
 """White space but for ends of lines; and quotes, whose cells may hold ends of lines."""
 
+_PACKED = {
+    b"\x1f\x8b": "gzip",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ\0": "xz",
+    b"\x28\xb5\x2f\xfd": "zstd",
+    b"7z\xbc\xaf": "7z",
+}
+"""How files begin that other programs have packed."""
+
 LARGEST = 1000
 """Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
 
@@ -154,6 +163,9 @@ def read_text(
         raw = read_bytes(path, most_megabytes=LARGEST, pipe=pipe)
     except UnreadableFileError as cause:
         raise error([Problem(str(path), "", cause.message, cause.remedy)]) from cause
+    packed = next((name for begin, name in _PACKED.items() if raw.startswith(begin)), None)
+    if packed is not None:
+        raise error([Problem(str(path), "", f"is packed ({packed})", "unpack it first")])
     if raw[:4] in (b"\xff\xfe\0\0", b"\0\0\xfe\xff"):
         raise error([_not_csv(path, "it is UTF-32 text")])
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import gzip
+import io
+import lzma
 import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -314,3 +318,14 @@ def test_an_index_of_elapsed_times_without_a_name_is_the_time(write: Write) -> N
     assert found.notes == (
         "the column without a heading holds dates or times of day: taken for the time",
     )
+
+
+def test_a_packed_file_is_to_be_unpacked(write: Write) -> None:
+    text = ("op,pv\n" + "1,2\n" * 60).encode()
+    for packed, name in ((gzip.compress(text), "gzip"), (lzma.compress(text), "xz")):
+        assert messages(write(packed)) == f" is packed ({name}); unpack it first"
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("loop.csv", text)
+    said = messages(write(archive.getvalue()))
+    assert said == " is a ZIP file and no workbook; unpack it first"
