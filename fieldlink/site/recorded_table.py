@@ -62,6 +62,9 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
     Raises:
         RecordingError: not readable, empty, or rows of another length than the header.
     """
+    if path.suffix.lower() == ".toml":
+        remedy = "name a recording; fieldlink diagnose, report and assess take site files"
+        raise RecordingError([Problem(str(path), "", "is a site file, not a recording", remedy)])
     binary = read_binary_table(path)
     if binary is None:
         separator, text = _separated(read_text(path, RecordingError, pipe=True))

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from fieldlink.site import Recording, RecordingError, read_recording
 from fieldlink.site.recording import NanRun, files_in, read_recordings
 
+ROOT = Path(__file__).parents[2]
 Write = Callable[..., Path]
 
 
@@ -318,6 +319,11 @@ def test_an_index_of_elapsed_times_without_a_name_is_the_time(write: Write) -> N
     assert found.notes == (
         "the column without a heading holds dates or times of day: taken for the time",
     )
+
+
+def test_a_site_file_is_no_recording() -> None:
+    said = messages(ROOT / "site_configs" / "demo.toml")
+    assert said.startswith(" is a site file, not a recording; name a recording")
 
 
 def test_a_packed_file_is_to_be_unpacked(write: Write) -> None:
