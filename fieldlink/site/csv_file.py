@@ -131,13 +131,13 @@ def fit_rows(
         elif not any(cells):
             fitted.append(CsvRow(row.line, ("",) * len(columns)))
         else:
-            message = f"{len(cells)} cells where the header has {len(columns)}"
+            message = f"{_cells(len(cells))} where the header has {len(columns)}"
             remedy = "complete the row, and quote cells that hold the separator"
             problems.append(Problem(str(path), "", message, remedy, row.line))
     lengths = Counter(len(row.cells) for row in body)
     length, rows = lengths.most_common(1)[0] if lengths else (len(columns), 0)
     if len(problems) > _MAX_PROBLEMS and length != len(columns) and 2 * rows > len(body):
-        message = f"{length} cells where the header has {len(columns)}, as in {rows} rows"
+        message = f"{_cells(length)} where the header has {len(columns)}, as in {rows} rows"
         remedy = "quote cells that hold the separator"
         if separator == ",":
             remedy += "; with decimal commas, separate the cells by semicolons"
@@ -149,6 +149,10 @@ def fit_rows(
             problems[_MAX_PROBLEMS:] = [Problem(str(path), "", message, remedy, problems[-1].line)]
         raise error(problems)
     return CsvFile(path, separator, tuple(columns), header.line, tuple(fitted))
+
+
+def _cells(count: int) -> str:
+    return "1 cell" if count == 1 else f"{count} cells"
 
 
 def read_text(
