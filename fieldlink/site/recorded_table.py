@@ -137,9 +137,16 @@ def _separated(text: str) -> tuple[str, str]:
 
 
 def _are_decimal_commas(lines: Sequence[Sequence[str]]) -> bool:
-    """Whether the commas of lines that blanks separate stand within numbers: ``0 40,86 42,56``."""
-    numbers = [line for line in lines if all(map(_DECIMAL_COMMA.fullmatch, line))]
-    return len(numbers) >= _AGREEING * len(lines)
+    """Whether the commas of lines that blanks separate stand within numbers: ``0 40,86 42,56``.
+
+    Below ``time,op,pv`` they do not: there ``0,1 634,1 703`` has grouped digits.
+    """
+    numbers = [n for n, line in enumerate(lines) if all(map(_DECIMAL_COMMA.fullmatch, line))]
+    if len(numbers) < _AGREEING * len(lines):
+        return False
+    first = numbers[0]
+    commas = [" ".join(line).count(",") for line in lines[max(0, first - 1) : first + 1]]
+    return len(commas) < 2 or commas[0] != commas[1]
 
 
 def _commented_header(text: str, separator: str, first: CsvRow) -> list[CsvRow]:
