@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fieldlink.errors import FieldlinkError
+from fieldlink.unfinished_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,12 +53,19 @@ def save(figure: Figure, path: Path) -> None:
     if not path.suffix:
         # Matplotlib would write FC101.png for FC101, and nobody would look for it there.
         raise PictureError(f"{path}: the picture has no format; end it in .png, .svg or .pdf")
+    picture = io.BytesIO()
     try:
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:
+        figure.savefig(picture, format=path.suffix[1:].lower(), dpi=110)
+    except ValueError as error:
         raise PictureError(
-            f"{path}: the picture cannot be written ({error}); name a file in a folder that "
-            "exists and ends in .png, .svg or .pdf"
+            f"{path}: the picture cannot be drawn ({error}); end its name in .png, .svg or .pdf"
+        ) from error
+    try:
+        write_whole(path, picture.getvalue())
+    except OSError as error:
+        raise PictureError(
+            f"{path}: the picture cannot be written ({error.strerror or error}); check the folder "
+            "and the free space"
         ) from error
 
 

@@ -31,10 +31,19 @@ def new_model(name: str, folder: Path) -> Path:
     file = folder / f"{name}.c"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with file.open("x", encoding="utf-8") as stream:
-            stream.write(_TEMPLATE.read_text(encoding="utf-8").replace("NAME", name))
+        text = _TEMPLATE.read_text(encoding="utf-8").replace("NAME", name)
+        stream = file.open("x", encoding="utf-8")
+        try:
+            with stream:
+                stream.write(text)
+        except OSError:
+            # Half a file would be in the way of the next attempt.
+            file.unlink(missing_ok=True)
+            raise
     except FileExistsError as error:
         raise PlantBuildError(f"{file}: it is there already; choose another name") from error
     except OSError as error:
-        raise PlantBuildError(f"{file}: it cannot be written: {error}") from error
+        raise PlantBuildError(
+            f"{file}: it cannot be written ({error.strerror or error})"
+        ) from error
     return file

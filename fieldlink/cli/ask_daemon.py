@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
-from collections.abc import Mapping
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
@@ -62,15 +65,39 @@ def events(
     from fieldlink.store import EventStream
 
     stream = EventStream(load_site(site).historian_url)
-    found = stream.begin(last)
-    while True:
-        for event in found:
-            document = event_document(event)
-            typer.echo(json.dumps(document) if as_json else _event_line(document))
-        if not follow:
-            return
-        time.sleep(FOLLOW_EVERY)
-        found = stream.follow()
+    with _interrupted() if follow else nullcontext() as stop:
+        found = stream.begin(last)
+        while True:
+            for event in found:
+                document = event_document(event)
+                typer.echo(json.dumps(document) if as_json else _event_line(document))
+            if stop is None:
+                return
+            if stop.wait(FOLLOW_EVERY):
+                raise typer.Exit(130)
+            found = stream.follow()
+
+
+@contextmanager
+def _interrupted() -> Iterator[threading.Event]:
+    """Give what Ctrl-C sets while the block runs; a second one interrupts at once.
+
+    An exception would be lost where it comes while SQLAlchemy clears a connection away (in a weak
+    reference's callback): the program would go on, behind a traceback.
+    """
+    stop = threading.Event()
+    before = signal.getsignal(signal.SIGINT)
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        stop.set()
+        signal.signal(signal.SIGINT, before)
+
+    if before is not signal.SIG_IGN:  # a shell's job in the background is not meant
+        signal.signal(signal.SIGINT, end)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def withdraw(
@@ -156,6 +183,11 @@ def _lines(found: dict[str, Any], units: Mapping[str, str]) -> list[str]:
 def _no_verdict(loop: dict[str, Any]) -> str:
     # Only a running daemon has a window.
     filled = loop.get("filled")
+    if filled is not None and filled >= 1.0 and loop.get("estimates") == 0:
+        return (
+            "no estimate yet, window full and being judged (the first time after an installation "
+            "that takes minutes)"
+        )
     return "no estimate yet" + ("" if filled is None else f", window {filled:.0%} full")
 
 

@@ -13,6 +13,7 @@ import typer
 from fieldlink.cli.fmu_progress import FmuProgress
 from fieldlink.cli.fmu_sweep import sweep
 from fieldlink.cli.fmu_tables import print_result, print_summary
+from fieldlink.cli.outputs import refuse_source
 
 if TYPE_CHECKING:
     from fieldlink.lab.fmu import FmuMap
@@ -162,6 +163,8 @@ def run(
             "takes a file that ends in .ssp, and no --map: a system has variables, no tags",
             param_hint="--export",
         )
+    for written, option in ((out, "--out"), (intermediate, "--intermediate")):
+        refuse_source(written, [path for path in (inputs, map_file) if path is not None], option)
     summary = summarise(_file(fmu))
     mapping = FmuMap() if map_file is None else load_map(map_file, summary)
     chosen = _start_values(start_values or [], summary)
@@ -263,14 +266,24 @@ def loop(
             help="The input for 1 % of OP: 0.01 for an opening from 0 to 1; else 1.",
         ),
     ] = None,
-    stick_band: Annotated[float, typer.Option(min=0.0, help="S of the valve, % of OP.")] = 5.0,
-    slip_jump: Annotated[float, typer.Option(min=0.0, help="J of the valve, % of OP.")] = 1.5,
+    stick_band: Annotated[
+        float, typer.Option(min=0.1, max=100.0, help="S of the valve, % of OP.")
+    ] = 5.0,
+    slip_jump: Annotated[
+        float, typer.Option(min=0.0, help="J of the valve, % of OP, at most S.")
+    ] = 1.5,
 ) -> None:
     """Put a process of your own into a loop with a sticky valve: a scenario to rehearse."""
     from fieldlink.lab.fmu.loop_scenario import write_scenario
     from fieldlink.lab.fmu.step_test import STEP, LoopWish, respond
     from fmu_models import summarise
 
+    if slip_jump > stick_band:
+        raise typer.BadParameter(
+            f"a valve that sticks by S = {stick_band:g} cannot jump by J = {slip_jump:g}; give at "
+            f"most {stick_band:g}",
+            param_hint="--slip-jump",
+        )
     summary = summarise(_file(fmu))
     wish = LoopWish(op, pv, period, op_start, stick_band, slip_jump, op_scale)
     response = respond(summary, wish)

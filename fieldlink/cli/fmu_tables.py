@@ -78,7 +78,7 @@ def print_result(result: RunResult) -> None:
     """Print what a run did: notes, a row for each signal, how it ended."""
     from rich.table import Table
 
-    from fieldlink.cli.tables import data_console, labelled, number
+    from fieldlink.cli.tables import counted, data_console, labelled, number
 
     console = data_console()
     for note in result.notes:
@@ -93,7 +93,8 @@ def print_result(result: RunResult) -> None:
     span = result.time[-1] - result.time[0]
     late = f", {result.late} steps late" if result.late else ""
     console.print(
-        f"{result.time.size - 1} steps, {span:g} s of the plant in {result.seconds:.2f} s{late}"
+        f"{counted(result.time.size - 1, 'step')}, {span:g} s of the plant "
+        f"in {result.seconds:.2f} s{late}"
     )
     if result.ended is not None:
         console.print(f"ended in order at {result.time[-1]:g} s: {result.ended}")

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from fieldlink.cli.outputs import refuse_source
 from fieldlink.cli.site import SiteFile
 
 __all__ = ["app", "parse_headings"]
@@ -41,11 +42,12 @@ def import_(
     ] = False,
 ) -> None:
     """Turn a vendor's list into a register map, with a report of every bad row."""
-    from fieldlink.cli.tables import data_console, labelled
+    from fieldlink.cli.tables import counted, data_console, labelled
     from fieldlink.printable import as_printable
     from fieldlink.site.map_export import map_as_csv, write_map
     from fieldlink.site.map_import import import_map
 
+    refuse_source(out, [file])
     found = import_map(
         file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
     )
@@ -55,7 +57,9 @@ def import_(
     for problem in found.problems:
         console.print(labelled("bad row", str(problem), "red"))
     console.print(
-        f"{found.rows} rows, {len(found.tags)} tags, {found.bad_rows} bad rows", style="bold"
+        f"{counted(found.rows, 'row')}, {counted(len(found.tags), 'tag')}, "
+        f"{counted(found.bad_rows, 'bad row')}",
+        style="bold",
     )
     if found.problems and not skip_bad:
         console.print("nothing is written; correct the rows, or leave them out with --skip-bad")

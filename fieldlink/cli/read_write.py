@@ -86,8 +86,7 @@ def write(
 ) -> None:
     """Write one value, after a question; refuses what the site file does not allow.
 
-    A site file allows tags that its register map calls writable, inside their range. Put -- before
-    a negative value.
+    A site file allows tags that its register map calls writable, inside their range.
     """
     from fieldlink.links.single_values import as_manual_address, read_points, words_for, write_point
 

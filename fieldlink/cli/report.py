@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from fieldlink.cli.outputs import refuse_source
 from fieldlink.cli.progress import show_work
 from fieldlink.printable import as_text
 from fieldlink.sqlite_url import sqlite_url
@@ -84,6 +85,7 @@ def report(
     to_screen = out == Path("-")
     if to_screen:
         out = None
+    refuse_source(out, _read_files(sources))
     chosen = format_of(out, kind)
     if to_screen and chosen != "csv" and not as_json:
         raise typer.BadParameter(
@@ -197,6 +199,13 @@ def _recordings(sources: Sequence[str]) -> list[Path]:
             )
         files.extend(inside)
     return files
+
+
+def _read_files(sources: Sequence[str]) -> list[Path]:
+    """Return the files that a report reads, those of folders too, a site file and a store."""
+    from fieldlink.site.recording import files_in
+
+    return [file for source in sources if "://" not in source for file in files_in(Path(source))]
 
 
 def _settings(limit: float | None, op_span: float | None) -> WorkListSettings:

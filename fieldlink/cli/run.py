@@ -177,10 +177,13 @@ def _print(status: DaemonStatus) -> None:
         )
         if loop.last_estimate is not None and (found := loop.last_estimate.findings) is not None:
             S, J = found.stick_band, found.slip_jump
-            typer.echo(
-                f"  {found.verdict}, score {found.score:.2f}: S {S.value:.4g} "
-                f"[{S.low:.4g}, {S.high:.4g}], J {J.value:.4g} [{J.low:.4g}, {J.high:.4g}]"
+            # The S of another verdict is that of a valve that the window does not confirm.
+            sizes = (
+                f": S {S.value:.4g} [{S.low:.4g}, {S.high:.4g}], "
+                f"J {J.value:.4g} [{J.low:.4g}, {J.high:.4g}]"
             )
+            confirmed = found.verdict == "stiction"
+            typer.echo(f"  {found.verdict}, score {found.score:.2f}{sizes if confirmed else ''}")
         if loop.last_attempt is not None:
             attempt = loop.last_attempt
             typer.echo(f"  write-back: {attempt.outcome.code}, {attempt.outcome.advice}")

@@ -197,7 +197,13 @@ def words_for(point: Point, text: str) -> list[int]:
         raise ByHandError(f"{text!r} is not a value for {tag.name} ({tag.data_type})") from error
     if not math.isfinite(value):
         raise RegisterValueError(f"{tag.name}: {text} is not a measured value; give a number")
-    is_whole = not tag.data_type.is_float and abs(value) >= WHOLE_UP_TO
+    holds_whole = not tag.data_type.is_float and tag.data_type is not DataType.BOOL
+    if holds_whole and (tag.scale, tag.offset) == (1.0, 0.0) and value % 1.0:
+        raise RegisterValueError(
+            f"{tag.name}: {text} would be written as {round(value)}, for {tag.data_type} holds "
+            f"whole numbers; give {round(value)} if that will do"
+        )
+    is_whole = holds_whole and abs(value) >= WHOLE_UP_TO
     if is_whole and Decimal(text) != Decimal(value):
         raise RegisterValueError(
             f"{tag.name}: {text} would be written as {int(value)}; whole numbers are exact up to "

@@ -59,11 +59,13 @@ def _excel(path: Path) -> list[CsvRow]:
     except ImportError as error:
         remedy = "pip install 'fieldlink[excel]', or save it as CSV"
         raise _refusal(path, "is a workbook, which openpyxl reads", remedy) from error
-    from zipfile import BadZipFile
+    from zipfile import BadZipFile, is_zipfile
 
     try:
         book = load_workbook(path, read_only=True, data_only=True)
     except (BadZipFile, InvalidFileException, KeyError, OSError, ValueError) as error:
+        if is_zipfile(path):
+            raise _refusal(path, "is a ZIP file and no workbook", "unpack it first") from error
         raise _refusal(
             path, "is a binary file and no workbook", "save it as .xlsx or CSV"
         ) from error

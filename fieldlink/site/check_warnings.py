@@ -28,6 +28,10 @@ FIRST_IN_MANUALS = {Table.HOLDING: 40001, Table.INPUT: 30001}
 """Where manuals begin to count the registers of a table whose first address is 0."""
 
 
+LONG_TIMEOUT = 30.0
+"""Seconds that no PLC takes to answer; who writes more may mean milliseconds."""
+
+
 NAMED = 5
 """The most loops that are named where many have the same warning."""
 
@@ -67,9 +71,19 @@ def find_apart_tags(
 
 def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> list[str]:
     warnings = []
-    loops = site.loops_of(name)
+    device, loops = site.devices[name], site.loops_of(name)
     if not loops:
         warnings.append(f"device {name}: no loop uses it")
+    if device.timeout > LONG_TIMEOUT:
+        warnings.append(
+            f"device {name}: timeout = {device.timeout:g} is in seconds; without an answer "
+            "nothing is read for so long"
+        )
+    if loops and device.speed != 1.0 and all(loop.plant is None for loop in loops.values()):
+        warnings.append(
+            f"device {name}: speed = {device.speed:g} is for a simulated plant, and no loop of it "
+            "is simulated here: of a real one every period would be wrong, so remove it"
+        )
     groups = {loop_name: _groups(loop) for loop_name, loop in loops.items() if name in site.maps}
     apart = find_apart_tags(site, name, requests, chain.from_iterable(groups.values()))
     for loop_name, of_loop in groups.items():

@@ -20,6 +20,7 @@ __all__ = [
     "UMLAUTS",
     "ColumnGuess",
     "guess_columns",
+    "loops_side_by_side",
     "quality_columns",
 ]
 
@@ -122,6 +123,40 @@ def guess_columns(header: Sequence[str], named: Mapping[str, int]) -> ColumnGues
     return ColumnGuess(columns, ambiguous, frozenset(unsure))
 
 
+def loops_side_by_side(header: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Return the loops of a table with several beside each other, such as ``A.OP,A.PV,B.OP,B.PV``.
+
+    Args:
+        header: the headings.
+
+    Returns:
+        The headings of op and pv by role, by loop in the order of the table; nothing where fewer
+        than two loops have one OP and one PV, or one loop has no name.
+    """
+    found: dict[str, dict[str, list[_Candidate]]] = {}
+    for role in ("op", "pv"):
+        for candidate in _meant(role, header):
+            found.setdefault(candidate.loop, {}).setdefault(role, []).append(candidate)
+    if "" in found:
+        return {}
+    loops: dict[str, dict[str, str]] = {}
+    for key, own in found.items():
+        best = {role: _plainest(candidates) for role, candidates in own.items()}
+        if [len(best.get(role, ())) for role in ("op", "pv")] == [1, 1]:
+            roles = {role: header[candidates[0].number] for role, candidates in best.items()}
+            loops[_as_written(key, roles["op"])] = roles
+    return loops if len(loops) > 1 else {}
+
+
+def _as_written(loop: str, heading: str) -> str:
+    """A loop's name as a heading has it; its plain words where they are not found there."""
+    pattern = "[^a-z0-9]+".join(map(re.escape, loop.split(".")))
+    for letter, plain in UMLAUTS.items():
+        pattern = pattern.replace(str(plain), f"(?:{plain}|{chr(letter)})")
+    found = re.search(pattern, heading, re.IGNORECASE)
+    return loop if found is None else found[0]
+
+
 def _of_loops(candidates: Sequence[_Candidate], loops: set[str]) -> list[_Candidate]:
     """The candidates of the loops that are known; those without a loop's name where none is."""
     if not loops:
@@ -132,6 +167,19 @@ def _of_loops(candidates: Sequence[_Candidate], loops: set[str]) -> list[_Candid
 
 def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
     """The columns whose headings name a role in its plainest words."""
+    # A heading that is the word itself is meant before one that has it beside others.
+    best = _plainest(_meant(role, header))
+    bare = [c for c in best if not c.loop]
+    return bare if role == "time" and bare else best
+
+
+def _plainest(candidates: Sequence[_Candidate]) -> list[_Candidate]:
+    plainest = min((candidate.group for candidate in candidates), default=0)
+    return [candidate for candidate in candidates if candidate.group == plainest]
+
+
+def _meant(role: str, header: Sequence[str]) -> list[_Candidate]:
+    """The columns whose headings name a role."""
     found = []
     for number, heading in enumerate(header):
         words = _split(heading)
@@ -140,11 +188,7 @@ def _candidates(role: str, header: Sequence[str]) -> list[_Candidate]:
             if loop is not None:
                 found.append(_Candidate(number, group, loop))
                 break
-    plainest = min((candidate.group for candidate in found), default=0)
-    # A heading that is the word itself is meant before one that has it beside others.
-    best = [c for c in found if c.group == plainest]
-    bare = [c for c in best if not c.loop]
-    return bare if role == "time" and bare else best
+    return found
 
 
 def _split(heading: str) -> list[str]:

@@ -28,6 +28,15 @@ _COMMENT = re.compile(
 _BLANK = re.compile(r"[^\S\n]|\"")
 """White space but for ends of lines; and quotes, whose cells may hold ends of lines."""
 
+_PACKED = {
+    b"\x1f\x8b": "gzip",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ\0": "xz",
+    b"\x28\xb5\x2f\xfd": "zstd",
+    b"7z\xbc\xaf": "7z",
+}
+"""How files begin that other programs have packed."""
+
 LARGEST = 1000
 """Megabytes: eight months of a loop at a sample a second, a hundred of the largest maps."""
 
@@ -122,13 +131,13 @@ def fit_rows(
         elif not any(cells):
             fitted.append(CsvRow(row.line, ("",) * len(columns)))
         else:
-            message = f"{len(cells)} cells where the header has {len(columns)}"
+            message = f"{_cells(len(cells))} where the header has {len(columns)}"
             remedy = "complete the row, and quote cells that hold the separator"
             problems.append(Problem(str(path), "", message, remedy, row.line))
     lengths = Counter(len(row.cells) for row in body)
     length, rows = lengths.most_common(1)[0] if lengths else (len(columns), 0)
     if len(problems) > _MAX_PROBLEMS and length != len(columns) and 2 * rows > len(body):
-        message = f"{length} cells where the header has {len(columns)}, as in {rows} rows"
+        message = f"{_cells(length)} where the header has {len(columns)}, as in {rows} rows"
         remedy = "quote cells that hold the separator"
         if separator == ",":
             remedy += "; with decimal commas, separate the cells by semicolons"
@@ -140,6 +149,10 @@ def fit_rows(
             problems[_MAX_PROBLEMS:] = [Problem(str(path), "", message, remedy, problems[-1].line)]
         raise error(problems)
     return CsvFile(path, separator, tuple(columns), header.line, tuple(fitted))
+
+
+def _cells(count: int) -> str:
+    return "1 cell" if count == 1 else f"{count} cells"
 
 
 def read_text(
@@ -154,6 +167,9 @@ def read_text(
         raw = read_bytes(path, most_megabytes=LARGEST, pipe=pipe)
     except UnreadableFileError as cause:
         raise error([Problem(str(path), "", cause.message, cause.remedy)]) from cause
+    packed = next((name for begin, name in _PACKED.items() if raw.startswith(begin)), None)
+    if packed is not None:
+        raise error([Problem(str(path), "", f"is packed ({packed})", "unpack it first")])
     if raw[:4] in (b"\xff\xfe\0\0", b"\0\0\xfe\xff"):
         raise error([_not_csv(path, "it is UTF-32 text")])
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):

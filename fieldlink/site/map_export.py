@@ -12,6 +12,7 @@ from fieldlink.registers.types import order_name
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.map_row import COLUMNS, REQUIRED
 from fieldlink.spreadsheet import to_cell
+from fieldlink.unfinished_file import write_whole
 
 __all__ = ["map_as_csv", "map_rows", "write_map"]
 
@@ -40,19 +41,21 @@ def write_map(tags: Iterable[Tag], path: Path) -> None:
     """
     try:
         if path.suffix.lower() != ".xlsx":
-            path.write_text(map_as_csv(tags), encoding="utf-8")
+            write_whole(path, map_as_csv(tags).encode())
             return
         import pandas as pd
 
         rows = map_rows(tags)
         frame = pd.DataFrame(rows, columns=_used(rows))
-        with pd.ExcelWriter(path, engine="openpyxl") as book:
+        content = io.BytesIO()
+        with pd.ExcelWriter(content, engine="openpyxl") as book:
             frame.to_excel(book, sheet_name="registers", index=False)
             for row in book.sheets["registers"].iter_rows():
                 for cell in row:
                     if cell.data_type == "f":
                         # No cell of ours is a formula: one that begins like it is a name.
                         cell.data_type = "s"
+        write_whole(path, content.getvalue())
     except ImportError as error:
         remedy = "install fieldlink[excel], or write a .csv"
         message = "Excel workbooks need the extra excel"

@@ -270,8 +270,9 @@ def _translate(
         values["type"] = DataType.BOOL.value
     if values["type"] in list(DataType) and values["type"] != DataType.STRING:
         # A list that gives every row's registers says nothing new, or something wrong.
-        own = str(DataType(values["type"]).registers)
-        if values.get("length") == own:
+        own = DataType(values["type"]).registers
+        if values.get("length") in (str(own), str(16 * own)):
+            # In registers, or in bits.
             values["length"] = ""
     return None
 

@@ -216,8 +216,14 @@ class RowReader:
 
     def _length(self, data_type: DataType | None) -> int:
         if data_type is not DataType.STRING:
-            if self._cell("length") and data_type is not None:
-                self.report("length", f"{data_type} has its own length", "leave it empty")
+            if (length := self._cell("length")) and data_type is not None:
+                own = data_type.registers
+                self.report(
+                    "length",
+                    f"{length} is given for {data_type}, which takes "
+                    + ("1 register" if own == 1 else f"{own} registers"),
+                    "correct the type if it takes more (int32, float64), else leave it empty",
+                )
             return 0
         remedy = f"give the registers of the string, 1 to {_LONGEST_TEXT}"
         if not self._cell("length"):

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.site.column_names import guess_columns, quality_columns
+from fieldlink.site.column_names import guess_columns, loops_side_by_side, quality_columns
 from fieldlink.site.csv_file import CsvFile
 from fieldlink.site.dates_beside_times import join_dates
 from fieldlink.site.errors import Problem, nearest
@@ -83,14 +83,15 @@ class RecordedColumns:
         self._unsure = guess.unsure & guessed.keys()
         if not {"time"} & (asked | known.keys() | guessed.keys() | guess.ambiguous.keys()):
             self._find_moments(guessed)
+        loops = loops_side_by_side(header)
         for role, names in guess.ambiguous.items():
             if role not in asked and role not in self._several:
-                self.report(
-                    role,
-                    f"several columns may be meant: {', '.join(names)}",
-                    f"choose one with --{role} {names[0]!r}",
-                    self._file.header_line,
-                )
+                remedy = f"choose one with --{role} {names[0]!r}"
+                if loops and role in ("op", "pv"):
+                    # Not every command has the option.
+                    remedy += " (fieldlink identify), or judge all loops with fieldlink assess"
+                message = f"several columns may be meant: {', '.join(names)}"
+                self.report(role, message, remedy, self._file.header_line)
         for one, other in combinations(sorted(known), 2):
             if known[one] == known[other]:
                 message = f"is meant as {one} and {other} at once"

@@ -37,7 +37,8 @@ _NUMBER = re.compile(
 )
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?")
 _MOMENT = re.compile(
-    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ,].*)?|\d{1,2}:\d{2}([:.,].*)?( ?[AaPp][Mm])?"
+    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}([T ,].*)?"
+    r"|(\d+ days?,? )?\d{1,2}:\d{2}([:.,].*)?( ?[AaPp][Mm])?"
     r"|\d{1,2}[-/. ][A-Za-z]{3,9}\.?[-/. ]\d{2,4}([ ,].*)?"
 )
 
@@ -61,6 +62,9 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
     Raises:
         RecordingError: not readable, empty, or rows of another length than the header.
     """
+    if path.suffix.lower() == ".toml":
+        remedy = "name a recording; fieldlink diagnose, report and assess take site files"
+        raise RecordingError([Problem(str(path), "", "is a site file, not a recording", remedy)])
     binary = read_binary_table(path)
     if binary is None:
         separator, text = _separated(read_text(path, RecordingError, pipe=True))
@@ -75,7 +79,7 @@ def read_recorded_table(path: Path, named: Sequence[str]) -> RecordedTable:
         empty = Problem(str(path), "", "is empty", "give a header and rows of data")
         raise RecordingError([empty])
     header, begin = _find_header(rows, named)
-    end = _last_sample(rows, begin)
+    end = _last_sample(rows, begin, len(_trimmed(header)))
     file = fit_rows(path, separator, header, rows[begin:end], RecordingError)
     between = tuple(row for row in rows[:begin] if row.line > header.line)
     file = replace(file, under_header=between)
@@ -133,9 +137,16 @@ def _separated(text: str) -> tuple[str, str]:
 
 
 def _are_decimal_commas(lines: Sequence[Sequence[str]]) -> bool:
-    """Whether the commas of lines that blanks separate stand within numbers: ``0 40,86 42,56``."""
-    numbers = [line for line in lines if all(map(_DECIMAL_COMMA.fullmatch, line))]
-    return len(numbers) >= _AGREEING * len(lines)
+    """Whether the commas of lines that blanks separate stand within numbers: ``0 40,86 42,56``.
+
+    Below ``time,op,pv`` they do not: there ``0,1 634,1 703`` has grouped digits.
+    """
+    numbers = [n for n, line in enumerate(lines) if all(map(_DECIMAL_COMMA.fullmatch, line))]
+    if len(numbers) < _AGREEING * len(lines):
+        return False
+    first = numbers[0]
+    commas = [" ".join(line).count(",") for line in lines[max(0, first - 1) : first + 1]]
+    return len(commas) < 2 or commas[0] != commas[1]
 
 
 def _commented_header(text: str, separator: str, first: CsvRow) -> list[CsvRow]:
@@ -204,9 +215,14 @@ def _roles_in(row: CsvRow, named: Sequence[str]) -> tuple[int, int]:
     return known, 2 * len(guess.columns) + len(guess.ambiguous)
 
 
-def _last_sample(rows: Sequence[CsvRow], begin: int) -> int:
-    """The index behind the last sample: lines of text at the end do not count."""
+def _last_sample(rows: Sequence[CsvRow], begin: int, width: int) -> int:
+    """The index behind the last sample: lines of text at the end do not count.
+
+    Nor does a last line that ends too early: the file was copied while it was written.
+    """
     end = len(rows)
+    if end - 1 > begin and len(rows[end - 1].cells) < width <= len(rows[end - 2].cells):
+        return end - 1
     while end > max(begin, len(rows) - _BELOW_DATA):
         filled = [cell for cell in rows[end - 1].cells if cell]
         if len(rows[begin].cells) == 1 or len(filled) != 1 or holds_values(filled):

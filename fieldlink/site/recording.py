@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.file_at import is_pipe_or_device
+from fieldlink.site.column_names import loops_side_by_side
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.recorded_columns import RecordedColumns
@@ -165,7 +166,10 @@ def read_recording(
 def read_recordings(
     path: str | Path, columns: Mapping[str, str | None], period: float | None = None
 ) -> Iterator[tuple[str, Recording]]:
-    """Read a file that may hold several loops, told apart by a column ``loop``.
+    """Read a file that may hold several loops.
+
+    They are told apart by a column ``loop``, or stand side by side (`loops_side_by_side`). What is
+    wrong with one costs the others nothing.
 
     Args:
         path: as for `read_recording`.
@@ -173,19 +177,35 @@ def read_recordings(
         period: seconds between rows of a loop.
 
     Yields:
-        The loop's name, empty without a column ``loop``, and its recording.
+        The loop's name, empty for the only loop of a file, and its recording.
 
     Raises:
-        RecordingError: see `read_recording`.
+        RecordingError: see `read_recording`; of several loops behind the last one.
     """
     wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
     table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
     file, notes = table.file, table.notes
-    loops = _rows_by_loop(file)
+    loops: dict[str, tuple[CsvFile, Mapping[str, str | None]]] = {
+        name: (replace(file, rows=tuple(rows)), wanted)
+        for name, rows in _rows_by_loop(file).items()
+    }
+    if not loops and wanted["op"] is None and wanted["pv"] is None:
+        beside = loops_side_by_side(file.header)
+        loops = {name: (file, wanted | roles) for name, roles in beside.items()}
+        if beside:
+            notes = (*notes, f"one of {len(beside)} loops side by side")
     if not loops:
         yield "", _recording_of(file, wanted, period, notes=notes)
-    for name, own in loops.items():
-        yield name, _recording_of(replace(file, rows=tuple(own)), wanted, period, notes=notes)
+    problems: list[Problem] = []
+    for name, (own, named) in loops.items():
+        try:
+            recording = _recording_of(own, named, period, notes=notes)
+        except RecordingError as error:
+            problems.extend(error.problems)
+        else:
+            yield name, recording
+    if problems:
+        raise RecordingError(problems)
 
 
 def _rows_by_loop(file: CsvFile) -> dict[str, list[CsvRow]]:

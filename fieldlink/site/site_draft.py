@@ -13,6 +13,7 @@ from fieldlink.registers import Tag
 from fieldlink.site.errors import Problem, SiteError
 from fieldlink.site.loop_proposal import ROLES
 from fieldlink.site.map_export import map_as_csv
+from fieldlink.unfinished_file import created, remove_unfinished
 
 __all__ = ["PLACEHOLDER", "SiteDraft", "map_path_of", "refuse_existing"]
 
@@ -55,7 +56,12 @@ class SiteDraft:
         map_path = map_path_of(self.path)
         refuse_existing(self.path, map_path)
         _create(map_path, map_as_csv(kept))
-        _create(self.path, self.text)
+        try:
+            _create(self.path, self.text)
+        except SiteError:
+            # The map alone would stand in the way of the next attempt.
+            remove_unfinished(map_path)
+            raise
 
     @property
     def text(self) -> str:
@@ -103,7 +109,7 @@ def refuse_existing(*paths: Path) -> None:
 
 def _create(path: Path, text: str) -> None:
     try:
-        with path.open("x", encoding="utf-8") as file:
+        with created(path) as file:
             file.write(text)
     except OSError as error:
         message = f"cannot be written ({error.strerror or error})"

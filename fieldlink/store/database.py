@@ -152,8 +152,12 @@ def _make_file(file: Path) -> None:
             f"the data directory {file.parent} cannot be made: {error.strerror}; "
             "make it, or set data_dir to a folder that this user may write"
         ) from error
+    # Only what is not there is opened here: to close a file gives up all locks that SQLite holds
+    # on it in this process, and another process would remove the log that is written here.
     try:
-        os.close(os.open(file, os.O_CREAT | os.O_RDWR, FILE_MODE))
+        os.close(os.open(file, os.O_CREAT | os.O_EXCL | os.O_RDWR, FILE_MODE))
+    except FileExistsError:
+        pass  # SQLite says whether it can be written
     except OSError as error:
         raise StoreError(
             f"the historian {file} cannot be written: {error.strerror}; check the folder's "

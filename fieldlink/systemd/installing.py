@@ -10,6 +10,7 @@ from enum import Enum
 from pathlib import Path
 
 from fieldlink.systemd.unit import ServiceUnit, UnitError
+from fieldlink.unfinished_file import write_whole
 
 __all__ = ["Installed", "Outcome", "install_unit", "next_commands", "unit_folder"]
 
@@ -59,9 +60,7 @@ def install_unit(unit: ServiceUnit, folder: Path, *, replace: bool = False) -> I
                 "then pass --replace, or give the service another name with --name"
             )
         folder.mkdir(parents=True, exist_ok=True)
-        new = file.with_name(f".{file.name}.new")
-        new.write_text(unit.text, encoding="utf-8")
-        new.replace(file)
+        write_whole(file, unit.text.encode())
     except PermissionError as error:
         raise UnitError(
             f"{file} cannot be written by this user; run the command with sudo, or install a unit "

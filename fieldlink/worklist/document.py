@@ -66,6 +66,10 @@ class WorkDocument:
         if open_:
             page = "its page says" if len(open_) == 1 else "their pages say"
             told.append(f"{_count(len(open_), 'loop')} undetermined; {page} what to record.")
+        unread = sum(row.finding.wrong is Wrong.UNREADABLE for row in rows)
+        if unread:
+            why = "its reason is in its row" if unread == 1 else "the reasons are in their rows"
+            told.append(f"{_count(unread, 'recording')} cannot be used; {why}.")
         if states:
             counts = ", ".join(f"{count} {state}" for state, count in states.most_common())
             told.append(f"Work: {counts}.")

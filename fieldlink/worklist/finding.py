@@ -72,6 +72,12 @@ class Action(Enum):
         "record what would determine the cause",
         False,
     )
+    CORRECT_RECORDING = (
+        "correct_recording",
+        "correct the recording",
+        "correct the recording or export it again, as its reason says",
+        False,
+    )
     NOTHING = ("nothing", "nothing", "nothing to do", False)
 
     def __init__(self, code: str, brief: str, text: str, needs_outage: bool) -> None:
@@ -102,6 +108,7 @@ class Wrong(Enum):
     MANUAL = ("manual", "loop in manual", Action.PUT_IN_AUTOMATIC)
     QUIET = ("quiet", "nothing found", Action.NOTHING)
     UNDETERMINED = ("undetermined", "undetermined", Action.MEASURE_AGAIN)
+    UNREADABLE = ("unreadable", "recording cannot be used", Action.CORRECT_RECORDING)
 
     def __init__(self, code: str, text: str, action: Action) -> None:
         self.code = code

@@ -157,7 +157,7 @@ def _judge_or_explain(job: _Job) -> _Judged | str:
 
 def _unusable(name: str, problem: str, settings: WorkListSettings) -> ReportedLoop:
     """The row of a recording that cannot be used."""
-    cause = Cause(Wrong.UNDETERMINED, ("the recording cannot be used",))
+    cause = Cause(Wrong.UNREADABLE, ("the recording cannot be used",))
     finding = Finding((cause,), (problem,), is_sure=False)
     row = WorkRow(tag=name, device="", finding=finding, limit=settings.stick_band_limit)
     return ReportedLoop(row, None, None, None, settings.op_span)

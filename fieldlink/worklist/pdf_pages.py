@@ -27,6 +27,7 @@ _COLOUR = {
     Wrong.STICKY_VALVE: (163, 39, 27),
     Wrong.SENSOR: (163, 39, 27),
     Wrong.UNDETERMINED: (138, 90, 0),
+    Wrong.UNREADABLE: (138, 90, 0),
     Wrong.QUIET: (30, 107, 40),
 }
 _MARGIN = 12.0

@@ -17,6 +17,14 @@ from fieldlink.worklist.finding import Finding, Wrong
 
 __all__ = ["COLUMNS", "BeforeAfter", "Confidence", "Figures", "Outlook", "WorkItem", "WorkRow"]
 
+_ORDER = {
+    Wrong.STICKY_VALVE: 0.0,
+    Wrong.UNDETERMINED: 2.0,
+    Wrong.UNREADABLE: 2.5,
+    Wrong.QUIET: 4.0,
+}
+"""What comes first has the smallest; what is not named here stands behind sticky valves."""
+
 
 class Confidence(StrEnum):
     """How far the finding can be relied on."""
@@ -171,7 +179,7 @@ class WorkRow:
         Work that is done waits for its verification behind the open work of its kind.
         """
         wrong = self.finding.wrong
-        order = {Wrong.STICKY_VALVE: 0.0, Wrong.QUIET: 4.0, Wrong.UNDETERMINED: 2.0}.get(wrong, 1.0)
+        order = _ORDER.get(wrong, 1.0)
         closed = 1.0 if self.state in ("done", "verified") else 0.0
         if wrong is Wrong.QUIET and self.state not in ("", "verified"):
             order = 3.0

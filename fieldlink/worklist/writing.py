@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from fieldlink.unfinished_file import remove_unfinished
+from fieldlink.unfinished_file import write_whole
 from fieldlink.worklist.document import WorkDocument
 from fieldlink.worklist.errors import ReportError
 
@@ -91,20 +89,9 @@ def write_report(document: WorkDocument, path: Path, kind: str) -> None:
         ReportError: the file cannot be written, or the format needs a package.
     """
     content = render(document, kind)
-    part: Path | None = None
     try:
-        with tempfile.NamedTemporaryFile(
-            dir=path.parent, prefix=f".{path.name}.", delete=False
-        ) as stream:
-            part = Path(stream.name)
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.chmod(0o640)
-        part.replace(path)
+        write_whole(path, content, mode=0o640)
     except OSError as error:
-        if part is not None:
-            remove_unfinished(part)
         raise ReportError(
             f"{path}: the report cannot be written: {error.strerror or error}; name a file in a "
             "folder that exists and may be written"

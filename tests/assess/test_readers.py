@@ -21,7 +21,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers.registry import reader_of
 from fieldlink.assess.series import Series
-from fieldlink.site import SiteError, read_recording
+from fieldlink.site import RecordingError, SiteError, read_recording
 from fieldlink.store import EventRecord, Historian, SampleRecord
 
 BEGIN = 1_767_225_600
@@ -271,3 +271,46 @@ def test_a_given_period_keeps_the_order_of_the_times(
     ((_, window),) = windows(place, Cut(samples=200), period=period)
     assert window.op.tolist() == list(range(200))
     assert (window.period, window.time[0]) == (period, BEGIN)
+
+
+def beside(**columns: np.ndarray) -> pd.DataFrame:
+    """A table with a column of times and the given ones."""
+    stamps = pd.date_range("2026-01-01", periods=400, freq="2s", tz="UTC")
+    return pd.DataFrame({"Time Stamp": stamps, **columns})
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_loops_side_by_side_are_read_one_by_one(tmp_path: Path, kind: str) -> None:
+    op, pv = np.arange(400.0) % 7.0, np.arange(400.0) % 5.0
+    frame = beside(
+        **{"FC1.OP": op, "FC1.PV": pv, "FC2.OP": op + 1, "FC2.PV": pv + 1, "FC2.SP": pv - pv},
+        **{"TT3.PV": pv, "Kühler OUT (%)": op + 3, "Kühler PV (bar)": pv + 3},
+    )
+    if kind == "csv":
+        frame.to_csv(tmp_path / "x.csv", index=False)
+    else:
+        frame.to_parquet(tmp_path / "x.parquet")
+    found = dict(windows(place_of(str(tmp_path / f"x.{kind}")), Cut()))
+    assert list(found) == ["FC1", "FC2", "Kühler"]
+    for name, more in (("FC1", 0), ("FC2", 1), ("Kühler", 3)):
+        np.testing.assert_array_equal(found[name].op, op + more)
+        np.testing.assert_array_equal(found[name].pv, pv + more)
+        assert found[name].time[0] == BEGIN
+        assert found[name].period == 2.0
+    assert found["FC1"].sp is None
+    assert found["FC2"].sp is not None
+
+
+def test_one_bad_loop_of_several_costs_the_others_nothing(tmp_path: Path) -> None:
+    op, pv = np.arange(400.0) % 7.0, np.arange(400.0) % 5.0
+    frame = beside(**{"A.OP": op, "A.PV": pv, "B.OP": op, "B.PV": pv})
+    frame["A.PV"] = ["oops", *frame["A.PV"].astype(str)[1:]]
+    frame.to_csv(tmp_path / "x.csv", index=False)
+    reader, place = reader_of("files"), place_of(str(tmp_path))
+    job = Job((place,), Columns(), Cut())
+    (piece,) = (p for p in reader.pieces(job, 0, "") if isinstance(p, Piece))
+    found = reader.windows(job, piece)
+    assert next(found)[0] == "B"
+    with pytest.raises(RecordingError, match=r"x\.csv:2: A\.PV: 'oops' is not a number") as caught:
+        next(found)
+    assert "B.PV" not in str(caught.value)

@@ -29,6 +29,14 @@ def printed(units: dict[str, str], **loop: object) -> str:
         ({}, {}, "stiction, S = 11 (10.12 to 11.91) in units of OP"),
         ({"FC101": "mA"}, {"stick_band_low": None}, "stiction, S = 11 mA"),
         ({"FC101": "%"}, {"verdict": "no_stiction"}, "no_stiction"),
+        ({}, {"verdict": None, "filled": 0.5, "estimates": 0}, "no estimate yet, window 50% full"),
+        (
+            {},
+            {"verdict": None, "filled": 1.0, "estimates": 0},
+            "no estimate yet, window full and being judged (the first time after an installation "
+            "that takes minutes)",
+        ),
+        ({}, {"verdict": None, "filled": 1.0, "estimates": 2}, "no estimate yet, window 100% full"),
     ],
 )
 def test_a_stick_band_has_its_interval_and_unit(

@@ -109,7 +109,7 @@ async def test_status_events_and_withdraw_of_a_running_daemon_and_without_one(
             # The daemon is gone: the store tells.
             followed.append(await next_event(following))
         following.send_signal(signal.SIGINT)
-        assert await following.wait() == 130
+        assert await asyncio.wait_for(following.wait(), PATIENCE) == 130
         assert found["daemon"]["alive"] is True
         (one,) = found["devices"]
         assert {"name", "state", "requests", "exceptions", "late", "missed", "reason"} <= set(one)

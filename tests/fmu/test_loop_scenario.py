@@ -163,6 +163,28 @@ def test_what_is_refused(mini_fmus: dict[str, Path], tmp_path: Path) -> None:
     assert file.read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    ("sizes", "said"),
+    [
+        (("3", "5"), "S = 3 cannot jump by J = 5; give at most 3"),
+        (("1", "1.5"), "S = 1 cannot jump by J = 1.5"),
+        (("0", "0"), "greater than or equal to 0.1"),
+        (("200", "1"), "less than or equal to 100"),
+    ],
+)
+def test_a_valve_that_cannot_be_is_refused(
+    mini_fmus: dict[str, Path], tmp_path: Path, sizes: tuple[str, str], said: str
+) -> None:
+    file = tmp_path / "x.toml"
+    given = ("--stick-band", sizes[0], "--slip-jump", sizes[1], "--output", str(file))
+    fmu = str(mini_fmus["fmi2"])
+    command = ["loop", fmu, "--op", "tank.inflow[1]", "--pv", "tank.h", *given]
+    result = CliRunner().invoke(app, command, env={"COLUMNS": "200"})
+    assert result.exit_code == 2
+    assert said in result.output
+    assert not file.exists()
+
+
 def test_a_plant_that_is_written_wrong_is_suggested() -> None:
     done = CliRunner().invoke(app, ["info", "exampel1"])
     assert done.exit_code == 2

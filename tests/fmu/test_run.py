@@ -200,6 +200,9 @@ def test_maps_that_do_not_fit(mini_fmus: Minis, tmp_path: Path, text: str, words
         ("time,op\n0,1,5\n", "row 2 has 3 cells, the header has 2"),
         ("time,op\n0,NaN\n", "row 2, column 'op': 'NaN' is not a finite number"),
         ("time,op,op\n0,1,2\n", "two columns 'op'"),
+        ("time;op\n0;998\n1;1,005\n", "column 'op': '1,005' may be a decimal comma or grouped"),
+        ("time,op\n0,5 %\n1,6 %\n", "row 2, column 'op': '5 %' is not a finite number"),
+        ("time,op\n0,Bad\n1,6\n", "row 2, column 'op': 'Bad' is not a finite number"),
         ("time,op\n", "no row below the header"),
         ("", "it is empty"),
     ],
@@ -217,6 +220,24 @@ def test_inputs_as_a_spreadsheet_writes_them(tmp_path: Path) -> None:
     file.write_bytes("\ufefftime;op\r\n0,0;1,5\r\n0,5;2,5\r\n0,5;-3e0\r\n".encode())
     at = read_inputs(file, ("op",)).at(np.array([0.0, 0.4, 0.5, 9.0]))
     assert at["op"].tolist() == [1.5, 1.5, -3.0, -3.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("time;op\n0;1,005\n0,5;1,010\n", [1.005, 1.01]),
+        ("time;op\n0;1,005\n0.5;2,010\n", [1005.0, 2010.0]),
+        ("time;op\n0;1.005,5\n0,5;998,0\n", [1005.5, 998.0]),
+        ("time,op\n0,1.005\n1,2\n", [1.005, 2.0]),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_numbers_of_inputs_are_read_as_those_of_recordings(
+    tmp_path: Path, text: str, values: list[float], encoding: str
+) -> None:
+    file = tmp_path / "in.csv"
+    file.write_bytes(text.replace("op", "Öffnung").encode(encoding))
+    assert read_inputs(file, ("Öffnung",)).columns["Öffnung"].tolist() == values
 
 
 @pytest.mark.parametrize(

@@ -92,4 +92,6 @@ def test_check_warns_of_certificates_that_are_over(
     assert len(warned) == (2 if said else 0)
     assert all(said in warning for warning in warned)
     (tmp_path / "server.pem").write_text("no certificate")
-    assert any("server.pem cannot be read as a certificate" in warning for warning in check(site).warnings)
+    assert any(
+        "server.pem cannot be read as a certificate" in warning for warning in check(site).warnings
+    )

@@ -194,6 +194,24 @@ def test_an_address_of_a_host_is_written(port: int, image: RegisterImage) -> Non
     assert image.get(Table.HOLDING, 10, 1) == [0xFFF9]
 
 
+def test_a_negative_value_needs_no_dashes(port: int, image: RegisterImage) -> None:
+    target = ("write", f"127.0.0.1:{port}", "--timeout", "5", "10:int16")
+    assert run(*target, "-7", "--yes").exit_code == 0
+    assert image.get(Table.HOLDING, 10, 1) == [0xFFF9]
+    assert run(*target, "7", "--yess").exit_code == 2
+    assert image.get(Table.HOLDING, 10, 1) == [0xFFF9]
+
+
+def test_a_fraction_is_not_rounded_into_a_whole_number(port: int, image: RegisterImage) -> None:
+    target = ("write", f"127.0.0.1:{port}", "--yes", "--timeout", "5")
+    for kind in ("uint16", "int32", "bcd16"):
+        said = refusal(run(*target, f"10:{kind}", "1.5"))
+        assert f"1.5 would be written as 2, for {kind} holds whole numbers" in said
+    assert image.get(Table.HOLDING, 10, 1) == [425]
+    assert run(*target, "10:uint16", "7.0").exit_code == 0
+    assert image.get(Table.HOLDING, 10, 1) == [7]
+
+
 def test_a_whole_number_is_written_to_its_last_digit_or_not_at_all(
     port: int, image: RegisterImage
 ) -> None:

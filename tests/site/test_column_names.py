@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fieldlink.site import RecordingError, read_recording
-from fieldlink.site.column_names import guess_columns
+from fieldlink.site.column_names import guess_columns, loops_side_by_side
 
 
 @pytest.mark.parametrize(
@@ -76,3 +76,21 @@ def test_a_mode_in_numbers_and_a_date_without_time_are_left_out_with_a_note(
     assert "Date is left out" in notes
     words = write(tmp_path / "y.csv", "op;pv;mode", "{k};5;MAN")
     assert read_recording(words).auto is not None
+
+
+@pytest.mark.parametrize(
+    ("header", "loops"),
+    [
+        ("t;A.OP;A.PV;B.OP;B.PV;C.PV", "A B"),
+        ("t;OP_FC101;PV_FC101;OP_FC102;PV_FC102", "FC101 FC102"),
+        ("FIC1/PID.MV [%];FIC1/PID.PV;FIC2/PID.MV [%];FIC2/PID.PV", "FIC1/PID FIC2/PID"),
+        ("A.OP.Value;A.PV.Value;B.OP.Value;B.PV.Value", "A B"),
+        ("A.OP;A.PV;A.OUT;B.OUT;B.PV;C.MV;C.Istwert", "A B C"),
+        ("Öl-1 OUT;Öl-1 PV;Öl-2 OUT;Öl-2 PV", "Öl-1 Öl-2"),
+        ("op;pv;A.OP;A.PV;B.OP;B.PV", ""),
+        ("A.OP;A.PV;B.OP", ""),
+        ("A.OP;A.OP;A.PV;B.OP;B.PV", ""),
+    ],
+)
+def test_loops_beside_each_other_are_known_by_their_names(header: str, loops: str) -> None:
+    assert list(loops_side_by_side(header.split(";"))) == loops.split()

@@ -76,7 +76,7 @@ good,40020,int16,
         3: "address: '' is not an address",
         4: "address: '17' is not written like the others (40001)",
         5: "type: 'decimal' is unknown",
-        6: "length: int16 has its own length",
+        6: "length: 3 is given for int16, which takes 1 register",
         7: "address: '40009.16': a register has no bit 16",
         8: "address: '40000' is address -1",
         9: "tag: good is already on line 2",
@@ -248,3 +248,13 @@ def test_a_heading_says_that_addresses_are_hexadecimal(tmp_path: Path) -> None:
     assert "addresses are hexadecimal" in " / ".join(found.notes)
     plain = import_map(write(tmp_path, f"Tag,Address,Type\n{rows}SP,010A,REAL\n"))
     assert "--addresses hex" in str(plain.problems[0])
+
+
+def test_a_size_in_bits_says_nothing_new_or_that_the_type_is_wrong(tmp_path: Path) -> None:
+    rows = "A,100,UINT,16\nB,101,FLOAT,32\nC,103,INT,32\n"
+    found = import_map(write(tmp_path, f"Name,Address,Type,Size\n{rows}"))
+    assert list(found.tags) == ["A", "B"]
+    (problem,) = found.problems
+    assert problem.line == 4
+    assert problem.message == "32 is given for int16, which takes 1 register"
+    assert problem.remedy.startswith("correct the type if it takes more (int32")

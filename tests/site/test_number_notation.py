@@ -82,3 +82,16 @@ def test_a_register_map_with_grouped_digits_is_refused(column: str, tmp_path: Pa
     vendor = tmp_path / "vendor.csv"
     vendor.write_text(f"Register Name;Modbus Address;Data Type;{column}\nPV;40001;UINT;10,000\n")
     assert "may be decimals or grouped digits" in str(import_map(vendor).problems)
+
+
+def test_digits_that_blanks_group_between_commas(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    rows = "".join(f"{2 * k},1 {600 + k},1 {700 + k}\n" for k in range(60))
+    path.write_text("time,op,pv\n" + rows)
+    found = read_recording(path)
+    assert (found.op[3], found.pv[3], found.period) == (1603.0, 1703.0, 2.0)
+    path.write_text(
+        "time op pv\n" + "".join(f"{2 * k} 1,{600 + k} 1,{700 + k}\n" for k in range(60))
+    )
+    found = read_recording(path)
+    assert (found.op[3], found.pv[3], found.period) == (1.603, 1.703, 2.0)

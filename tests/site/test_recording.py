@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import gzip
+import io
+import lzma
 import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +16,7 @@ from hypothesis import strategies as st
 from fieldlink.site import Recording, RecordingError, read_recording
 from fieldlink.site.recording import NanRun, files_in, read_recordings
 
+ROOT = Path(__file__).parents[2]
 Write = Callable[..., Path]
 
 
@@ -293,3 +298,40 @@ def test_a_pipe_in_a_folder_of_recordings_is_not_waited_for(tmp_path: Path) -> N
     assert files_in(tmp_path) == [tmp_path / "FC1.csv"]
     # one that is named itself is read, as a shell gives it for the output of a program
     assert files_in(tmp_path / "pipe.csv") == [tmp_path / "pipe.csv"]
+
+
+@pytest.mark.parametrize("left", ["2026-11-05 11:0", "2026-11-05 11:02:00,4", "2026"])
+def test_a_file_copied_while_it_was_written_lacks_its_last_row(left: str, write: Write) -> None:
+    rows = "".join(f"2026-11-05 11:{s // 60:02}:{s % 60:02},{s},{-s}\n" for s in range(0, 120, 2))
+    found = read_recording(write(f"time,op,pv\n{rows}{left}"))
+    assert len(found) == 60
+    assert found.notes[0] == "the header is line 1; line without samples: 62"
+    assert found.op[-1] == 118.0
+
+
+def test_an_index_of_elapsed_times_without_a_name_is_the_time(write: Write) -> None:
+    def row(k: int) -> str:
+        hours, rest = divmod(1800 * k, 3600)
+        return f"{hours // 24} days {hours % 24:02}:{rest // 60:02}:00,{k},{-k}"
+
+    found = read_recording(write(",op,pv", row))
+    assert found.period == 1800.0
+    assert found.notes == (
+        "the column without a heading holds dates or times of day: taken for the time",
+    )
+
+
+def test_a_site_file_is_no_recording() -> None:
+    said = messages(ROOT / "site_configs" / "demo.toml")
+    assert said.startswith(" is a site file, not a recording; name a recording")
+
+
+def test_a_packed_file_is_to_be_unpacked(write: Write) -> None:
+    text = ("op,pv\n" + "1,2\n" * 60).encode()
+    for packed, name in ((gzip.compress(text), "gzip"), (lzma.compress(text), "xz")):
+        assert messages(write(packed)) == f" is packed ({name}); unpack it first"
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("loop.csv", text)
+    said = messages(write(archive.getvalue()))
+    assert said == " is a ZIP file and no workbook; unpack it first"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from fieldlink.store import read_samples
+from fieldlink.store import read_samples, record_work
 from tests.store.writers import (
     QUICK,
     begin,
@@ -62,3 +64,31 @@ def test_loops_that_come_with_a_reload_are_claimed_too(url: str, tmp_path: Path)
     assert first.report().failing is False
     first.stop()
     assert len(read_samples(url, "LC3")) == 1
+
+
+def test_work_entered_in_the_writer_s_own_process_leaves_its_log_in_place(
+    url: str, tmp_path: Path
+) -> None:
+    """Another process that reads and leaves must not take the writer for gone."""
+    file = tmp_path / "history.sqlite"
+    count = "import sqlite3, sys; c = sqlite3.connect(sys.argv[1]); "
+    count += "print(c.execute('SELECT count(*) FROM samples').fetchone()[0]); c.close()"
+
+    def seen_elsewhere() -> int:
+        read = subprocess.run(
+            [sys.executable, "-c", count, str(file)], capture_output=True, text=True, check=True
+        )
+        return int(read.stdout)
+
+    one = begin(url, writer(tmp_path / "a", "FC101"))
+    one.put(sample(1), wait=True)
+    wait_until(lambda: one.report().written >= 2)
+    record_work(url, "FC101", "done")
+    log = file.with_name(f"{file.name}-wal")
+    before = log.stat().st_ino
+    assert seen_elsewhere() == 1
+    assert log.stat().st_ino == before
+    one.put(sample(2), wait=True)
+    wait_until(lambda: one.report().written >= 3)
+    assert seen_elsewhere() == 2
+    one.stop()

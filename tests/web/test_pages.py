@@ -19,6 +19,7 @@ from fieldlink.store import EstimateRecord, EventRecord, Historian, StoreError, 
 from fieldlink.web import WebError, store_server, web_server
 from fieldlink.web.responses import render
 from fieldlink.web.view.curves import stem_of
+from fieldlink.web.view.reasons import what_would_help
 from fieldlink.worklist import WorkListSettings, list_loops
 from fieldlink.worklist.row import Outlook
 
@@ -325,3 +326,13 @@ def test_a_trend_that_may_be_none_is_steady_and_has_no_days_to_the_limit() -> No
     assert "steady" not in clear
     assert "+20" in clear
     assert "3.1" in clear
+
+
+def test_a_full_window_without_a_verdict_is_said_to_be_judged() -> None:
+    assert what_would_help({"filled": 0.4, "message": ""}, None, None) == [
+        "Wait: the window is 40\u00a0% full."
+    ]
+    (said,) = what_would_help({"filled": 1.0, "message": ""}, None, None)
+    assert said.startswith("Wait: the window is full and being judged")
+    (said,) = what_would_help({"filled": 1.0, "message": "PV holds no good sample"}, None, None)
+    assert "being judged" not in said

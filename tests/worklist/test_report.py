@@ -211,7 +211,8 @@ def test_recordings_are_judged_and_listed_and_a_report_that_was_ended_goes_on(
     assert first["reversals_per_day"] > 0.0
     # OP stands still: the diagnosis takes the loop for one in manual
     assert (second["tag"], second["wrong"]) == ("FC8", "manual")
-    assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "undetermined", None)
+    assert (third["tag"], third["wrong"], third["confidence"]) == ("FC9", "unreadable", None)
+    assert third["action"] == "correct_recording"
     assert "'zwei' is not a number" in third["would_determine"][0]
 
     out = tmp_path / "list.html"
@@ -341,3 +342,21 @@ def test_the_course_of_the_first_hours_has_its_times(tmp_path: Path, hours: floa
     (loop,) = list_loops(store)
     # A warning is an error here; on a terminal it stood above the report.
     assert "stick band S" in EvidencePictures().svg(loop, 1)
+
+
+def test_files_that_cannot_be_used_are_counted_apart(tmp_path: Path) -> None:
+    op, pv = limit_cycle()
+    rows = [f"{u:.6f},{y:.6f}" for u, y in zip(op, pv, strict=True)]
+    (tmp_path / "FC7.csv").write_text("\n".join(["op,pv", *rows]) + "\n")
+    (tmp_path / "empty.csv").touch()
+    (tmp_path / "other.csv").write_text("a,b\n" + "1,2\n" * 60)
+    result = run("report", tmp_path, "--out", tmp_path / "list.html")
+    assert result.stdout.splitlines()[:4] == [
+        "3 loops: 3 are on the work list, 0 with nothing to do.",
+        "1 valve sticks, 0 of them over the limit; 1 action needs an outage.",
+        "2 recordings cannot be used; the reasons are in their rows.",
+        "Work: 3 open.",
+    ]
+    page = (tmp_path / "list.html").read_text()
+    assert "is empty; give a header and rows of data" in page
+    assert "record what would determine" not in page

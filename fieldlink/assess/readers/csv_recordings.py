@@ -1,4 +1,4 @@
-"""CSV files of every kind that `fieldlink identify` reads, with one loop or a column ``loop``."""
+"""CSV files of every kind that `fieldlink identify` reads, with one loop or several."""
 
 from __future__ import annotations
 

@@ -1,12 +1,13 @@
-"""Parquet files: one loop, or a column ``loop``, as ``fieldlink export`` and data lakes write them.
+"""Parquet files: one loop, a column ``loop``, or loops side by side.
 
-The file's own statistics and filters do the work: a part of a loop is read without the rest.
+``fieldlink export`` and data lakes write them. The file's own statistics and filters do the work: a
+part of a loop is read without the rest.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
 from fieldlink.assess.series import Recorded, Series
 from fieldlink.printable import as_text
-from fieldlink.site.column_names import PANDAS_INDEX, guess_columns
+from fieldlink.site.column_names import PANDAS_INDEX, guess_columns, loops_side_by_side
 from fieldlink.site.errors import nearest
 from fieldlink.site.numbered_times import (
     TIME_UNITS,
@@ -58,9 +59,10 @@ def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
     The columns of loops and times are read once, a batch of rows at a time.
     """
     file = _open(piece.path)
-    columns = _find_columns(file.schema_arrow, piece.path, job)
+    beside = list(_loops_beside(file.schema_arrow, job))
+    columns = _find_columns(file.schema_arrow, piece.path, job, beside[0] if beside else "")
     if columns.time is None and columns.loop is None:
-        yield piece
+        yield from (replace(piece, loop=name) for name in beside or [piece.loop])
         return
     unit = _counts_a_second(file, columns)
     spans: dict[str, _Span] = {}
@@ -68,8 +70,8 @@ def parquet_pieces(job: Job, piece: Piece) -> Iterator[Piece]:
     with _explained():
         for batch in file.iter_batches(columns=read):
             _measure(batch, columns, spans, unit)
-    for name, span in spans.items():
-        own = piece if columns.loop is None else replace(piece, loop=name)
+    for name, span in _by_loop(spans, beside):
+        own = replace(piece, loop=name) if columns.loop is not None or beside else piece
         if columns.time is None or not is_moment(span.first):
             yield own
         else:
@@ -83,7 +85,7 @@ def parquet_windows(job: Job, piece: Piece) -> Iterator[Named]:
 
     file = _open(piece.path)
     schema = file.schema_arrow
-    columns = _find_columns(schema, piece.path, job)
+    columns = _find_columns(schema, piece.path, job, piece.loop or "")
     unit = _counts_a_second(file, columns)
     chosen = None
     if columns.loop is not None:
@@ -138,10 +140,27 @@ def _explained() -> Iterator[None]:
         raise ReadingError(f"cannot be read as Parquet ({said}); export it again") from error
 
 
-def _find_columns(schema: Any, path: str, job: Job) -> _Columns:
+def _loops_beside(schema: Any, job: Job) -> dict[str, dict[str, str]]:
+    """Columns of op and pv of each loop, where a file has several side by side."""
+    names = job.columns.names()
+    has_own = any(name.lower() == "loop" for name in schema.names)
+    if has_own or names["op"] is not None or names["pv"] is not None:
+        return {}
+    return loops_side_by_side(schema.names)
+
+
+def _by_loop(spans: dict[str, _Span], beside: Sequence[str]) -> Iterator[tuple[str, _Span]]:
+    """Spans by loop; loops side by side share the only one."""
+    if beside:
+        return ((name, span) for name in beside for span in spans.values())
+    return iter(spans.items())
+
+
+def _find_columns(schema: Any, path: str, job: Job, loop: str) -> _Columns:
     names = list(schema.names)
     folded = {name.lower(): name for name in reversed(names)}
-    wanted = job.columns.names() | {"loop": None}
+    wanted: dict[str, str | None] = job.columns.names() | {"loop": None}
+    wanted |= _loops_beside(schema, job).get(loop, {})
 
     def find(role: str) -> str | None:
         named = wanted[role]

@@ -1,7 +1,7 @@
 """Recorded inputs: a CSV file with a column ``time`` and one column for each tag or variable.
 
-What spreadsheets write is taken: a comma, semicolon, tab or bar between the cells, a byte order
-mark, and decimal commas where the cells stand between semicolons or tabs.
+What spreadsheets write is taken: a comma, semicolon, tab or bar between the cells, UTF-8, UTF-16 or
+Windows text, and numbers as in recordings (`fieldlink.site.number_cells`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 from fieldlink.lab.fmu.errors import FmuError, nearest
 from fieldlink.lab.fmu.recorder import TIME_VARIABLE
+from fieldlink.site.csv_file import read_text
+from fieldlink.site.errors import RecordingError
+from fieldlink.site.number_cells import find_decimal_mark, parse_numbers
 
 __all__ = ["InputSeries", "read_inputs"]
 
@@ -47,7 +50,6 @@ class InputSeries:
 
 
 _DELIMITERS = ",;\t|"
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NO_WORDS: Mapping[str, Mapping[str, float]] = MappingProxyType({})
 
 
@@ -65,7 +67,7 @@ def read_inputs(
         FmuError: unreadable, no column ``time``, an unknown column, a cell that is not a number, or
             time that decreases; row and column are named.
     """
-    header, rows, commas = _read_cells(file)
+    header, rows, comma_separates = _read_cells(file)
     if "time" not in header:
         like = [name for name in header if re.match(r"(?i)(t|time|zeit|seconds|s)\b", name)]
         hint = f"; is it {like[0]!r}? Call it time, and give seconds" if like else ""
@@ -79,14 +81,15 @@ def read_inputs(
     names = {TIME_VARIABLE if name == "time" else name for name in known}
     columns: dict[str, Array] = {}
     for k, name in enumerate(header):
-        cells = [row[k] for row in rows]
-        if name == "time":
-            time = _numbers(file, name, cells, {}, commas)
-        elif name in names:
-            tag = "time" if name == TIME_VARIABLE else name
-            columns[tag] = _numbers(file, name, cells, words.get(tag, {}), commas)
-        else:
+        tag = "time" if name == TIME_VARIABLE else name
+        if name != "time" and name not in names:
             raise FmuError(f"{file}: column {name!r} is not an input; {nearest(name, names)}")
+        known_words = {} if name == "time" else words.get(tag, {})
+        values = _numbers(file, header, rows, k, known_words, comma_separates=comma_separates)
+        if name == "time":
+            time = values
+        else:
+            columns[tag] = values
     if time.size == 0:
         raise FmuError(f"{file}: there is no row below the header")
     wrong = np.flatnonzero(np.diff(time) < 0.0)
@@ -100,16 +103,11 @@ def read_inputs(
 
 
 def _read_cells(file: Path) -> tuple[list[str], list[list[str]], bool]:
-    """Return header, rows, and whether a comma in a cell is a decimal comma."""
+    """Return header, rows, and whether commas stand between the cells."""
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FmuError(f"{file}: the inputs cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise FmuError(
-            f"{file}: the inputs are not text in UTF-8; save them as CSV in UTF-8"
-        ) from error
-    lines = text.splitlines()
+        lines = read_text(file, RecordingError, pipe=True).splitlines()
+    except RecordingError as error:
+        raise FmuError(str(error)) from error
     if not lines:
         raise FmuError(f"{file}: it is empty; give a header and rows")
     delimiter = max(_DELIMITERS, key=lines[0].count)
@@ -126,25 +124,44 @@ def _read_cells(file: Path) -> tuple[list[str], list[list[str]], bool]:
             raise FmuError(
                 f"{file}: row {number} has {len(row)} cells, the header has {len(header)}"
             )
-    return header, [row for row in rows[1:] if row], delimiter != ","
+    return header, [row for row in rows[1:] if row], delimiter == ","
 
 
 def _numbers(
-    file: Path, name: str, cells: Sequence[str], words: Mapping[str, float], commas: bool
+    file: Path,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    number: int,
+    words: Mapping[str, float],
+    *,
+    comma_separates: bool,
 ) -> Array:
-    plain = {word.lower(): number for word, number in words.items()}
-    values = np.empty(len(cells))
+    """Return a column's values, in the notation of the other columns where it shows none."""
+    name = header[number]
+    plain = {word.lower(): value for word, value in words.items()}
+    cells = [row[number] for row in rows]
+    is_word = [cell.lower() in plain for cell in cells]
+
+    def proven() -> str | None:
+        others = (n for n in range(len(header)) if n != number)
+        marks = {find_decimal_mark(row[n] for row in rows) for n in others} - {None}
+        return marks.pop() if len(marks) == 1 else None
+
+    digits = ["0" if known else cell for cell, known in zip(cells, is_word, strict=True)]
+    found = parse_numbers(digits, comma_separates=comma_separates, proven=proven)
+    if found.ambiguous is not None:
+        raise FmuError(
+            f"{file}: column {name!r}: {found.ambiguous!r} may be a decimal comma or grouped "
+            "digits; write it with a decimal point between commas, or without groups of digits"
+        )
+    values = found.values
     for row, cell in enumerate(cells):
-        text = cell.replace(",", ".") if commas and _DECIMAL_COMMA.fullmatch(cell) else cell
-        try:
-            value = plain[text.lower()] if text.lower() in plain else float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            found = repr(cell) if cell else "an empty cell"
+        if is_word[row]:
+            values[row] = plain[cell.lower()]
+        elif not math.isfinite(values[row]) or (found.unit and cell.endswith(found.unit)):
+            shown = repr(cell) if cell else "an empty cell"
             hint = f" and none of {', '.join(words)}" if words else ""
             raise FmuError(
-                f"{file}: row {row + 2}, column {name!r}: {found} is not a finite number{hint}"
+                f"{file}: row {row + 2}, column {name!r}: {shown} is not a finite number{hint}"
             )
-        values[row] = value
     return values

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.step_test import LoopWish, StepResponse
+from fieldlink.unfinished_file import created
 from fmu_models import FmuSummary
 
 __all__ = ["write_scenario"]
@@ -66,7 +67,7 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
     }
     numbers = {key: f"{v:.6g}" if isinstance(v, float) else v for key, v in rows.items()}
     try:
-        with file.open("x", encoding="utf-8") as stream:
+        with created(file) as stream:
             stream.write(_TEMPLATE.format(**numbers))
     except FileExistsError as error:
         raise FmuError(f"{file}: it exists; remove it, or name another with --output") from error

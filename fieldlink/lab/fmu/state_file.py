@@ -6,6 +6,7 @@ import hashlib
 from pathlib import Path
 
 from fieldlink.lab.fmu.errors import FmuError
+from fieldlink.unfinished_file import write_whole
 
 __all__ = ["load_state", "save_state"]
 
@@ -23,9 +24,9 @@ def save_state(file: Path, fmu: Path, snapshot: bytes) -> None:
         FmuError: it cannot be written.
     """
     try:
-        file.write_bytes(_MARK + _digest(fmu) + snapshot)
+        write_whole(file, _MARK + _digest(fmu) + snapshot)
     except OSError as error:
-        raise FmuError(f"{file}: the state cannot be written: {error}") from error
+        raise FmuError(f"{file}: the state cannot be written: {error.strerror}") from error
 
 
 def load_state(file: Path, fmu: Path) -> bytes:

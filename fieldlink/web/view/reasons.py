@@ -92,6 +92,11 @@ def what_would_help(
         missing = row.get("filled")
         if missing is not None and missing < 1.0:
             return [f"Wait: the window is {percent_text(missing)} full."]
+        if missing is not None and not row.get("message"):
+            return [
+                "Wait: the window is full and being judged; the first time after an installation "
+                "that takes minutes."
+            ]
         return ["Wait for a full window; fieldlink status shows how much of it is there."]
     document: Mapping[str, Any] = judged["document"] or {}
     evidence, window = document.get("evidence") or {}, document.get("window") or {}

@@ -1,0 +1,31 @@
+"""Files that a command is to write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import typer
+
+__all__ = ["refuse_source"]
+
+
+def refuse_source(out: Path | None, sources: Iterable[Path], option: str = "--out") -> None:
+    """Refuse to write over a file that the command reads.
+
+    Args:
+        out: the file to write; None where there is none.
+        sources: what is read; names of files that do not exist are passed over.
+        option: that names ``out``.
+
+    Raises:
+        typer.BadParameter: ``out`` is one of the sources, by another name perhaps.
+    """
+    if out is None or not os.path.isfile(out):
+        return
+    if any(os.path.exists(source) and os.path.samefile(source, out) for source in sources):
+        raise typer.BadParameter(
+            f"{out} is read by this command and would be lost; name another file",
+            param_hint=option,
+        )

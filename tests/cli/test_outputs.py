@@ -1,0 +1,114 @@
+"""Files that commands write: whole or not at all, and never over what is read."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fieldlink.unfinished_file import created, write_whole
+
+ROOT = Path(__file__).parents[2]
+RECORDING = ROOT / "site_configs" / "FC202.csv"
+
+
+def run(*arguments: str, blocks: int | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a command, with files of at most ``blocks`` KiB."""
+    program = [sys.executable, "-m", "fieldlink.cli", *arguments]
+    if blocks is not None:
+        # SIGXFSZ is ignored, so that writing fails as on a full disk.
+        limit = f"trap '' XFSZ; ulimit -f {blocks}; exec \"$@\""
+        program = ["bash", "-c", limit, "bash", *program]
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.run(program, capture_output=True, text=True, env=env, timeout=200)
+
+
+def test_a_picture_that_does_not_fit_leaves_the_one_before(tmp_path: Path) -> None:
+    picture = tmp_path / "loop.png"
+    picture.write_bytes(b"the one before")
+    done = run("identify", str(RECORDING), "--window", "0:100", "--plot", str(picture), blocks=4)
+    assert done.returncode == 2
+    assert "the picture cannot be written (File too large); check the folder" in done.stderr
+    assert picture.read_bytes() == b"the one before"
+    assert os.listdir(tmp_path) == ["loop.png"]
+
+
+def test_a_new_file_that_does_not_fit_is_not_in_the_way(tmp_path: Path) -> None:
+    rows = "".join(f"FC{n}.PV,{2 * n},float32,{'long ' * 20}\n" for n in range(100))
+    vendor = tmp_path / "vendor.csv"
+    vendor.write_text(f"tag,address,type,comment\n{rows}")
+    done = run("map", "import", str(vendor), "--out", str(tmp_path / "map.csv"), blocks=4)
+    assert done.returncode == 2
+    assert "map.csv: cannot be written (File too large)" in done.stderr
+    done = run("fmu", "new", "my_tank", "--output", str(tmp_path), blocks=1)
+    assert done.returncode == 2
+    assert "my_tank.c: it cannot be written (File too large)" in done.stderr
+    assert os.listdir(tmp_path) == ["vendor.csv"]
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_what_is_read_is_not_written_over(tmp_path: Path, linked: bool) -> None:
+    recording = tmp_path / "FC202.csv"
+    shutil.copy(RECORDING, recording)
+    out = tmp_path / "out.csv" if linked else recording
+    if linked:
+        out.symlink_to(recording)
+    before = recording.read_bytes()
+    for command in (
+        ("report", str(tmp_path if linked else recording)),
+        ("map", "import", str(recording)),
+        ("fmu", "run", "flow", "--inputs", str(recording)),
+    ):
+        done = run(*command, "--out", str(out))
+        assert done.returncode == 2, command
+        assert "is read by this command and would be lost" in " ".join(done.stderr.split())
+    assert recording.read_bytes() == before
+
+
+def test_a_file_is_replaced_with_its_permissions_and_through_its_link(tmp_path: Path) -> None:
+    file, link = tmp_path / "map.csv", tmp_path / "link.csv"
+    file.write_text("before")
+    file.chmod(0o640)
+    link.symlink_to(file)
+    write_whole(link, b"after")
+    assert link.is_symlink()
+    assert file.read_text() == "after"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o640
+    assert sorted(os.listdir(tmp_path)) == ["link.csv", "map.csv"]
+
+
+def test_a_pipe_stays_a_pipe(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
+        write_whole(pipe, b"the report")
+        assert reader.communicate(timeout=20)[0] == b"the report"
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_name_of_the_greatest_length_can_be_written(tmp_path: Path) -> None:
+    file = tmp_path / ("x" * 251 + ".csv")
+    write_whole(file, b"after")
+    assert os.listdir(tmp_path) == [file.name]
+
+
+def test_nothing_is_left_of_a_new_file_after_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "site.toml"
+
+    def fail() -> None:
+        with created(file) as stream:
+            stream.write("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert not file.exists()
+    file.write_text("a person's")
+    with pytest.raises(FileExistsError), created(file):
+        pass
+    assert file.read_text() == "a person's"
