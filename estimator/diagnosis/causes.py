@@ -334,10 +334,19 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if found.drawn is not None:
             text = "nothing oscillates; whether the loop is slow or tight does not show"
             return Cause(CauseName.UNDETERMINED, 0.0, (text, found.drawn.text), found.drawn.advice)
+        if found.controller is None:
+            text = (
+                "nothing oscillates, and OP does not answer the control error: a hand moves it, or "
+                "it is not of the controller of this PV"
+            )
+            return Cause(
+                CauseName.UNDETERMINED, 0.0, (text,),
+                "Record the controller's mode, and check that OP and PV are of one loop.",
+            )  # fmt: skip
         if _is_surely_slow(found, settings):
             words = (_headroom_words(found, settings),)
             return Cause(CauseName.SLOW_TUNING, _too_long(settings), words)
-        slow = 0.0 if found.controller is None else found.controller.integral_time_s
+        slow = found.controller.integral_time_s
         if settings.judging.seen * found.duration_s < slow < math.inf:
             text = (
                 f"nothing oscillates; the integral time ({slow:.4g} s) is too long for the record"
