@@ -67,14 +67,17 @@ def held_runs(
 def gap_of(op: Array, error: Array, settings: Facts) -> float:
     """The size of the error up to which OP stands still and beyond which it moves, units of PV.
 
-    NaN where OP stands still and moves with errors of the same size. Signals are ``(n,)`` each.
+    NaN where OP stands still and moves with errors of the same size, or stands still without any.
+    Signals are ``(n,)`` each.
     """
-    moved = np.diff(op) != 0.0
-    if min(int(moved.sum()), int((~moved).sum())) < settings.least_run:
-        return math.nan
     # a controller moves on the error of this sample and of the last one
     size = np.maximum(np.abs(error[1:]), np.abs(error[:-1]))
-    within = float(np.quantile(size[~moved], 1.0 - settings.of_gap))
+    moved = np.diff(op) != 0.0
+    # a PV of coarse resolution is at its set-point for a while: every controller keeps still then
+    still = ~moved & (size > 0.0)
+    if min(int(moved.sum()), int(still.sum())) < settings.least_run:
+        return math.nan
+    within = float(np.quantile(size[still], 1.0 - settings.of_gap))
     beyond = float(np.quantile(size[moved], settings.of_gap))
     return beyond if within <= beyond else math.nan
 

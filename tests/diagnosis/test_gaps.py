@@ -64,3 +64,9 @@ def test_a_hand_that_holds_op_beside_any_error_is_no_gap() -> None:
     op, pv = loop_with_gap(0.0, 1)
     op[400:1000] = op[400]
     assert math.isnan(gap_of(op, 50.0 - pv, DIAGNOSIS.facts))
+
+
+def test_op_that_stands_still_without_an_error_shows_no_gap() -> None:
+    error = np.round(np.random.default_rng(1).standard_normal(1200))
+    op = 50.0 + np.cumsum(0.1 * error)
+    assert math.isnan(gap_of(op, error, DIAGNOSIS.facts))
