@@ -209,6 +209,9 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
     judging, controller = settings.judging, found.controller
     if controller is None or (found.swing.present and find_tight(found, settings) is not None):
         return None
+    if found.drawn is not None or found.has_gap:
+        # how long the error lasts is not that of the loop: a historian drew it, or a gap leaves it
+        return None
     one, two = found.predictable
     removable = found.removable_where_known(settings)
     if math.isnan(one):
@@ -245,9 +248,13 @@ def _slow(found: Gathered, settings: DiagnosisSettings, proposal: Advice | None)
 
 
 def _is_surely_slow(found: Gathered, settings: DiagnosisSettings) -> bool:
-    """Whether headroom alone tells it: the integral time is too long for the error to last."""
+    """Whether headroom alone tells it: the integral time is too long for the error to last.
+
+    It is that beside a controller as read: one that explains little of OP's moves (a gap, a gain
+    that grows with the error) is another one.
+    """
     little = found.removable_where_known(settings) <= settings.judging.lasting
-    if little or _may_stick(found, settings):
+    if little or found.has_gap or _may_stick(found, settings) or not _is_read(found, settings):
         return False
     return found.headroom >= settings.judging.surely
 
@@ -266,14 +273,26 @@ def _headroom_words(found: Gathered, settings: DiagnosisSettings) -> str:
 
 def _slow_or_not(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     """What is told where the record shows neither a slow tuning nor a well-tuned loop."""
+    judging = settings.judging
     evidence: tuple[str, ...]
+    may_be_slow = found.headroom > judging.unlikely or error_lasts(found.predictable, settings)
+    if found.has_gap and may_be_slow:
+        evidence = (
+            f"nothing oscillates; OP stands still while the error is within {found.gap:.3g}: a gap "
+            f"of the controller leaves it, and the record does not show how fast the loop is",
+        )
+        return Cause(
+            CauseName.UNDETERMINED, 0.0, evidence,
+            "Check that the gap is meant; step the set-point by some times as much, and diagnose "
+            "again.",
+        )  # fmt: skip
     if _lingers(found, settings) is None:
         one, _ = found.predictable
         evidence = (
             f"nothing oscillates; {one:.0%} of the control error can be predicted one integral "
             f"time ahead: by a slow tuning (probability {found.headroom:.0%}) or a smooth load",
         )
-    elif found.headroom >= settings.judging.probable:
+    elif found.headroom >= judging.probable:
         evidence = (
             "nothing oscillates, and the record does not show that the control error lasts",
             _headroom_words(found, settings),
@@ -312,10 +331,22 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if not found.has_pv:
             return Cause(CauseName.UNDETERMINED, 0.0, ("OP does not oscillate; PV is not given",),
                          "Give PV and SP of the same hours.")  # fmt: skip
+        if found.drawn is not None:
+            text = "nothing oscillates; whether the loop is slow or tight does not show"
+            return Cause(CauseName.UNDETERMINED, 0.0, (text, found.drawn.text), found.drawn.advice)
+        if found.controller is None:
+            text = (
+                "nothing oscillates, and OP does not answer the control error: a hand moves it, or "
+                "it is not of the controller of this PV"
+            )
+            return Cause(
+                CauseName.UNDETERMINED, 0.0, (text,),
+                "Record the controller's mode, and check that OP and PV are of one loop.",
+            )  # fmt: skip
         if _is_surely_slow(found, settings):
             words = (_headroom_words(found, settings),)
             return Cause(CauseName.SLOW_TUNING, _too_long(settings), words)
-        slow = 0.0 if found.controller is None else found.controller.integral_time_s
+        slow = found.controller.integral_time_s
         if settings.judging.seen * found.duration_s < slow < math.inf:
             text = (
                 f"nothing oscillates; the integral time ({slow:.4g} s) is too long for the record"

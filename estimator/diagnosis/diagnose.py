@@ -41,6 +41,7 @@ from estimator.diagnosis.plausible import find_plausible
 from estimator.diagnosis.removable import removable_share
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
 from estimator.diagnosis.settings import DIAGNOSIS, DiagnosisSettings
+from estimator.diagnosis.standing import gap_of
 from estimator.diagnosis.tuning import Advice, RecordedLoop, advise
 from estimator.faults import faults_of
 from estimator.settings import SETTINGS
@@ -126,6 +127,7 @@ def diagnose(
     limits = limits_of(record.op, error, controller, by_hand, settings.facts, period)
     sensor = sensor_of(pv, error, controller, record.good, settings.facts)
     manual = float(np.mean(by_hand))
+    gap = gap_of(record.op, error, settings.facts)
     if sensor.frozen > settings.judging.frozen:
         # a frozen PV says nothing of the process
         record = replace(record, good=record.good & ~sensor.still)
@@ -151,11 +153,14 @@ def diagnose(
         has_pv=True,
         sensor=sensor,
         manual=manual,
-        still=_unclear(recorded, controller, by_hand | limits.where, settings),
+        still=0.0
+        if math.isfinite(gap)
+        else _unclear(recorded, controller, by_hand | limits.where, settings),
         controller=controller,
         explained=explained,
         loop=loop,
         loop_beside_wave=beside_wave,
+        gap=gap,
         op_span=float(np.ptp(record.op)),
         op_middle=float(np.ptp(np.quantile(record.op, [0.05, 0.95]))),
         predictable=predictable,

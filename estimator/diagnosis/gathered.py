@@ -15,6 +15,7 @@ from estimator.diagnosis.facts import Limits, Sensor
 from estimator.diagnosis.linear_loop import LinearLoop
 from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings
+from estimator.outcomes import Reason, ReasonCode
 
 __all__ = ["Gathered", "error_lasts"]
 
@@ -46,6 +47,7 @@ class Gathered:
         controller, explained, loop: what was identified; None where it could not be.
         loop_beside_wave: the loop with the process as fitted beside a wave from outside; None
             where no wave was tried.
+        gap: error up to which OP stands still, NaN where it does not depend on the error.
         op_span, op_middle: span of OP, and of its middle nine tenths.
         predictable: shares of the error told one and two integral times ahead.
         setpoint_swings: whether SP has the oscillation too.
@@ -73,6 +75,7 @@ class Gathered:
     explained: Explained | None = None
     loop: LinearLoop | None = None
     loop_beside_wave: LinearLoop | None = None
+    gap: float = math.nan
     op_span: float = 0.0
     op_middle: float = 0.0
     predictable: tuple[float, float] = (math.nan, math.nan)
@@ -135,6 +138,18 @@ class Gathered:
         # the identified resonance and the measured period agree to some per cent
         f = loop.period / self.swing.period_s * np.geomspace(0.9, 1.1, 9)
         return float(np.max(np.abs(loop.sensitivity(f[f < 0.5])), initial=0.0))
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether the controller leaves small errors as they are."""
+        return math.isfinite(self.gap)
+
+    @property
+    def drawn(self) -> Reason | None:
+        """Why the record tells nothing faster than its knots: a historian drew lines between."""
+        reasons = () if self.explained is None else self.explained.reasons
+        of_lines = (one for one in reasons if one.code is ReasonCode.RECORD_INTERPOLATED)
+        return next(of_lines, None)
 
     @property
     def is_sticky(self) -> bool:

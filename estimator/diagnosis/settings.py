@@ -143,6 +143,9 @@ class Facts:
         least_moves: moves of OP from which they tell the controller's law by themselves: seven for
             each of its unknowns; of_moves: share that it must explain, and a
             controller that was read: most of them.
+        of_gap: share of the samples in which OP stands still whose errors may be larger than those
+            with which it moves, and the other way round, for a gap to hold OP: rounding and the
+            first sample of a run; a hand's errors have any size.
         chance: probability that a run of OP that moves in steps is taken for held, if each sample
             repeated the last one as often as among all others.
     """
@@ -156,6 +159,7 @@ class Facts:
     steps: float = 2.0
     least_moves: int = 15
     of_moves: float = 0.5
+    of_gap: float = 0.05
     chance: float = 1e-3
 
 

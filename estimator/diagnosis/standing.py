@@ -3,6 +3,9 @@
 OP of a three-point actuator, of a controller with an output dead band, and of a historian that
 stores by exception moves in steps: it stands still all the time, for as long as the controller
 wants it less than a step away. Held it is where the controller would have moved it further.
+
+A controller with a gap leaves OP where it is while the error is within it: the size of the error
+tells when OP stands still, which no hand and no limit do.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from estimator.controller.reading import Controller
 from estimator.diagnosis.settings import Facts
 from estimator.faults import runs_of
 
-__all__ = ["held_runs", "mask_of", "moves_in_steps"]
+__all__ = ["gap_of", "held_runs", "mask_of", "moves_in_steps"]
 
 _LOOKS = 8
 """Looks at how often OP repeats itself, each without the runs that the one before found."""
@@ -46,6 +49,8 @@ def held_runs(
     moves = np.abs(np.diff(op))
     if not moves.any() or not runs:
         return runs
+    if math.isfinite(gap_of(op, error, settings)):
+        return []
     laws = _laws(op, error, controller, period, least, settings)
     if laws:
         usual = settings.steps * float(np.median(moves[moves > 0.0]))
@@ -57,6 +62,24 @@ def held_runs(
     if moves_in_steps(op, settings):
         least = max(least, _by_chance(op, least, settings))
     return [(start, stop) for start, stop in runs if stop - start >= least]
+
+
+def gap_of(op: Array, error: Array, settings: Facts) -> float:
+    """The size of the error up to which OP stands still and beyond which it moves, units of PV.
+
+    NaN where OP stands still and moves with errors of the same size, or stands still without any.
+    Signals are ``(n,)`` each.
+    """
+    # a controller moves on the error of this sample and of the last one
+    size = np.maximum(np.abs(error[1:]), np.abs(error[:-1]))
+    moved = np.diff(op) != 0.0
+    # a PV of coarse resolution is at its set-point for a while: every controller keeps still then
+    still = ~moved & (size > 0.0)
+    if min(int(moved.sum()), int(still.sum())) < settings.least_run:
+        return math.nan
+    within = float(np.quantile(size[still], 1.0 - settings.of_gap))
+    beyond = float(np.quantile(size[moved], settings.of_gap))
+    return beyond if within <= beyond else math.nan
 
 
 def _asked(error: Array, gain: float, integral: float) -> float:

@@ -64,3 +64,18 @@ def test_what_may_be_a_hand_is_never_called_quiet(kind: str) -> None:
         loop = draw_hand(kind, seed, share=0.9, moves=12)
         answer = diagnose(loop.op, loop.pv, loop.sp, advice=False, figures=False)
         assert answer.first.name is not CauseName.QUIET
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 5, 6, 7])
+def test_op_that_answers_no_error_is_not_called_quiet(seed: int) -> None:
+    # a hand moves OP every few samples: no run is long enough to be held
+    rng = np.random.default_rng(seed)
+    op = 50.0 + np.cumsum(np.where(rng.random(1200) < 0.15, rng.standard_normal(1200), 0.0)) * 0.3
+    pv, y, load = [], 0.0, 0.0
+    for u, (noise, push) in zip(op, rng.standard_normal((1200, 2)), strict=True):
+        load = 0.97 * load + 0.3 * push
+        y += (1.2 * (u - 50.0 + load) - y) / 12.0
+        pv.append(50.0 + y + 0.02 * noise)
+    answer = diagnose(op, np.array(pv), np.full(1200, 50.0), period=1.0, advice=False)
+    assert answer.controller is None
+    assert CauseName.QUIET not in {cause.name for cause in answer.causes}
