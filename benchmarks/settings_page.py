@@ -20,6 +20,7 @@ from typing import Any
 
 from benchmarks.report import table
 from compensator import HybridSettings, RetrySettings, SupervisorSettings, WatchSettings
+from compensator.hybrid.load_trend import LoadTrendSettings
 from compensator.hybrid.setpoint_trend import SetpointTrendSettings
 from compensator.hybrid.thrift import ThriftSettings
 from compensator.stem_tracking.friction import FrictionPrior
@@ -63,6 +64,7 @@ COMPENSATOR = (
     SupervisorSettings(),
     HybridSettings(),
     SetpointTrendSettings(),
+    LoadTrendSettings(),
     ThriftSettings(),
     TrackerSettings(NOISE_KINDS[0]),
     FrictionPrior(),

@@ -22,6 +22,7 @@ from compensator.action import (
     as_measured,
     require_finite,
 )
+from compensator.hybrid.load_trend import LoadTrend
 from compensator.hybrid.move_prices import MovePrices
 from compensator.hybrid.moves import MovePlan, MovePlanner, Ramp
 from compensator.hybrid.setpoint_trend import SetpointTrend
@@ -89,6 +90,8 @@ class HybridMpc:
         self._moving = self.stem_moved = False
         self._dwells = self._lingers = 0
         self._trend = SetpointTrend(self.horizon // 2, self.settings.trend)
+        dead_time, settling = self.prediction.dead_time, self.planner.settling
+        self._load_trend = LoadTrend(dead_time, settling, self.settings.load_trend)
         self._way = 0.0
         self._limited = False
 
@@ -185,6 +188,16 @@ class HybridMpc:
             self._dwells = self.settings.dwell - 1
             self._lingers = self.settings.linger - 1
         self._op = op
+        if self.ready:
+            self._follow_load()
+
+    def _follow_load(self) -> None:
+        """Look for a drift in the stem's balance position, the set-point's part left out."""
+        tracker = self.tracker
+        moves = self._moves()
+        balance = moves.stem_for(-tracker.drive(tracker.best), tracker.best.direction)
+        doubt = math.sqrt(tracker.offset_variance) / tracker.prediction.scale
+        self._load_trend.push(balance, doubt, moves.smallest, tracker)
 
     def decide(self, sp: float) -> Action:
         """See `Controller.decide`."""
@@ -228,6 +241,7 @@ class HybridMpc:
         ahead = self._trend.ahead(planner.points)
         error = planner.held_pv(tracker.free(belief), tracker.drive(belief)) - (sp + ahead)
         moves = self._moves()
+        error = error + self._load_trend.ahead(planner.ramp_response)
         least = moves.least()
         ramp = moves.strokes.ramp()
         ramp = replace(
@@ -247,16 +261,23 @@ class HybridMpc:
             max(moves.change_for(self._reach[0], -1.0), lowest),
             min(moves.change_for(self._reach[1], 1.0), highest),
         )
-        if self._trend.turns:
+        settles = not self.prediction.process.is_integrating
+        restless = tracker.settings.load_walk
+        if self._trend.turns or (restless and settles):
             # What comes next tells whether a way there and back is needed.
             ramp = replace(ramp, opposite=self.horizon)
-        if not self._trend.is_ramp or self.prediction.process.is_integrating:
+        # A correction is worth it for as long as the load stays, where it does not rest.
+        worth = max(1.0, planner.duration / self._load_trend.lasts(restless))
+        move_cost, travel_cost = worth * move_cost, worth * travel_cost
+        drifts = self._trend.is_ramp or self._load_trend.drifts
+        if not (drifts and settles):
             return planner.plan(error, reach, least, move_cost, travel_cost, ramp)
-        # The set-point passes by each position of the stem: a way there and back gains nothing.
+        # Set-point or load pass by each position of the stem: a way there and back gains nothing.
         ramp = replace(ramp, opposite=self.horizon)
         step = moves.smallest * self.prediction.scale
         dead_time, settling = tracker.prediction.dead_time, planner.settling
         within = self._trend.window(dead_time, settling, step)
+        within = min(within, self._load_trend.window(moves.smallest))
         return ramp_planner.plan(error, reach, least, move_cost, travel_cost, ramp, within)
 
     def prices(self) -> tuple[float, float]:

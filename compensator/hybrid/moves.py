@@ -142,6 +142,10 @@ class MovePlanner:
         self._weighted = np.ascontiguousarray(self._effects * self.weights)
         self.gram = gram_of(self._weighted, np.ascontiguousarray(self._effects))
         self._held = np.ascontiguousarray(response[points])
+        # What grows at the input has shown in PV up to now: without the dead time.
+        late = prediction.dead_time - 1
+        at_once = prediction.step_response(self.horizon + late)[late:]
+        self.ramp_response = np.cumsum(at_once)[points - 1]
         rows = np.empty((points.size, prediction.order))
         row = np.zeros(prediction.order)
         row[0] = 1.0

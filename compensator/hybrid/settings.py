@@ -11,6 +11,7 @@ from compensator.action import (
     require_positive,
     require_whole,
 )
+from compensator.hybrid.load_trend import LoadTrendSettings
 from compensator.hybrid.setpoint_trend import SetpointTrendSettings
 from compensator.hybrid.thrift import ThriftSettings
 from compensator.prediction import NoiseModel
@@ -60,6 +61,7 @@ class HybridSettings:
         late: samples by which PV may answer later than the model has it; each is followed too
             (`TrackerSettings.late`).
         trend: what makes a ramp of the set-point, and how far ahead it is planned.
+        load_trend: what makes a drift of the load, and how far ahead it is planned.
         thrift: how travel is saved where PV is good enough.
         noise: ratios that set the filter (``disturbance`` is set by ``offset_memory``); None lets
             the loop's own noise decide (`TrackerBank`).
@@ -88,6 +90,7 @@ class HybridSettings:
     offset_memory: float = 2.0
     late: tuple[int, ...] = (3,)
     trend: SetpointTrendSettings = field(default_factory=SetpointTrendSettings)
+    load_trend: LoadTrendSettings = field(default_factory=LoadTrendSettings)
     thrift: ThriftSettings = field(default_factory=ThriftSettings)
     noise: NoiseModel | None = None
 

@@ -47,6 +47,7 @@ class SharedCovariance:
         )
         lasts = settings.level_memory if prediction.process.is_integrating else settle
         self._load_drift = density / (settings.offset_memory * lasts) ** 2
+        self._load_walk = settings.load_walk**2 / lasts
         self._error_memory = 1.0 - 1.0 / (20.0 * lasts)
         self._transition = np.eye(n + ERRORS)
         self._transition[:n, :n] = prediction.A
@@ -123,7 +124,7 @@ class SharedCovariance:
             self._values, A, gain, self._q, self._cross, self._scale_now, self._noise_now
         )
         drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
-        self._values[n + LOAD, n + LOAD] += drift
+        self._values[n + LOAD, n + LOAD] += drift + self._load_walk * valve.slip_jump**2
         self._values[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * errors[1:, 1:]
 
     def add(self, spread: Array) -> None:

@@ -30,6 +30,8 @@ class TrackerSettings:
         level_memory: samples that take the place of a settling time in what a level remembers. A
             level has none, and its balance shows in PV's slope alone: with measurement noise of a
             twentieth of what a slip makes, a hundred samples tell the balance to a thirtieth of J.
+        load_walk: slip jumps that the load goes in a settling time, as the deviation of a random
+            walk, beside what ``offset_memory`` allows for.
         delay_spread: samples that the answer to a slip may be early or late; it covers what a
             model of too low an order or another dead time leaves of the response, which would else
             pass for load or for a wrong gain.
@@ -67,6 +69,10 @@ class TrackerSettings:
             waits.
         late_claim: log-odds against a later answer: one in thirty. Lags of a valve or a sensor that
             a model lacks, and friction that is taken too large, end in the dead time.
+        restless: values of ``load_walk`` of which each has a tracker too: half a slip jump in a
+            settling time is a load that a move there and back no longer pays for.
+        restless_claim: log-odds against a load that does not rest: one in four hundred, because it
+            explains whatever friction makes, too.
         bank_memory: samples over which the densities that decide between trackers count: two
             stretches of ``memory``, because noise and friction vary less than positions.
         lead: log-odds by which another tracker must be ahead to take over: one in seven. With one
@@ -82,6 +88,7 @@ class TrackerSettings:
     gain_spread: float = 0.1
     offset_memory: float = 2.0
     level_memory: int = 100
+    load_walk: float = 0.0
     delay_spread: float = 1.0
     first: tuple[float, ...] = (0.0, -0.4, 0.4, -0.8, 0.8)
     negligible: float = 0.006
@@ -99,6 +106,8 @@ class TrackerSettings:
     jumps: tuple[float, ...] = (0.4, 0.65, 1.6)
     late: tuple[int, ...] = (3,)
     late_claim: float = 3.5
+    restless: tuple[float, ...] = (0.5,)
+    restless_claim: float = 6.0
     bank_memory: float = 120.0
     lead: float = 2.0
     bank_learning: int = 60
@@ -111,6 +120,8 @@ class TrackerSettings:
             alike=self.alike,
             claim=self.claim,
             late_claim=self.late_claim,
+            load_walk=self.load_walk,
+            restless_claim=self.restless_claim,
             lead=self.lead,
         )
         require_positive(

@@ -53,12 +53,14 @@ class _Kind:
         jump: factor of J alone; the gain is the larger by it.
         claim: log-odds against it.
         late: samples by which PV answers later than the model has it.
+        load_walk: of the load (`TrackerSettings.load_walk`).
     """
 
     friction: float
     jump: float
     claim: float
     late: int = 0
+    load_walk: float = 0.0
 
     def of(self, valve: ValveModel) -> ValveModel:
         """Return the valve, given the model's."""
@@ -95,7 +97,12 @@ class TrackerBank:
             StemTracker(
                 predictions[kind.late],
                 kind.of(valve),
-                replace(settings, noise=noise, gain=settings.gain / kind.jump),
+                replace(
+                    settings,
+                    noise=noise,
+                    gain=settings.gain / kind.jump,
+                    load_walk=max(settings.load_walk, kind.load_walk),
+                ),
             )
             for kind in kinds
             for noise in noises
@@ -158,4 +165,8 @@ def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
-    return kinds + [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
+    kinds += [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
+    kinds += [
+        _Kind(1.0, 1.0, settings.restless_claim, load_walk=walk) for walk in settings.restless
+    ]
+    return kinds

@@ -56,6 +56,14 @@ class Admission:
                 f"identified one, or wait {given_up.left} scans",
                 given_up.why,
             )
+        if self.given_up.pause:
+            known = self.given_up.known
+            raise CompensatorError(
+                f"{len(known)} models that differ made this loop worse; look for what moves the "
+                "stem or PV beside OP (a positioner's own integral, a driven load), or wait "
+                f"{self.given_up.pause} scans",
+                known[-1].why,
+            )
         if model.valve.stick_band == 0.0:
             raise CompensatorError(
                 "the model's stick band is 0: a valve that does not stick needs no compensation"

@@ -2,6 +2,11 @@
 
 A model is the same as one that was given up while its parameters lie inside the interval of what
 was given up: a model identified again from the same valve is its twin, not a new one.
+
+One model that is given up was wrong. Two that differ say that no such model describes the loop: a
+positioner with an integral of its own moves the stem while OP rests, and each identification finds
+another valve there. Each of them costs the loop an episode, so that any model has to wait then, and
+twice as long after each further one.
 """
 
 from __future__ import annotations
@@ -9,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from compensator.action import RefusalKind, require_not_negative, require_positive
+from compensator.action import RefusalKind, require_not_negative, require_positive, require_whole
 from compensator.stem_tracking.friction import FrictionPrior, Uncertainty
 from loop_model import LoopModel
 
@@ -26,6 +31,9 @@ class RetrySettings:
         widest: share of fS by which fS or fD may differ at most to count as the same valve, however
             wide the interval is.
         gain: relative change of the process gain that counts as the same process.
+        pause: scans after the second model, of those remembered, was given up until any may be
+            tried; twice as many after each further one, at most ``after``. It is ten windows of
+            identification as long as what a compensator relives (`SupervisorSettings.history`).
         kept: models that are remembered.
     """
 
@@ -33,12 +41,14 @@ class RetrySettings:
     within: float = 1.645
     widest: float = 0.25
     gain: float = 0.25
+    pause: int = 3_000
     kept: int = 8
 
     def __post_init__(self) -> None:
         require_positive("RetrySettings", after=self.after, within=self.within, kept=self.kept)
         require_not_negative("RetrySettings", widest=self.widest)
         require_not_negative("RetrySettings", gain=self.gain)
+        require_whole("RetrySettings", 0, pause=self.pause)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +103,16 @@ class GivenUpModels:
     def find(self, model: LoopModel) -> GivenUp | None:
         """Return the given-up model that counts as the same as ``model``; None if none does."""
         return next((known for known in self._known if self._alike(known, model)), None)
+
+    @property
+    def pause(self) -> int:
+        """Scans until any model may be tried; 0 where one was given up at most."""
+        if len(self._known) < 2:
+            return 0
+        s = self.settings
+        wait = min(s.pause << (len(self._known) - 2), s.after)
+        passed = s.after - self._known[-1].left
+        return max(0, wait - passed)
 
     def _alike(self, known: GivenUp, model: LoopModel) -> bool:
         s, old = self.settings, known.model.valve

@@ -65,6 +65,12 @@ class LoopJudge:
         self._load_stepped = math.inf
         self.limited = False
 
+    @property
+    def on_trial(self) -> bool:
+        """Whether the compensator has not been judged yet."""
+        watch = self._watch
+        return watch is not None and not watch.judged and self._own_scans < watch.longest_trial
+
     def push(
         self, compensator: Compensator, pv: float, sp: float, op: float, moved: float
     ) -> WatchVerdict:

@@ -112,6 +112,11 @@ class PromiseWatch:
             return "travel"
         return "deviation" if self._deviates() else ""
 
+    @property
+    def judged(self) -> bool:
+        """Whether a window is full, and the promise kept in it."""
+        return self._squares.is_full and not self._run and not self._travel_run
+
     def _travels(self) -> bool:
         """Whether the stem has travelled too much for too long.
 

@@ -46,6 +46,7 @@ from compensator.supervising.supervision import (
     SupervisorState,
     WithdrawReason,
 )
+from compensator.supervising.valve_ramp import step_towards
 from compensator.supervising.watch import WatchVerdict
 from loop_model import LoopModel, ValveModel
 
@@ -172,7 +173,7 @@ class Supervisor:
                 self._goal, self._offered, self._uncertainty = model.valve, offered, stated
                 self.refusal, self.refused = "", RefusalKind.NONE
                 return True
-            if not self._reliving.done or self._chances:
+            if self._is_busy():
                 self._queued = offered, stated
                 return True
             compensator = self._build(model, stated)
@@ -250,15 +251,25 @@ class Supervisor:
         return self._compensate(pv, sp, op_applied, moved)
 
     def _relive(self, sample: Sample) -> None:
-        """Let the next compensator follow the loop; begin with what was offered meanwhile after it
-        has had its chances to take over.
+        """Let the next compensator follow the loop; begin with what was offered meanwhile once the
+        one before has had its chances to take over, and its trial.
         """
         if self._next is not None:
             self._reliving.observe(self._next, sample)
         if self._reliving.done:
             self._chances = 0 if self._next is None else max(0, self._chances - 1)
-            if self._queued is not None and not self._chances:
-                self.offer(*self._queued)
+        if self._queued is not None and not self._is_busy():
+            (queued, self._queued), reason = (self._queued, None), self.reason
+            if not self.offer(*queued) and self.reason is WithdrawReason.REFUSED:
+                self.reason = reason  # why the model before was given up
+
+    def _is_busy(self) -> bool:
+        """Whether a newer model has to wait: for one that relives the past or is about to take
+        over, or for the watch to judge the one in use. Each take-over begins a watch, so that
+        models which came sooner than one can be judged would never be.
+        """
+        on_trial = self.compensating and self._judge.on_trial
+        return not self._reliving.done or self._chances > 0 or on_trial
 
     def _leave_out_jumps(self, model: LoopModel) -> None:
         """Look for jumps in the record from before any model was there."""
@@ -321,7 +332,9 @@ class Supervisor:
                 self._uncertainty,
                 _KINDS[_GIVEN_UP[verdict]],
             )
+            queued = self._queued
             self.withdraw(_GIVEN_UP[verdict])
+            self._queued = queued
             return Action(op_applied, ActionStatus.HOLDING, detail=verdict.value)
         action = self._compensator.decide(sp)
         self._judge.limited = action.status is ActionStatus.LIMITED
@@ -407,16 +420,4 @@ class Supervisor:
             have, goal, rate = controller.model.valve, self._goal, self.settings.friction_rate
             if have == goal:
                 continue
-            controller.change_valve(_towards(have, goal, rate))
-
-
-def _towards(have: ValveModel, goal: ValveModel, rate: float) -> ValveModel:
-    """Return a valve whose frictions are ``rate`` nearer to those of ``goal``."""
-    change_static = goal.static_friction - have.static_friction
-    change_dynamic = goal.dynamic_friction - have.dynamic_friction
-    if max(abs(change_static), abs(change_dynamic)) <= rate:
-        return goal
-    static = have.static_friction + min(max(change_static, -rate), rate)
-    dynamic = have.dynamic_friction + min(max(change_dynamic, -rate), rate)
-    # fD never passes fS on the way.
-    return ValveModel.from_friction(static, min(dynamic, static))
+            controller.change_valve(step_towards(have, goal, rate))

@@ -177,6 +177,16 @@ class LoopWatch:
             self._excused = self._long
             self._skip = max(self._skip, min(skip, self._short))
 
+    @property
+    def judged(self) -> bool:
+        """Whether enough settled scans were seen to say that compensation is worth it."""
+        return self._promise.judged
+
+    @property
+    def longest_trial(self) -> int:
+        """Scans after which a compensator counts as tried, however few of them were settled."""
+        return 2 * self._long
+
     def push(self, seen: Watched) -> WatchVerdict:
         """Take in one sample."""
         self._quietest = min(self._quietest, seen.noise_variance)

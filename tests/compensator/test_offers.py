@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from compensator import (
     HybridMpc,
     HybridSettings,
     OpLimits,
+    PiController,
+    PiSettings,
     Supervisor,
     SupervisorSettings,
     SupervisorState,
@@ -22,7 +25,7 @@ from compensator.supervising.figures import Sample
 from compensator.supervising.load_cause import explained_by_load
 from compensator.supervising.reliving import Reliving
 from fieldlink.lab.study.closed_loop import EXAMPLE_1, Plant
-from loop_model import LoopModel
+from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.compensator.supervised_loop import REST, Loop, wrong_sign
 
 
@@ -85,9 +88,41 @@ def test_an_offer_made_meanwhile_is_begun_afterwards() -> None:
     later = LoopModel(EXAMPLE_1.valve, process)
     assert loop.supervisor.offer(EXAMPLE_1)
     assert loop.supervisor.offer(later)
-    loop.run(300)
+    loop.run(200)  # the one in use has not been judged yet
+    assert loop.supervisor.model == EXAMPLE_1
+    loop.run(500)
     assert loop.supervisor.model == later
     assert loop.supervisor.compensating
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_models_that_come_before_one_can_be_judged_do_not_blind_the_watch(seed: int) -> None:
+    """The stem goes after OP while OP rests, so that no model is right; a new one comes every 60
+    scans, and none of them may keep the loop while PV is worse and the stem travels more.
+    """
+    process = ProcessModel((-(15.0 / 16.0),), (1.2 / 16.0,), 4, 0.0, 1.0)
+    valve, friction, spring = ValveModel(6.0, 2.0), 4.0, [49.0]
+
+    def positioner(stem: float, op: float) -> float:
+        spring[0] += 0.1 * (op - stem)
+        gap = spring[0] + 0.4 * (op - stem) - stem
+        return stem + math.copysign(abs(gap) - 2.0, gap) if abs(gap) > friction else stem
+
+    plant = Plant(process, positioner, 50.0, 49.0)
+    supervisor = Supervisor(PiController(PiSettings(1.2, 16.0, 1.0)))
+    rng = np.random.default_rng(seed)
+    noise, op, held = rng.normal(0.0, 0.1, 2000), 50.0, np.zeros(2000, dtype=bool)
+    for k in range(2000):
+        if k >= 500 and k % 60 == 20:
+            factor = float(rng.uniform(0.7, 1.4))
+            other = replace(process, b=tuple(factor * b for b in process.b))
+            supervisor.offer(LoopModel(valve, other))
+        op = supervisor.step(plant.pv + float(noise[k]), 62.0, op).op
+        plant.step(op)
+        held[k] = supervisor.compensating
+    assert held[500:].any()
+    assert supervisor.memory.given_up
+    assert not held[-300:].any()
 
 
 @pytest.mark.parametrize("low", [60.0, 0.0])

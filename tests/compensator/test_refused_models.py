@@ -11,8 +11,10 @@ from compensator import (
     Supervisor,
     SupervisorState,
     UnawareMpc,
+    Uncertainty,
     WithdrawReason,
 )
+from compensator.supervising.given_up import GivenUpModels
 from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.compensator.supervised_loop import REST, UNCHECKED, Loop, wrong_sign
@@ -103,6 +105,45 @@ def test_a_twin_of_a_model_that_was_given_up_is_refused_until_time_has_passed() 
     assert other.supervisor.memory.figures == memory.figures
     loop.run(900)
     assert loop.supervisor.offer(twin)
+
+
+def test_each_further_model_that_is_given_up_makes_any_wait_twice_as_long() -> None:
+    models = GivenUpModels(RetrySettings(after=1000, pause=100))
+    process = EXAMPLE_1.process
+    waits = []
+    for band in (4.0, 8.0, 16.0, 32.0):  # no two of them are alike
+        model = LoopModel(ValveModel(band, 0.4 * band), process)
+        assert models.find(model) is None
+        models.add(model, Uncertainty(), RefusalKind.WORSE)
+        waits.append(models.pause)
+    assert waits == [0, 100, 200, 400]
+    for _ in range(400):
+        assert models.pause
+        models.pass_scan()
+    assert models.pause == 0
+    other = GivenUpModels(models.settings)
+    other.add(LoopModel(ValveModel(5.0, 2.0), process), Uncertainty(), RefusalKind.WORSE)
+    assert other.pause == 0
+    other.restore((*models.known, *other.known))  # a restart lets none pass
+    assert other.pause == 800
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_third_model_is_tried_at_once_where_two_that_differ_made_the_loop_worse(
+    seed: int,
+) -> None:
+    loop = Loop(seed, settings=UNCHECKED)
+    loop.run(400)
+    p = EXAMPLE_1.process
+    for factor in (-1.0, -1.6):
+        wrong = ProcessModel(p.a, tuple(factor * b for b in p.b), 1, 0.0, 1.0)
+        assert loop.supervisor.offer(LoopModel(EXAMPLE_1.valve, wrong))
+        loop.run(400)
+        assert loop.supervisor.state is SupervisorState.BASE
+    third = ProcessModel(p.a, tuple(-2.6 * b for b in p.b), 1, 0.0, 1.0)
+    assert not loop.supervisor.offer(LoopModel(EXAMPLE_1.valve, third))
+    assert "2 models that differ" in loop.supervisor.refusal
+    assert loop.supervisor.refused is not RefusalKind.NONE
 
 
 def test_a_valve_that_does_not_stick_is_refused() -> None:

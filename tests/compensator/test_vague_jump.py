@@ -60,7 +60,7 @@ def test_a_dead_time_a_sample_too_long_is_not_taken_for_a_wrong_gain(seed: int) 
 
 def bank_of(valve: ValveModel, uncertainty: Uncertainty) -> list[tuple[float, float]]:
     friction = FrictionPrior(uncertainty=uncertainty)
-    settings = TrackerSettings(NOISE_KINDS[0], friction=friction, late=())
+    settings = TrackerSettings(NOISE_KINDS[0], friction=friction, late=(), restless=())
     bank = TrackerBank(Prediction.of(EXAMPLE_1.process, "input"), valve, settings, NOISE_KINDS[:1])
     return [(t.valve.slip_jump / valve.slip_jump, t.settings.gain) for t in bank.trackers]
 
