@@ -232,10 +232,11 @@ class StemTracker:
         # otherwise all of them are likely again after a long rest.
         most = max(evidence.values())
         keep = 1.0 - (1.0 - math.exp(min(evidence.values()) - most)) / settings.memory
+        of_state, of_errors = gain[:n], gain[n:]
         for h in self.beliefs:
             surprise = surprises[id(h)]
-            h.state = h.state + gain[:n] * surprise
-            h.errors = h.errors + gain[n:] * surprise
+            h.state = h.state + of_state * surprise
+            h.errors = h.errors + of_errors * surprise
             h.noise = carried * surprise
             self._keep_believable(h)
             h.see(evidence[id(h)] - most, keep)
@@ -279,5 +280,8 @@ class StemTracker:
         gain = self.settings.gain
         fd = 0.5 * gain * self.valve.dynamic_friction
         low, high = 0.5 * gain - 1.0, 1.5 * gain - 1.0
-        h.errors[FRICTION] = min(max(float(h.errors[FRICTION]), -fd), fd)
-        h.errors[GAIN] = min(max(float(h.errors[GAIN]), low), high)
+        _, wrong, error = h.errors.tolist()
+        if not -fd <= wrong <= fd:
+            h.errors[FRICTION] = min(max(wrong, -fd), fd)
+        if not low <= error <= high:
+            h.errors[GAIN] = min(max(error, low), high)

@@ -59,14 +59,13 @@ def likely_ones(beliefs: list[Belief], settings: TrackerSettings) -> list[Belief
     ranked = sorted(beliefs, key=lambda h: -h.score)
     if beliefs[0].score > ranked[0].score - settings.alike:
         ranked.sort(key=lambda h: h is not beliefs[0])
-    kept: list[Belief] = []
+    kept: dict[float, Belief] = {}
+    least = ranked[0].score - settings.hopeless
     for h in ranked:
-        hopeless = h.score < ranked[0].score - settings.hopeless
-        if hopeless or len(kept) == settings.hypotheses:
+        if h.score < least or len(kept) == settings.hypotheses:
             break
-        if all(other.stem != h.stem for other in kept):
-            kept.append(h)
-    return kept
+        kept.setdefault(h.stem, h)
+    return list(kept.values())
 
 
 def recalled_ones(

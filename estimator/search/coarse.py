@@ -159,20 +159,30 @@ def one_step_starts(
     views = (nuisances, (*nuisances, *beside))[: 1 + bool(beside)]
     columns = [case.columns(known, near.stem, COARSE[0], near.dead_time) for known in views]
     more = columns[1][len(columns[0]) :] if beside else None
-    ranking = OneStep(case.rows, columns[0], past, more)
-    cost, late = ranking.costs(valves, 1, shifts)
+    both = OneStep(case.rows, columns[0], past, more)
+    costs, lates = both.costs(valves, 1, shifts)
+    return [
+        (valve, late, known)
+        for view, known in enumerate(views)
+        for valve, late in _best_of_view(
+            both.of_view(view), (valves, costs[:, view], lates[:, view]), shifts, searching
+        )
+    ]
+
+
+def _best_of_view(
+    ranking: OneStep, ranked: tuple[Array, Array, Index], shifts: int, searching: Searching
+) -> list[tuple[Valve, int]]:
+    """The best valves of one view with their dead times, looked around; see `look_around`."""
     for reach in _REACHES:
         # the best, and the best of each neighbourhood, so that not all stand in one valley
-        bands = valves[:, 0]
-        tops = [
-            [*first_apart(bands, of_view, _TOPS, reach), *first_apart(bands, of_view, _TOPS, -1.0)]
-            for of_view in cost.T
-        ]
-        if not any(tops):
+        tops = first_apart(ranked[0][:, 0], ranked[1], _TOPS, reach)
+        tops = sorted({*tops, *first_apart(ranked[0][:, 0], ranked[1], _TOPS, -1.0)})
+        if not tops:
             break
-        valves, cost, late = look_around(ranking, (valves, cost, late), tops, reach, shifts)
+        ranked = look_around(ranking, ranked, tops, reach, shifts)
+    valves, cost, late = ranked
     return [
-        (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i, v]), one)
-        for v, one in enumerate(views)
-        for i in first_apart(valves[:, 0], cost[:, v], searching.basins[0], searching.apart)
+        (Valve(float(valves[i, 0]), float(valves[i, 1]), float(valves[i, 2])), int(late[i]))
+        for i in first_apart(valves[:, 0], cost, searching.basins[0], searching.apart)
     ]

@@ -9,6 +9,8 @@ and three coefficients of the stem.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from compiled import kernel
@@ -286,6 +288,20 @@ class OneStep:
         padded = padded.reshape(blocks, BLOCK)
         self.blocks = padded.max(axis=1), padded.min(axis=1)
 
+    def of_view(self, view: int) -> OneStep:
+        """The same with one of its views alone."""
+        alone = copy(self)
+        alone.common, alone.rests = self.common[:0], self.rests[view : view + 1]
+        plain = self.sums.shape[1] - self.common.size
+        if view == 0:
+            alone.sums = np.ascontiguousarray(self.sums[:, :plain])
+            return alone
+        alone.sums = self.sums.copy()
+        for column, common in zip(self.sums[:, plain:].T, self.common, strict=True):
+            # what PV has in common with these columns is taken out of it
+            alone.sums[:, 0] -= common * column
+        return alone
+
     def costs(
         self, valves: Array, shortest: int | Index, shifts: int, reversals: int = 2
     ) -> tuple[Array, Index]:
@@ -320,27 +336,25 @@ class OneStep:
 def look_around(
     ranking: OneStep,
     ranked: tuple[Array, Array, Index],
-    tops: list[list[int]],
+    tops: list[int],
     reach: float,
     longest: int,
     reversals: int = 2,
 ) -> tuple[Array, Array, Index]:
     """Ranked valves, and behind them others around some of them, ``reach`` wide as a share of S.
 
-    ``ranked`` are valves ``(m, 3)``, their costs and dead times ``(m, v)``; ``tops`` are, of each
-    view, the numbers of those that are looked around, with dead times up to a sample beside theirs
+    ``ranked`` are valves ``(m, 3)``, their costs and dead times in the only view ``(m,)``; ``tops``
+    are the numbers of those that are looked around, with dead times up to a sample beside theirs
     and to ``longest``.
     """
     valves, cost, late = ranked
-    places = sorted({(i, int(late[i, view])) for view, some in enumerate(tops) for i in some})
-    chosen, found = np.array(places, dtype=np.int64).reshape(-1, 2).T
-    more = _around(valves[chosen], spread_points(_NEAR + 1, 3)[1:], reach)
-    soonest = np.clip(found - 1, 1, max(1, longest - 2)).repeat(_NEAR)
+    more = _around(valves[tops], spread_points(_NEAR + 1, 3)[1:], reach)
+    soonest = np.clip(late[tops] - 1, 1, max(1, longest - 2)).repeat(_NEAR)
     more_cost, more_late = ranking.costs(more, soonest, min(3, longest), reversals)
     return (
         np.vstack([valves, more]),
-        np.vstack([cost, more_cost]),
-        np.vstack([late, more_late]),
+        np.concatenate([cost, more_cost[:, 0]]),
+        np.concatenate([late, more_late[:, 0]]),
     )
 
 

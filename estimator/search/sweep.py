@@ -114,13 +114,14 @@ def _best_by_one_step(case: Case, ranking: OneStep, dead_time: int, lattice: Arr
     if shifts < 1:
         return lattice[:0]
     reversals = case.settings.searching.reversals
-    ranked = (lattice, *ranking.costs(lattice, shortest, shifts, reversals))
+    cost, late = ranking.costs(lattice, shortest, shifts, reversals)
+    ranked = lattice, cost[:, 0], late[:, 0]
     for reach in _REACHES:
-        tops = _best_apart(ranked[0], ranked[1][:, 0], _LOOKED_AROUND)
+        tops = _best_apart(ranked[0], ranked[1], _LOOKED_AROUND)
         if not tops:
             break
-        ranked = look_around(ranking, ranked, [tops], reach, case.max_dead_time, reversals)
-    return ranked[0][_best_apart(ranked[0], ranked[1][:, 0], _CHOSEN)]
+        ranked = look_around(ranking, ranked, tops, reach, case.max_dead_time, reversals)
+    return ranked[0][_best_apart(ranked[0], ranked[1], _CHOSEN)]
 
 
 def _around(valve: Array, bands: Array, jumps: Array) -> Array:

@@ -273,6 +273,10 @@ def test_one_step_costs_are_those_of_the_regression(past: int) -> None:
     alone, at = OneStep(rows, rows.shared, past).costs(valves, 1, 6)
     np.testing.assert_allclose(cost[:, :1], alone, rtol=1e-9)
     np.testing.assert_array_equal(late[:, :1], at)
+    for view in (0, 1):
+        of_view, at_view = ranking.of_view(view).costs(valves, 1, 6)
+        np.testing.assert_allclose(of_view, cost[:, view : view + 1], rtol=1e-9)
+        np.testing.assert_array_equal(at_view, late[:, view : view + 1])
     judged = np.flatnonzero(rows.weight)
     others = [rows.y[judged - i] for i in range(1, past + 1)] + [c[judged] for c in rows.shared]
     views = (others, others + [wave[judged] for wave in waves])
