@@ -49,6 +49,9 @@ PERIODS_SILENT = 3.0
 """Periods without a report, and a second more, after which a subscription is given up; the server
 sends a sign of life four times a period."""
 
+FAREWELL = 3.0
+"""Most seconds for the end of a session; a server that is silent forgets it by itself."""
+
 LIFE_SHARE = 0.5
 """Share of `SESSION_LIFE` for which a server keeps a subscription that nothing is fetched of."""
 
@@ -316,7 +319,7 @@ class OpcuaSession:
     async def close(self) -> None:
         """End the session; a server that is gone is not waited for."""
         with suppress(TimeoutError, OSError, UaError):
-            async with asyncio.timeout(2.0 * self._device.timeout):
+            async with asyncio.timeout(min(2.0 * self._device.timeout, FAREWELL)):
                 await self._client.disconnect()
         self._client.disconnect_socket()
 

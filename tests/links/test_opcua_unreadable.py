@@ -1,16 +1,19 @@
-"""An OPC UA server whose answers cannot be taken apart, or whose connection breaks."""
+"""An OPC UA server whose answers cannot be read or cease, or whose connection breaks."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fieldlink.daemon import Daemon
 from fieldlink.links import LinkState, open_link
-from fieldlink.site import Site
+from fieldlink.site import Site, load_site
 from tests.links.opcua_server import OpcuaServer
 
 TYPE_OF_ANSWER = 24
@@ -18,13 +21,13 @@ TYPE_OF_ANSWER = 24
 
 
 class Between:
-    """A proxy that spoils what the server says, while it is told to."""
+    """A proxy that spoils what the server says, or is silent, while it is told to."""
 
     def __init__(self, port: int) -> None:
         self._port = port
         self._ways: list[asyncio.StreamWriter] = []
         self.port = 0
-        self.spoils = False
+        self.spoils = self.mutes = False
 
     @asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
@@ -55,6 +58,8 @@ class Between:
     ) -> None:
         try:
             while data := await reader.read(65536):
+                if self.mutes:
+                    continue
                 if spoil and self.spoils and data.startswith(b"MSG"):
                     data = data[:TYPE_OF_ANSWER] + b"\x3d" + data[TYPE_OF_ANSWER + 1 :]
                 writer.write(data)
@@ -101,5 +106,36 @@ async def test_spoilt_answers_and_lost_connections_are_reasons_of_the_device(
             await scan_until(link, lambda scan: scan["L0.OP"].good)
             assert link.connects == (3 if mode == "read" else 2)
             await link.close()
+    finally:
+        await server.kill()
+
+
+async def test_silent_servers_do_not_hold_up_the_end_one_after_the_other(tmp_path: Path) -> None:
+    server = OpcuaServer(loops=1)
+    await server.start()
+    between = Between(server.port)
+    try:
+        async with between.serving():
+            (tmp_path / "nodes.csv").write_text("tag,node\nOP,ns=1;s=L0.OP\nPV,ns=1;s=L0.PV\n")
+            parts = ['[site]\nname = "silent"\n']
+            for n in range(4):
+                parts.append(
+                    f'[devices.d{n}]\nlink = "opcua"\nhost = "127.0.0.1"\nport = {between.port}\n'
+                    f'register_map = "nodes.csv"\ntimeout = 4.0\n'
+                    f'[loops.L{n}]\ndevice = "d{n}"\nop = "OP"\npv = "PV"\nperiod = 6.0\n'
+                )
+            (tmp_path / "site.toml").write_text("\n".join(parts))
+            stop = asyncio.Event()
+            daemon = Daemon(load_site(tmp_path / "site.toml"))
+            running = asyncio.create_task(daemon.run(stop=stop))
+            until = time.monotonic() + 60.0
+            while not all(device.connects for device in daemon.status().devices.values()):
+                assert time.monotonic() < until, "no samples"
+                await asyncio.sleep(0.1)
+            between.mutes = True
+            stop.set()
+            begun = time.monotonic()
+            await running
+            assert time.monotonic() - begun < 9.0
     finally:
         await server.kill()
