@@ -212,7 +212,10 @@ class ModbusConnection:
             self._owe(request)
             what = f"{self._where} did not answer within {self._timeout:g} s while {request.text}"
             remedy = "check the unit id, or raise the device's timeout"
-            if wire.heard_noise and not self._settings.numbered:
+            if wire.heard_noise and self._settings.numbered:
+                what += "; only a part of a reply came"
+                remedy = "raise the device's timeout; if it persists, look for a faulty gateway"
+            elif wire.heard_noise:
                 what += "; bytes came that are no whole reply"
                 remedy = (
                     "check the line's baud rate, parity and stop bits, its cable for noise, or "

@@ -21,7 +21,16 @@ from fieldlink.links.names import find_addresses
 from fieldlink.links.opcua_certificates import find_stranger
 from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE, Reports
-from fieldlink.links.opcua_values import NOT_THERE, NodeValue, help_for, node_value, status_of
+from fieldlink.links.opcua_values import (
+    NOT_THERE,
+    UNREADABLE,
+    NodeValue,
+    help_for,
+    index_range,
+    node_value,
+    status_of,
+    status_of_words,
+)
 
 if TYPE_CHECKING:
     from fieldlink.links.clock import Clock
@@ -39,6 +48,9 @@ power must not use up the server's sessions for an hour."""
 PERIODS_SILENT = 3.0
 """Periods without a report, and a second more, after which a subscription is given up; the server
 sends a sign of life four times a period."""
+
+FAREWELL = 3.0
+"""Most seconds for the end of a session; a server that is silent forgets it by itself."""
 
 LIFE_SHARE = 0.5
 """Share of `SESSION_LIFE` for which a server keeps a subscription that nothing is fetched of."""
@@ -231,6 +243,8 @@ class OpcuaSession:
         what = f"{where} has reported nothing for {silent:.1f} s"
         if reports.ended:
             what = f"{where} reports no more: status {reports.ended}"
+            if reports.ended == "BadShutdown":  # asyncua says so of a connection that is lost
+                what = f"{where} reports no more: it was stopped, or the connection was lost"
         elif silent <= reports.limit - reports.sampling:
             what = f"what {where} has reported may be of before a pause or a delay"
         advice = "look at the server; the values it reported before are not used"
@@ -279,12 +293,12 @@ class OpcuaSession:
         item = ua.ReadValueId(
             NodeId=self._node(node).nodeid,
             AttributeId=ua.AttributeIds.Value,
-            IndexRange=_index_range(first, count),
+            IndexRange=index_range(first, count),
         )
         parameters = ua.ReadParameters(NodesToRead=[item])
         found = await self._ask("reading", self._client.uaclient.read(parameters))
         value = node_value(found[0])
-        if status := _status_of_words(value, count):
+        if status := status_of_words(value, count):
             raise self._refused(f"elements {first} to {first + count - 1} of {node}", status)
         return list(value.value)
 
@@ -293,7 +307,7 @@ class OpcuaSession:
         item = ua.WriteValue(
             NodeId=self._node(node).nodeid,
             AttributeId=ua.AttributeIds.Value,
-            IndexRange=_index_range(first, len(words)),
+            IndexRange=index_range(first, len(words)),
             Value=ua.DataValue(ua.Variant(list(words), ua.VariantType.UInt16, is_array=True)),
         )
         parameters = ua.WriteParameters(NodesToWrite=[item])
@@ -305,7 +319,7 @@ class OpcuaSession:
     async def close(self) -> None:
         """End the session; a server that is gone is not waited for."""
         with suppress(TimeoutError, OSError, UaError):
-            async with asyncio.timeout(2.0 * self._device.timeout):
+            async with asyncio.timeout(min(2.0 * self._device.timeout, FAREWELL)):
                 await self._client.disconnect()
         self._client.disconnect_socket()
 
@@ -323,6 +337,12 @@ class OpcuaSession:
             raise self._unreachable(f"{what}: {status_of(error)}") from error
         except OSError as error:
             raise self._unreachable(f"{what}: {error.strerror or error}") from error
+        except UNREADABLE as error:
+            raise LinkUnreachableError(
+                self._name,
+                f"{what}: {self._device.where} gave an answer that cannot be read ({error})",
+                "a new session is opened; if it persists, look at the server and its version",
+            ) from error
 
     async def _secure(self) -> None:
         settings = self._device.opcua
@@ -386,20 +406,3 @@ def _item(handle: int, node: Any, milliseconds: float) -> Any:
             ClientHandle=handle, SamplingInterval=milliseconds, QueueSize=1, DiscardOldest=True
         ),
     )
-
-
-def _status_of_words(value: NodeValue, count: int) -> str:
-    """The status code that names what is wrong with a part of an array; empty when it is whole."""
-    if not value.good:
-        return value.status
-    words = value.value if isinstance(value.value, list) else []
-    if len(words) != count:
-        # A range beyond the array is answered with what there is of it; more comes from a server
-        # that knows no ranges.
-        return "BadIndexRangeNoData" if len(words) < count else "BadIndexRangeInvalid"
-    is_sound = all(type(word) is int and 0 <= word <= 0xFFFF for word in words)
-    return "" if is_sound else "BadTypeMismatch"
-
-
-def _index_range(first: int, count: int) -> str:
-    return str(first) if count == 1 else f"{first}:{first + count - 1}"

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
 
-__all__ = ["NOT_THERE", "NodeValue", "help_for", "node_value", "second_of", "stamp_of", "status_of"]
+__all__ = [
+    "NOT_THERE",
+    "UNREADABLE",
+    "NodeValue",
+    "help_for",
+    "index_range",
+    "node_value",
+    "second_of",
+    "stamp_of",
+    "status_of",
+    "status_of_words",
+]
 
 _HELP = {
     "BadNodeIdUnknown": "check the node id, and that the server has loaded its project",
@@ -31,6 +43,9 @@ NOT_THERE = frozenset(
     }
 )
 """Status codes that say that a node cannot be read, now or later, not that its value is bad."""
+
+UNREADABLE = (ValueError, TypeError, LookupError, AttributeError, struct.error)
+"""What asyncua raises, beside its own errors, over an answer that it cannot take apart."""
 
 _NO_STAMP_YEARS = (1970, 3000)
 """Time stamps up to the one and from the other year are none: OPC UA's times begin in 1601."""
@@ -91,3 +106,21 @@ def status_of(error: Exception) -> str:
     if code is None:
         return " ".join(str(error).split()) or "the server's answer makes no sense"
     return str(ua.StatusCode(code).name)
+
+
+def status_of_words(value: NodeValue, count: int) -> str:
+    """The status code that names what is wrong with a part of an array; empty when it is whole."""
+    if not value.good:
+        return value.status
+    words = value.value if isinstance(value.value, list) else []
+    if len(words) != count:
+        # A range beyond the array is answered with what there is of it; more comes from a server
+        # that knows no ranges.
+        return "BadIndexRangeNoData" if len(words) < count else "BadIndexRangeInvalid"
+    is_sound = all(type(word) is int and 0 <= word <= 0xFFFF for word in words)
+    return "" if is_sound else "BadTypeMismatch"
+
+
+def index_range(first: int, count: int) -> str:
+    """Return how a request names a part of an array."""
+    return str(first) if count == 1 else f"{first}:{first + count - 1}"

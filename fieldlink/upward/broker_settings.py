@@ -1,4 +1,7 @@
-"""How a broker is reached: the site file's table and the files that it names, read at the start."""
+"""How a broker is reached: the site file's table and the files that it names.
+
+They are read at the start, where a fault ends the daemon, and again for every connection.
+"""
 
 from __future__ import annotations
 

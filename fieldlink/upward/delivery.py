@@ -49,6 +49,7 @@ class Delivery:
     Args:
         form: the format.
         settings: the broker.
+        reread: gives them with what their files hold now: a password or certificate may be new.
         spool: the messages.
         health: gives the site's health.
         tell: records events: kind, source, message, ``bad``.
@@ -59,13 +60,14 @@ class Delivery:
         self,
         form: Format,
         settings: BrokerSettings,
+        reread: Callable[[], BrokerSettings],
         spool: SpoolThread,
         health: Callable[[], Health],
         tell: Callable[..., None],
         defect: Callable[[str, Exception, str], object],
     ) -> None:
         self._format = form
-        self._settings = settings
+        self._reread = reread
         self._spool = spool
         self._health = health
         self._tell = tell
@@ -142,13 +144,12 @@ class Delivery:
             await self._count_waiting()
 
     async def _connect_and_deliver(self) -> None:
+        settings = await asyncio.to_thread(self._reread)
         number, self._unused_birth = self._unused_birth, None
         if number is None:
             name = self._format.name
             number = await self._spool.call(lambda spool: spool.next_birth(name))
-        session = BrokerSession(
-            self._settings, self._format.will(number), self._wake, self._version
-        )
+        session = BrokerSession(settings, self._format.will(number), self._wake, self._version)
         self._session = session
         farewell: tuple[Outgoing, ...] = ()
         try:

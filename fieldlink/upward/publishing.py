@@ -152,6 +152,7 @@ class Publishing:
                 Delivery(
                     form,
                     self._settings[form.name],
+                    partial(BrokerSettings.of_site, self._site, form.name),
                     thread,
                     self._health,
                     self._tell,

@@ -11,6 +11,7 @@ import contextlib
 import faulthandler
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -20,7 +21,8 @@ from typing import Any
 
 import structlog
 
-from fieldlink.daemon.estimation.pool import begin_worker, worker_context
+from fieldlink.daemon.estimation.fork_server import end_fork_server, worker_context
+from fieldlink.daemon.estimation.pool import begin_worker
 
 __all__ = ["Analyst", "Course", "Explanation", "Point", "WindowSamples"]
 
@@ -101,13 +103,17 @@ class Analyst:
         self._courses: dict[str, Course | None] = {}
         self._at_work = False
         self._is_closing = False
+        self._is_starting = False
         self._explained: dict[tuple[str, int], Future[Explanation]] = {}
 
     def close(self) -> None:
         """End the process; what it is doing is lost."""
         self._hands.shutdown(wait=False, cancel_futures=True)
+        self._is_closing = True
+        while self._is_starting:  # else its first import would be waited for
+            end_fork_server()
+            time.sleep(0.02)
         with self._pool_lock:
-            self._is_closing = True
             pool = self._pool
         with self._lock:
             self._waiting.clear()
@@ -178,11 +184,15 @@ class Analyst:
         """Run a task in the process, which is replaced when it has ended."""
         try:
             with self._pool_lock:
-                if self._is_closing:
-                    raise BrokenProcessPool("the server is ending")
-                if self._pool is None:
-                    self._pool = _new_pool()
-                task = self._pool.submit(_bounded, LIMIT, function, *arguments)
+                self._is_starting = True
+                try:
+                    if self._is_closing:
+                        raise BrokenProcessPool("the server is ending")
+                    if self._pool is None:
+                        self._pool = _new_pool()
+                    task = self._pool.submit(_bounded, LIMIT, function, *arguments)
+                finally:
+                    self._is_starting = False
             return task.result()
         except BrokenProcessPool:
             with self._pool_lock:

@@ -141,6 +141,9 @@ async def test_what_needs_a_start_is_reported(device: Any, tmp_path: Path, live:
     assert not found.touches_devices
     assert found.restart == ("historian",)
     assert "at the next start: historian" in str(found)
+    notices = '\n[notify]\npage = "https://edge"\n[notify.web_hook]\nurl = "http://127.0.0.1:9/x"\n'
+    other.write_text(site.path.read_text() + notices)
+    assert SiteChange.between(site, load_site(other)).restart == ("notify",)
 
 
 async def test_a_defect_while_reading_does_not_end_the_daemon(

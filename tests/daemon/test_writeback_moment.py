@@ -142,6 +142,26 @@ async def test_a_wrong_active_bank_is_not_believed(
     assert b.plc.state.in_force.stick_band.value == 6.0
 
 
+async def test_a_bank_that_another_client_has_spoilt_is_free_again_when_it_is_cleared(
+    bench: Benches, findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench(min_interval=0.0)
+    await b.write(findings(5.0))
+    written = banks_written(device)
+    device.words[layout.bank_b + 10 : layout.bank_b + 30] = [7] * 20
+    b.submit(findings(6.0))
+    await b.seconds(6)
+    assert banks_written(device) == written
+    ((kind, message),) = b.told
+    assert kind == "writeback.disagrees"
+    assert "bank B, which holds no block" in message
+    assert "another client that writes to this area" in message
+    device.words[layout.bank_b : layout.bank_b + 100] = [0] * 100
+    await b.seconds(6)
+    assert banks_written(device) == [*written, layout.bank_a]
+    assert b.plc.state.in_force.stick_band.value == 6.0
+
+
 async def test_a_window_under_compensation_never_replaces_the_block(
     bench: Benches, findings: Make
 ) -> None:

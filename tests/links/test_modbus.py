@@ -226,6 +226,16 @@ async def test_a_reply_of_the_wrong_length_is_refused(device: FakeDevice) -> Non
         assert not scan.answered
 
 
+async def test_a_part_of_a_reply_is_not_called_silence(device: FakeDevice) -> None:
+    device.tamper = lambda frame: frame[:9]
+    async with link_to(device) as link:
+        scan = await link.scan()
+        assert isinstance(scan.failures[0], LinkTimeoutError)
+        assert "only a part of a reply came; raise the device's timeout" in str(scan.failures[0])
+        device.tamper = None
+        await scan_until_good(link)
+
+
 async def test_a_bad_register_is_found_and_costs_the_others_nothing(device: FakeDevice) -> None:
     tags = [words_tag(f"T{i}", 10 + i) for i in range(8)]
     device.words[10:18] = range(100, 108)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,29 @@ async def test_what_access_rules_forbid_waits_until_they_allow_it(
         await until(lambda: running.waiting == 0, "everything delivered")
     assert acknowledged(tap) == list(range(1, 21))
     await tap.stop()
+    await broker.kill()
+
+
+async def test_a_password_that_is_put_right_is_used_for_the_next_connection(
+    bench: Callable[..., Any], tmp_path: Path
+) -> None:
+    users, password = tmp_path / "users", tmp_path / "password"
+    users.write_text("edge:s3cret-word\n")
+    subprocess.run(["mosquitto_passwd", "-U", str(users)], check=True)
+    password.write_text("wrong\n")
+    password.chmod(0o600)
+    broker = Mosquitto(tmp_path, extra=f"password_file {users}")
+    await broker.start()
+    table = f'{JSON_ONLY}\nusername = "edge"\npassword_file = "password"'
+    async with bench(broker.port, table) as running:
+        running.put(*(sample("FC101", number) for number in range(5)))
+        await until(lambda: "mqtt.lost" in running.kinds(), "the refusal")
+        assert "Not authorized; check user, password" in running.events[0][2]
+        password.unlink()
+        await asyncio.sleep(0.5)
+        password.write_text("s3cret-word\n")
+        password.chmod(0o600)
+        await until(lambda: running.waiting == 0, "everything delivered")
     await broker.kill()
 
 

@@ -15,11 +15,13 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ParamSpec, TypeVar
 
 import structlog
@@ -32,10 +34,11 @@ from fieldlink.daemon.estimation.estimating import (
     estimate,
     warm_up,
 )
+from fieldlink.daemon.estimation.fork_server import end_fork_server, worker_context
 from fieldlink.daemon.estimation.priority import stand_back
 from fieldlink.daemon.reporting.defects import describe_defect
 
-__all__ = ["EstimatorPool", "PoolReport", "PoolSettings", "begin_worker", "worker_context"]
+__all__ = ["EstimatorPool", "PoolReport", "PoolSettings", "begin_worker"]
 
 _log = structlog.get_logger(__name__)
 
@@ -110,6 +113,8 @@ class EstimatorPool:
         self._in_flight = 0
         self._second_attempts = asyncio.Lock()
         self._judged: Counter[str] = Counter()
+        self._submitting: set[int] = set()
+        self._closing = False
         self.rebuilt = 0
 
     async def warm_up(self) -> None:
@@ -176,8 +181,18 @@ class EstimatorPool:
 
     async def close(self) -> None:
         """End the workers; what they are doing is lost."""
+        self._closing = True
         _kill(self._pool)
-        await asyncio.to_thread(self._pool.shutdown, wait=True, cancel_futures=True)
+        await asyncio.to_thread(self._shut_down)
+
+    def _shut_down(self) -> None:
+        # A thread that waits for the first import would hold up the pool, and the daemon's end.
+        while self._submitting:
+            end_fork_server()
+            time.sleep(0.02)
+        # Workers that came meanwhile.
+        _kill(self._pool)
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
     def worker_ids(self) -> tuple[int, ...]:
         """Return the process ids of the workers that run now."""
@@ -187,13 +202,28 @@ class EstimatorPool:
         # In a thread: the first submission waits until the fork server has loaded the estimator.
         pool = self._pool
         try:
-            future = await asyncio.to_thread(pool.submit, function, *args, **kwargs)
+            task = partial(function, *args, **kwargs)
+            future = await asyncio.to_thread(self._hand_over, pool, task)
         except RuntimeError as error:
             # It was replaced between the choice and the submission.
             raise _PoolGoneError from error
         result = await asyncio.wrap_future(future)
         self._prepared = pool
         return result
+
+    def _hand_over(self, pool: ProcessPoolExecutor, task: Callable[[], T]) -> Future[T]:
+        this = threading.get_ident()
+        self._submitting.add(this)
+        try:
+            if self._closing:
+                raise _PoolGoneError
+            return pool.submit(task)
+        except (EOFError, OSError) as error:
+            if self._closing:
+                raise _PoolGoneError from error
+            raise
+        finally:
+            self._submitting.discard(this)
 
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
@@ -212,18 +242,6 @@ class EstimatorPool:
         if kill:
             _kill(broken)
         broken.shutdown(wait=False, cancel_futures=True)
-
-
-def worker_context() -> multiprocessing.context.BaseContext:
-    """Return how workers begin; never fork: a lock that a thread holds would stay locked in them.
-
-    The fork server has loaded the estimator once, so that a new worker is there in milliseconds.
-    """
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["fieldlink.daemon.estimation.worker_imports"])
-    return context
 
 
 def _processes(pool: ProcessPoolExecutor) -> dict[int, multiprocessing.process.BaseProcess]:

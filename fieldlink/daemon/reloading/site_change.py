@@ -15,7 +15,7 @@ from fieldlink.site import Site
 
 __all__ = ["FileWatch", "SiteChange", "same_samples"]
 
-_AT_THE_START = ("historian", "estimation", "web", "mqtt", "opcua_server")
+_AT_THE_START = ("historian", "estimation", "web", "mqtt", "opcua_server", "notify")
 
 
 @dataclass(frozen=True, slots=True)

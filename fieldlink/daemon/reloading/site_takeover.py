@@ -72,8 +72,8 @@ class SiteTakeover:
         tasks = self._devices.tasks
         leaving = {name: tasks.pop(name) for name in (*change.changed, *change.removed)}
         await self._devices.end(leaving.values())
+        await asyncio.gather(*(left.runner.link.close() for left in leaving.values()))
         for name, left in leaving.items():
-            await left.runner.link.close()
             self._judging.end(left.runner, schedule)
             del runners[name]
         for name, runner in opened.items():

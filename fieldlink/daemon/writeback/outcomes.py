@@ -58,7 +58,8 @@ class WritebackOutcome(Enum):
     DISAGREES = (
         "disagrees",
         "nothing is written until banks, commit and acknowledgement agree: look at the PLC's "
-        "block reader",
+        "block reader, and for another client that writes to this area; a bank that one has "
+        "spoilt is free again once all its registers are 0",
     )
     UNCHANGED = ("unchanged", "the PLC has a block that differs by less than the deadband")
     TOO_SOON = ("too_soon", "it is written when min_interval has passed")

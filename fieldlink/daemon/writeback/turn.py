@@ -78,7 +78,8 @@ class Turn:
             # A newer window came while the banks were read: the next look is for that.
             return True
         if banks.disagreement:
-            self._told.tell("writeback.disagrees", banks.disagreement)
+            advice = WritebackOutcome.DISAGREES.advice
+            self._told.tell("writeback.disagrees", f"{banks.disagreement}; {advice}")
             self._waiting.explain(WritebackOutcome.DISAGREES, banks.disagreement)
             return True
         self._told.forget("writeback.disagrees")

@@ -249,7 +249,11 @@ class BlockWriter:
                     await self._show_life(control)
                 else:
                     # Registers of something else, perhaps: they are not written to.
-                    self._told.tell("writeback.disagrees", control.disagreement)
+                    self._told.tell(
+                        "writeback.disagrees",
+                        f"{control.disagreement}; nothing is written there: check the base or the "
+                        "addresses of the exchange area",
+                    )
             if await self._use.in_force.look(self._exchange, control, now):
                 self._heed_a_withdrawn_block()
         except LinkError as error:

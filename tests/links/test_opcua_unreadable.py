@@ -1,0 +1,141 @@
+"""An OPC UA server whose answers cannot be read or cease, or whose connection breaks."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fieldlink.daemon import Daemon
+from fieldlink.links import LinkState, open_link
+from fieldlink.site import Site, load_site
+from tests.links.opcua_server import OpcuaServer
+
+TYPE_OF_ANSWER = 24
+"""Where in a message the node id of its type begins: behind the headers of channel and sequence."""
+
+
+class Between:
+    """A proxy that spoils what the server says, or is silent, while it is told to."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._ways: list[asyncio.StreamWriter] = []
+        self.port = 0
+        self.spoils = self.mutes = False
+
+    @asynccontextmanager
+    async def serving(self) -> AsyncIterator[None]:
+        server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self.port = server.sockets[0].getsockname()[1]
+        try:
+            yield
+        finally:
+            server.close()
+            self.cut()
+
+    def cut(self) -> None:
+        """Break every connection."""
+        for writer in self._ways:
+            writer.close()
+        self._ways.clear()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        from_server, to_server = await asyncio.open_connection("127.0.0.1", self._port)
+        self._ways += [writer, to_server]
+        await asyncio.gather(
+            self._carry(reader, to_server, spoil=False),
+            self._carry(from_server, writer, spoil=True),
+        )
+
+    async def _carry(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, *, spoil: bool
+    ) -> None:
+        try:
+            while data := await reader.read(65536):
+                if self.mutes:
+                    continue
+                if spoil and self.spoils and data.startswith(b"MSG"):
+                    data = data[:TYPE_OF_ANSWER] + b"\x3d" + data[TYPE_OF_ANSWER + 1 :]
+                writer.write(data)
+                await writer.drain()
+        except ConnectionError:
+            return
+        finally:
+            writer.close()
+
+
+async def scan_until(link: Any, condition: Callable[[Any], bool]) -> Any:
+    for _ in range(400):
+        scan = await link.scan()
+        if condition(scan):
+            return scan
+        await asyncio.sleep(0.02)
+    pytest.fail(f"never happened; {scan.failures}")
+
+
+@pytest.mark.parametrize("mode", ["read", "subscribe"])
+async def test_spoilt_answers_and_lost_connections_are_reasons_of_the_device(
+    make_opcua_site: Callable[..., Site], mode: str
+) -> None:
+    server = OpcuaServer(loops=1)
+    await server.start()
+    between = Between(server.port)
+    try:
+        async with between.serving():
+            site = make_opcua_site(between.port, opcua=f'mode = "{mode}"', loops=1)
+            link: Any = open_link(site.with_device("plc", timeout=0.5), "plc")
+            await scan_until(link, lambda scan: scan["L0.OP"].good)
+            between.spoils = True
+            spoilt = await scan_until(link, lambda scan: scan.failures)
+            assert not spoilt["L0.OP"].good
+            assert link.state is LinkState.DEMOTED
+            if mode == "read":  # no subscription hides it
+                assert "an answer that cannot be read" in str(spoilt.failures[0])
+            between.spoils = False
+            await scan_until(link, lambda scan: scan["L0.OP"].good)
+            between.cut()
+            lost = await scan_until(link, lambda scan: scan.failures)
+            said = str(lost.failures[0])
+            assert "BadShutdown" not in said
+            await scan_until(link, lambda scan: scan["L0.OP"].good)
+            assert link.connects == (3 if mode == "read" else 2)
+            await link.close()
+    finally:
+        await server.kill()
+
+
+async def test_silent_servers_do_not_hold_up_the_end_one_after_the_other(tmp_path: Path) -> None:
+    server = OpcuaServer(loops=1)
+    await server.start()
+    between = Between(server.port)
+    try:
+        async with between.serving():
+            (tmp_path / "nodes.csv").write_text("tag,node\nOP,ns=1;s=L0.OP\nPV,ns=1;s=L0.PV\n")
+            parts = ['[site]\nname = "silent"\n']
+            for n in range(4):
+                parts.append(
+                    f'[devices.d{n}]\nlink = "opcua"\nhost = "127.0.0.1"\nport = {between.port}\n'
+                    f'register_map = "nodes.csv"\ntimeout = 4.0\n'
+                    f'[loops.L{n}]\ndevice = "d{n}"\nop = "OP"\npv = "PV"\nperiod = 6.0\n'
+                )
+            (tmp_path / "site.toml").write_text("\n".join(parts))
+            stop = asyncio.Event()
+            daemon = Daemon(load_site(tmp_path / "site.toml"))
+            running = asyncio.create_task(daemon.run(stop=stop))
+            until = time.monotonic() + 60.0
+            while not all(device.connects for device in daemon.status().devices.values()):
+                assert time.monotonic() < until, "no samples"
+                await asyncio.sleep(0.1)
+            between.mutes = True
+            stop.set()
+            begun = time.monotonic()
+            await running
+            assert time.monotonic() - begun < 9.0
+    finally:
+        await server.kill()
