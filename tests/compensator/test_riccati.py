@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
@@ -36,6 +36,7 @@ def test_one_state_has_the_root_of_a_quadratic(pole: float, price: float) -> Non
     assert found[0, 0] == pytest.approx(expected, rel=1e-6)
 
 
+@settings(max_examples=25)  # dead times of up to 200 samples take a second each
 @given(
     poles=st.lists(st.floats(0.0, 0.995), min_size=1, max_size=2),
     dead_time=st.integers(1, 200),
