@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,12 @@ from hypothesis import settings
 settings.register_profile("fieldlink", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile("fieldlink")
+
+
+def pytest_configure() -> None:
+    """Hear Ctrl-C, for the tests that send it: what a script runs with ``&`` begins without."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
