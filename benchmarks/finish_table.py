@@ -47,6 +47,7 @@ def _row(loop: int, window: int, draws: random.Random) -> dict[str, Any]:
         "action": "Check the packing, the positioner and the air supply.",
         "seconds": 0.3,
         "error": None,
+        "notes": "",
     }
 
 
