@@ -29,6 +29,9 @@ _PAST = 3
 _NEAR = 28
 """Valves that are looked at around one."""
 
+_Six = tuple[float, float, float, float, float, float]
+"""Products of three columns with each other: 00, 01, 02, 11, 12, 22."""
+
 LATEST = 32
 """Longest dead time and coefficients of the stem, in samples, that the sums leave room for."""
 
@@ -54,50 +57,53 @@ def _least(
     plain = columns - common.size
     for w in range(own.size - 2):
         at0, at1, at2 = w * columns, (w + 1) * columns, (w + 2) * columns
-        g00, g11, g22 = own[w], own[w + 1], own[w + 2]
         g01, g12 = own[w] - next_[w], own[w + 1] - next_[w + 1]
-        g02 = own[w] - second[w]
+        g = own[w], g01, own[w] - second[w], own[w + 1], g12, own[w + 2]
         r0, r1, r2 = shared[at0], shared[at1], shared[at2]
         small = 1e-6 * own[w]
         for c in range(1, plain):
-            a0, a1, a2 = shared[at0 + c], shared[at1 + c], shared[at2 + c]
-            g00 -= a0 * a0
-            g11 -= a1 * a1
-            g22 -= a2 * a2
-            g01 -= a0 * a1
-            g12 -= a1 * a2
-            g02 -= a0 * a2
-        left = rests[0] - _gain((g00, g01, g02, g11, g12, g22), (r0, r1, r2), small, sign)
+            a = shared[at0 + c], shared[at1 + c], shared[at2 + c]
+            g = _without(g, a)
+        left = rests[0] - _gain(g, (r0, r1, r2), small, sign)
         if 0.0 <= left < least[0]:
             least[0], best[0] = left, w
         if common.size == 0:
             continue
         for i in range(common.size):
             c = plain + i
-            a0, a1, a2 = shared[at0 + c], shared[at1 + c], shared[at2 + c]
-            g00 -= a0 * a0
-            g11 -= a1 * a1
-            g22 -= a2 * a2
-            g01 -= a0 * a1
-            g12 -= a1 * a2
-            g02 -= a0 * a2
+            a = shared[at0 + c], shared[at1 + c], shared[at2 + c]
+            g = _without(g, a)
             # what PV has in common with these columns is taken out of it
-            r0 -= common[i] * a0
-            r1 -= common[i] * a1
-            r2 -= common[i] * a2
-        left = rests[1] - _gain((g00, g01, g02, g11, g12, g22), (r0, r1, r2), small, sign)
+            r0 -= common[i] * a[0]
+            r1 -= common[i] * a[1]
+            r2 -= common[i] * a[2]
+        left = rests[1] - _gain(g, (r0, r1, r2), small, sign)
         if 0.0 <= left < least[1]:
             least[1], best[1] = left, w
 
 
 @kernel
+def _without(g: _Six, a: tuple[float, float, float]) -> _Six:
+    """Products of three columns with each other, as in `_gain`, less what is along a fourth."""
+    g00, g01, g02, g11, g12, g22 = g
+    return (
+        g00 - a[0] * a[0],
+        g01 - a[0] * a[1],
+        g02 - a[0] * a[2],
+        g11 - a[1] * a[1],
+        g12 - a[1] * a[2],
+        g22 - a[2] * a[2],
+    )
+
+
+@kernel
 def _gain(
-    g: tuple[float, float, float, float, float, float],
+    g: _Six,
     r: tuple[float, float, float],
     small: float,
     sign: float,
 ) -> float:
-    """What three columns explain of PV; minus infinity where they are no process of the sign.
+    """What three columns explain of PV; minus infinity where no process of the sign does.
 
     ``g`` are their products with each other (00, 01, 02, 11, 12, 22), ``r`` those with PV.
     """
