@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -95,3 +96,13 @@ def write_site(
     ]
     (folder / "site.toml").write_text("\n".join(parts))
     return load_site(folder / "site.toml")
+
+
+async def scan_until(link: Any, condition: Callable[[Any], bool], what: str) -> Any:
+    """Scan until a condition holds and return that scan; ``what`` names it if it never does."""
+    for _ in range(400):
+        scan = await link.scan()
+        if condition(scan):
+            return scan
+        await asyncio.sleep(0.02)
+    pytest.fail(f"never happened: {what}; {scan.failures}")

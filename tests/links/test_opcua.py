@@ -16,7 +16,7 @@ from fieldlink.links import LinkState, Quality, SystemClock, open_link
 from fieldlink.links.errors import AccessRefusedError, LinkError
 from fieldlink.links.single_values import Point, read_points
 from fieldlink.site import Site, check
-from tests.links.opcua_server import OpcuaServer
+from tests.links.opcua_server import OpcuaServer, scan_until
 
 LOOPS = 3
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -28,15 +28,6 @@ async def server() -> AsyncIterator[OpcuaServer]:
     await running.start()
     yield running
     await running.kill()
-
-
-async def scan_until(link: Any, condition: Callable[[Any], bool], what: str) -> Any:
-    for _ in range(400):
-        scan = await link.scan()
-        if condition(scan):
-            return scan
-        await asyncio.sleep(0.02)
-    pytest.fail(f"never happened: {what}; {scan.failures}")
 
 
 @pytest.mark.parametrize("mode", ["read", "subscribe"])

@@ -14,7 +14,7 @@ import pytest
 from fieldlink.daemon import Daemon
 from fieldlink.links import LinkState, open_link
 from fieldlink.site import Site, load_site
-from tests.links.opcua_server import OpcuaServer
+from tests.links.opcua_server import OpcuaServer, scan_until
 
 TYPE_OF_ANSWER = 24
 """Where in a message the node id of its type begins: behind the headers of channel and sequence."""
@@ -70,15 +70,6 @@ class Between:
             writer.close()
 
 
-async def scan_until(link: Any, condition: Callable[[Any], bool]) -> Any:
-    for _ in range(400):
-        scan = await link.scan()
-        if condition(scan):
-            return scan
-        await asyncio.sleep(0.02)
-    pytest.fail(f"never happened; {scan.failures}")
-
-
 @pytest.mark.parametrize("mode", ["read", "subscribe"])
 async def test_spoilt_answers_and_lost_connections_are_reasons_of_the_device(
     make_opcua_site: Callable[..., Site], mode: str
@@ -90,20 +81,20 @@ async def test_spoilt_answers_and_lost_connections_are_reasons_of_the_device(
         async with between.serving():
             site = make_opcua_site(between.port, opcua=f'mode = "{mode}"', loops=1)
             link: Any = open_link(site.with_device("plc", timeout=0.5), "plc")
-            await scan_until(link, lambda scan: scan["L0.OP"].good)
+            await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
             between.spoils = True
-            spoilt = await scan_until(link, lambda scan: scan.failures)
+            spoilt = await scan_until(link, lambda scan: scan.failures, "a failure")
             assert not spoilt["L0.OP"].good
             assert link.state is LinkState.DEMOTED
             if mode == "read":  # no subscription hides it
                 assert "an answer that cannot be read" in str(spoilt.failures[0])
             between.spoils = False
-            await scan_until(link, lambda scan: scan["L0.OP"].good)
+            await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
             between.cut()
-            lost = await scan_until(link, lambda scan: scan.failures)
+            lost = await scan_until(link, lambda scan: scan.failures, "a failure")
             said = str(lost.failures[0])
             assert "BadShutdown" not in said
-            await scan_until(link, lambda scan: scan["L0.OP"].good)
+            await scan_until(link, lambda scan: scan["L0.OP"].good, "a good value")
             assert link.connects == (3 if mode == "read" else 2)
             await link.close()
     finally:
