@@ -15,11 +15,13 @@ __all__ = [
     "carried_covariance",
     "coloured_power",
     "correlate",
+    "followed_covariance",
     "gram_of",
     "held_course",
     "lagged_products",
     "multiplied",
-    "weighted_moments",
+    "weighted_mean",
+    "weighted_spread",
 ]
 
 Array = NDArray[np.float64]
@@ -79,10 +81,10 @@ def lagged_products(signal: Array) -> Array:
     return out
 
 
-@kernel_for("Tuple((float64, float64[::1], float64[:, ::1]))(float64[:, ::1], float64[::1])")
-def weighted_moments(points: Array, weights: Array) -> tuple[float, Array, Array]:
-    """Return the sum of ``weights`` (shape ``(h,)``), and the weighted mean and covariance of the
-    rows of ``points`` (shape ``(h, m)``).
+@kernel_for("Tuple((float64, float64[::1]))(float64[:, ::1], float64[::1])")
+def weighted_mean(points: Array, weights: Array) -> tuple[float, Array]:
+    """Return the sum of ``weights`` (shape ``(h,)``) and the weighted mean of the rows of
+    ``points`` (shape ``(h, m)``).
     """
     count, m = points.shape
     total = 0.0
@@ -93,13 +95,25 @@ def weighted_moments(points: Array, weights: Array) -> tuple[float, Array, Array
             mean[i] += weights[h] * points[h, i]
     for i in range(m):
         mean[i] /= total
+    return total, mean
+
+
+@kernel_for("float64[:, ::1](float64[:, ::1], float64[::1], float64[::1])")
+def weighted_spread(points: Array, weights: Array, mean: Array) -> Array:
+    """Return the weighted covariance of the rows of ``points`` (shape ``(h, m)``) around ``mean``
+    (shape ``(m,)``).
+    """
+    count, m = points.shape
+    total = 0.0
+    for h in range(count):
+        total += weights[h]
     spread = np.zeros((m, m))
     for h in range(count):
         for i in range(m):
             for j in range(m):
                 apart = (points[h, i] - mean[i]) * (points[h, j] - mean[j])
                 spread[i, j] += weights[h] / total * apart
-    return total, mean, spread
+    return spread
 
 
 @kernel_for("float64(float64[::1], float64)")
@@ -157,3 +171,36 @@ def carried_covariance(
                 value += half[i, used[j, c]] * F[j, used[j, c]]
             out[i, j] = out[j, i] = value
     return out
+
+
+@kernel_for(
+    "float64[:, ::1](float64[:, ::1], float64[:, ::1], float64[::1], float64, float64,"
+    " float64[::1], float64[:, ::1], float64[::1], float64, float64, float64)"
+)
+def followed_covariance(
+    covariance: Array,
+    transition: Array,
+    B: Array,
+    turn: float,
+    way: float,
+    gain: Array,
+    q: Array,
+    cross: Array,
+    scale: float,
+    noise: float,
+    innovation: float,
+) -> Array:
+    """Return the covariance of state and errors one scan on, after a slip of the stem by ``way``
+    that changed its direction by ``turn`` (`SharedCovariance`); ``transition`` is written.
+    """
+    n = B.size
+    load, friction, error = n, n + 1, n + 2
+    for i in range(n):
+        transition[i, friction] = B[i] * turn
+        transition[i, error] = B[i] * way
+    transition[load, friction], transition[load, error] = turn, way
+    step = multiplied(transition, gain)
+    if np.any(gain):
+        for i in range(gain.size):
+            step[i] += scale * cross[i] / innovation
+    return carried_covariance(covariance, transition, step, q, cross, scale, noise)

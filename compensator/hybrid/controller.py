@@ -124,7 +124,7 @@ class HybridMpc:
     @property
     def stem(self) -> float:
         """Stem position believed now; NaN before the first observation."""
-        return self.tracker.best.stem if self.tracker.ready else math.nan
+        return self.tracker.stem if self.tracker.ready else math.nan
 
     @property
     def model(self) -> LoopModel:
@@ -305,7 +305,7 @@ class HybridMpc:
     def _moves(self) -> SureMoves:
         """Return what moves there are from the present belief."""
         tracker = self.tracker
-        stems = plausible_stems(tracker.beliefs, tracker.chances)
+        stems = plausible_stems(tracker.stems, tracker.chances)
         return SureMoves(self.settings, tracker.valve, tracker.best, stems, self._reach, self._op)
 
     def _begins_at(self, ramp: Ramp, change: float) -> int:

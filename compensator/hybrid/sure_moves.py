@@ -25,10 +25,10 @@ _LEAST_SHARE = 0.05
 """Share of the least move that is planned at least, however much of it the error of fD takes."""
 
 
-def plausible_stems(beliefs: list[Belief], chances: list[float]) -> tuple[float, ...]:
-    """Return the positions of the hypotheses that count when a move must be sure to slip."""
-    pairs = zip(beliefs, chances, strict=True)
-    return tuple(h.stem for h, chance in pairs if chance > _PLAUSIBLE)
+def plausible_stems(stems: list[float], chances: list[float]) -> tuple[float, ...]:
+    """Return the positions that count when a move must be sure to slip."""
+    pairs = zip(stems, chances, strict=True)
+    return tuple(stem for stem, chance in pairs if chance > _PLAUSIBLE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.action import CompensatorError, require_not_negative
+from compensator.stem_tracking.hypothesis_kernels import (
+    DOUBT,
+    DOUBTFUL,
+    FARTHEST,
+    KEPT,
+    NEAREST,
+    NEGLIGIBLE,
+)
 from loop_model import ValveModel
 
 __all__ = ["FrictionPrior", "Uncertainty"]
@@ -132,31 +140,12 @@ class FrictionPrior:
         alone = max(self.dynamic_deviation(valve) ** 2 - float(shared[0]) ** 2, 0.0)
         return np.diag([alone, gain_spread**2]) + np.outer(shared, shared)
 
-    def chance_of_rest(self, z: float, tested: float) -> float:
-        """Return the probability that the stem withstands a command.
-
-        Args:
-            z: the command, in deviations of the static friction around fS.
-            tested: the largest command that the stem withstood since it slipped last, likewise.
+    def law(self, negligible: float) -> NDArray[np.float64]:
+        """Return what compiled loops need of it, and the chance below which an outcome counts for
+        nothing: see `hypothesis_kernels`.
         """
-        if z > self.farthest:
-            return 0.0
-        if z <= tested or z < self.nearest:
-            return 1.0
-        withstood = self._chance_beyond(tested)
-        return min(1.0, self._chance_beyond(z) / withstood) if withstood > 0.0 else 1.0
-
-    def price(self, claim: float) -> float:
-        """Return the log-probability of a static friction at least ``claim`` deviations above fS;
-        a claim below fS costs nothing.
-        """
-        return math.log(max(self._chance_beyond(claim), 1e-30)) if claim > 0.0 else 0.0
-
-    def _chance_beyond(self, z: float) -> float:
-        """Return the probability that the static friction is more than ``z`` deviations above."""
-        certain, doubtful = _normal_tail(z), _normal_tail(z / self.doubtful)
-        return (1.0 - self.doubt) * certain + self.doubt * doubtful
-
-
-def _normal_tail(z: float) -> float:
-    return 0.5 * math.erfc(z / math.sqrt(2.0))
+        law = np.empty(6)
+        law[NEAREST], law[FARTHEST] = self.nearest, self.farthest
+        law[DOUBT], law[DOUBTFUL] = self.doubt, self.doubtful
+        law[KEPT], law[NEGLIGIBLE] = self.kept, negligible
+        return law

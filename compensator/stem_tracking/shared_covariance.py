@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import carried_covariance, multiplied
+from compensator.kernels import followed_covariance, multiplied
 from compensator.prediction import Prediction
-from compensator.stem_tracking.belief import ERRORS, FRICTION, GAIN, LOAD, Belief
+from compensator.stem_tracking.belief import ERRORS, FRICTION, GAIN, LOAD
 from compensator.stem_tracking.load_steps import load_signature
 from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
@@ -59,6 +59,8 @@ class SharedCovariance:
         self._gain = np.zeros(n + ERRORS)
         self._noise_now = self._scale_now = 0.0
         self.innovation = 1.0
+        self._valve: ValveModel | None = None
+        self._prior = np.zeros((ERRORS, ERRORS))
 
     def begin(self, valve: ValveModel) -> None:
         """Know nothing yet.
@@ -108,24 +110,31 @@ class SharedCovariance:
         """Pass a scan without PV."""
         self._gain = np.zeros_like(self._gain)
 
-    def carry_over(self, best: Belief, valve: ValveModel, colour: float) -> None:
-        """Go on to the next scan, by Joseph's form (right for any gain); ``best`` has just moved
-        or stayed.
+    def carry_over(self, way: float, turn: float, valve: ValveModel, colour: float) -> None:
+        """Go on to the next scan, by Joseph's form (right for any gain).
+
+        Args:
+            way, turn: change of position and of direction by the best hypothesis's slip; 0 if it
+                stayed.
+            valve: the valve model; colour: see `gain`.
         """
-        n = self._prediction.order
-        A, keep, errors = self._transition, self._error_memory, self._prior_errors(valve)
-        for error, change in ((FRICTION, best.turn), (GAIN, best.way)):
-            A[:n, n + error] = self._prediction.B * change
-            A[n + LOAD, n + error] = change
-        gain = multiplied(A, self._gain)
-        if self._gain.any():
-            gain += self._scale_now * self._cross / self.innovation
-        self._values = carried_covariance(
-            self._values, A, gain, self._q, self._cross, self._scale_now, self._noise_now
+        n, keep = self._prediction.order, self._error_memory
+        values = self._values = followed_covariance(
+            self._values,
+            self._transition,
+            self._prediction.B,
+            turn,
+            way,
+            self._gain,
+            self._q,
+            self._cross,
+            self._scale_now,
+            self._noise_now,
+            self.innovation,
         )
         drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
-        self._values[n + LOAD, n + LOAD] += drift + self._load_walk * valve.slip_jump**2
-        self._values[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * errors[1:, 1:]
+        values[n + LOAD, n + LOAD] += drift + self._load_walk * valve.slip_jump**2
+        values[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * self._prior_errors(valve)[1:, 1:]
 
     def add(self, spread: Array) -> None:
         """Add the spread of hypotheses that were merged."""
@@ -165,6 +174,11 @@ class SharedCovariance:
 
     def _prior_errors(self, valve: ValveModel) -> Array:
         """Return the covariance that the settings give the errors ``(m, w, g)``."""
+        if valve is not self._valve:
+            self._valve, self._prior = valve, self._prior_of(valve)
+        return self._prior
+
+    def _prior_of(self, valve: ValveModel) -> Array:
         prior = np.zeros((ERRORS, ERRORS))
         prior[LOAD, LOAD] = (0.5 * valve.static_friction + 1e-3) ** 2
         relative = self._settings.friction.error_covariance(valve, self._settings.gain_spread)

@@ -29,18 +29,13 @@ from numpy.typing import NDArray
 
 from compensator.kernels import coloured_power, multiplied
 from compensator.prediction import Prediction, settling_samples
-from compensator.stem_tracking.belief import FRICTION, GAIN, LOAD, Belief, chances_of, merge_alike
+from compensator.stem_tracking.belief import LOAD, Belief
 from compensator.stem_tracking.fluctuation import RestFluctuation, held_correlations
+from compensator.stem_tracking.hypotheses import RECALLED, Hypotheses
 from compensator.stem_tracking.innovations import InnovationStatistics
 from compensator.stem_tracking.load_steps import LoadStepDetector
 from compensator.stem_tracking.resolution import PvResolution
 from compensator.stem_tracking.shared_covariance import SharedCovariance
-from compensator.stem_tracking.stem_hypotheses import (
-    first_beliefs,
-    likely_ones,
-    outcomes_of,
-    recalled_ones,
-)
 from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
 
@@ -74,6 +69,7 @@ class StemTracker:
         self._covariance = SharedCovariance(prediction, settings, settle)
         self._correlations = held_correlations(prediction)
         self._settle = settle
+        self._hypotheses = Hypotheses(prediction, settings)
         self._resolution = PvResolution()
         self._first: list[tuple[float, float]] = []
         self._begin(InnovationStatistics(settings=settings.innovations))
@@ -81,10 +77,10 @@ class StemTracker:
     def _begin(self, innovations: InnovationStatistics) -> None:
         """Believe nothing yet but what is known of the noise."""
         prediction, settle = self.prediction, self._settle
-        self.beliefs: list[Belief] = []
+        self._hypotheses.clear()
         self.innovations = innovations
         self._fluctuation = RestFluctuation(settle + prediction.dead_time, max(40, 2 * settle))
-        self._rests: deque[tuple[float, float]] = deque(maxlen=4)
+        self._rests: deque[tuple[float, float]] = deque(maxlen=RECALLED)
         self._load_steps = LoadStepDetector(prediction.dead_time)
         self.load_stepped = False
         self._unsettled = 0
@@ -94,17 +90,27 @@ class StemTracker:
     @property
     def ready(self) -> bool:
         """Whether a PV was ever seen."""
-        return bool(self.beliefs)
+        return len(self._hypotheses) > 0
 
     @property
     def best(self) -> Belief:
         """The hypothesis that PV supports most."""
-        return self.beliefs[0]
+        return self._hypotheses.belief()
+
+    @property
+    def stem(self) -> float:
+        """Position by the hypothesis that PV supports most."""
+        return self._hypotheses.stem
+
+    @property
+    def stems(self) -> list[float]:
+        """Positions by all hypotheses, the best one first."""
+        return self._hypotheses.stems
 
     @property
     def chances(self) -> list[float]:
-        """How likely each of `beliefs` is."""
-        return chances_of(self.beliefs)
+        """How likely each of `stems` is."""
+        return self._hypotheses.chances
 
     @property
     def held_variance(self) -> float:
@@ -142,7 +148,7 @@ class StemTracker:
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
-        self.beliefs = first_beliefs(self.prediction, pv, op, self.valve, self.settings)
+        self._hypotheses.start(pv, op, self.valve)
 
     def observe(self, pv: float, op: float) -> None:
         """Take in PV of this scan (NaN: none) and the OP applied since the last one."""
@@ -177,71 +183,46 @@ class StemTracker:
             if math.isfinite(pv):
                 self.start(pv, op)
             return
-        before = self.best.stem
+        before = self.stem
         self._advance(op)
         self._correct(pv)
         if math.isfinite(pv):
-            self._fluctuation.push(pv, moved=self.best.stem != before)
+            self._fluctuation.push(pv, moved=self.stem != before)
 
     def _advance(self, op: float) -> None:
-        moved: list[Belief] = []
-        for h in self.beliefs:
-            free = self.free(h)
-            outcomes = outcomes_of(h, op, self.valve, self.settings)
-            for after in outcomes:
-                after.state = free + self.prediction.B * self.drive(after)
-            moved += outcomes
-        merged, spreads = merge_alike(moved)
-        self.beliefs = likely_ones(merged, self.settings)
-        self._covariance.carry_over(self.best, self.valve, self.innovations.colour)
-        if self.best.stem in spreads:
-            self._covariance.add(spreads[self.best.stem])
-        if self.best.way:
-            self._covariance.doubt_response(self.best.way)
+        hypotheses = self._hypotheses
+        spread = hypotheses.move(op, self.valve)
+        way, turn = hypotheses.slip
+        self._covariance.carry_over(way, turn, self.valve, self.innovations.colour)
+        if spread.size:
+            self._covariance.add(spread)
+        if way:
+            self._covariance.doubt_response(way)
         self._op = op
-        here = (self.best.stem, self.best.direction)
+        here = (hypotheses.stem, hypotheses.direction)
         if not self._rests or self._rests[-1][0] != here[0]:
             self._rests.append(here)
 
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
-        s = self.settings
-        reach = self.valve.static_friction + 2.0 * s.friction.static_deviation(self.valve)
-        earlier = recalled_ones(self.best, self._rests, self._op, reach, s.recalled)
-        self.beliefs = likely_ones(self.beliefs + earlier, s)
+        deviation = self.settings.friction.static_deviation(self.valve)
+        reach = self.valve.static_friction + 2.0 * deviation
+        self._hypotheses.recall(self._rests, self._op, reach)
 
     def _correct(self, pv: float) -> None:
         if not math.isfinite(pv):
             self._covariance.skip()
             return
-        n, settings = self.prediction.order, self.settings
         variance = max(self.innovations.variance, self._floor)
         # What the load makes of PV must not be learnt as an error of fD or of the gain.
         unsettled = self._unsettled > 0
         self._unsettled = max(0, self._unsettled - 1)
         gain = self._covariance.gain(variance, self.innovations.colour, load_only=unsettled)
         innovation = self._covariance.innovation
-        carried = variance * settings.noise.equation**2 / innovation
+        carried = variance * self.settings.noise.equation**2 / innovation
         farthest = self._farthest(innovation)
-        surprises = {
-            id(h): min(max(pv - float(h.state[0]), -farthest), farthest) for h in self.beliefs
-        }
-        # Heavy tails: one wild sample must not decide between two positions.
-        evidence = {h: -0.5 * min(value**2 / innovation, 9.0) for h, value in surprises.items()}
-        # A PV that all hypotheses expected alike tells nothing, and lets nothing be forgotten:
-        # otherwise all of them are likely again after a long rest.
-        most = max(evidence.values())
-        keep = 1.0 - (1.0 - math.exp(min(evidence.values()) - most)) / settings.memory
-        of_state, of_errors = gain[:n], gain[n:]
-        for h in self.beliefs:
-            surprise = surprises[id(h)]
-            h.state = h.state + of_state * surprise
-            h.errors = h.errors + of_errors * surprise
-            h.noise = carried * surprise
-            self._keep_believable(h)
-            h.see(evidence[id(h)] - most, keep)
-        self.beliefs = likely_ones(self.beliefs, settings)
-        self._watch(surprises[id(self.best)])
+        surprise = self._hypotheses.correct(pv, innovation, farthest, gain, carried, self.valve)
+        self._watch(surprise)
 
     def _farthest(self, innovation: float, scans: int = 1) -> float:
         """Return the largest surprise that a process can be the reason of."""
@@ -260,8 +241,7 @@ class StemTracker:
         seen.push(surprise, innovation, self._floor)
         if seen.is_learning:  # what was learnt before the noise was known is not worth much
             self._covariance.forget_errors(self.valve)
-            for h in self.beliefs:
-                h.errors[FRICTION], h.errors[GAIN] = 0.0, self.settings.gain - 1.0
+            self._hypotheses.forget_errors()
             seen.restart_trend()
         normal = surprise / math.sqrt(max(innovation, 1e-300))
         since = self._load_steps.push(normal, is_biased=seen.is_biased)
@@ -274,14 +254,3 @@ class StemTracker:
             seen.restart_trend(colour=0.5)
             self._recall()
             self._covariance.doubt_load(4.0 * self.held_variance / self.prediction.scale**2)
-
-    def _keep_believable(self, h: Belief) -> None:
-        """Limit the errors of fD and of the gain to plausible values: half of what is expected."""
-        gain = self.settings.gain
-        fd = 0.5 * gain * self.valve.dynamic_friction
-        low, high = 0.5 * gain - 1.0, 1.5 * gain - 1.0
-        _, wrong, error = h.errors.tolist()
-        if not -fd <= wrong <= fd:
-            h.errors[FRICTION] = min(max(wrong, -fd), fd)
-        if not low <= error <= high:
-            h.errors[GAIN] = min(max(error, low), high)
