@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from compiled import kernel_for
 
 __all__ = [
-    "carried_covariance",
     "coloured_power",
     "correlate",
-    "followed_covariance",
+    "follow_covariance",
     "gram_of",
     "held_course",
     "lagged_products",
@@ -128,19 +127,20 @@ def coloured_power(lags: Array, colour: float) -> float:
 
 
 @kernel_for(
-    "float64[:, ::1](float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[::1],"
-    " float64, float64)",
+    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1],"
+    " float64[::1], float64, float64)",
 )
-def carried_covariance(
+def _carry_covariance(
     covariance: Array,
+    out: Array,
     A: Array,
     gain: Array,
     q: Array,
     cross: Array,
     scale: float,
     noise: float,
-) -> Array:
-    """Return ``F P F' + scale q + noise g g' - scale (c g' + g c')`` with ``F = A`` less the gain
+) -> None:
+    """Write ``F P F' + scale q + noise g g' - scale (c g' + g c')`` with ``F = A`` less the gain
     ``g`` in its first column: Joseph's form, right for any gain.
     """
     n = gain.size
@@ -161,7 +161,6 @@ def carried_covariance(
             k = used[i, c]
             for j in range(n):
                 half[i, j] += F[i, k] * covariance[k, j]
-    out = np.empty((n, n))
     for i in range(n):
         for j in range(i, n):
             value = noise * gain[i] * gain[j] + scale * (
@@ -170,15 +169,16 @@ def carried_covariance(
             for c in range(count[j]):
                 value += half[i, used[j, c]] * F[j, used[j, c]]
             out[i, j] = out[j, i] = value
-    return out
 
 
 @kernel_for(
-    "float64[:, ::1](float64[:, ::1], float64[:, ::1], float64[::1], float64, float64,"
-    " float64[::1], float64[:, ::1], float64[::1], float64, float64, float64)"
+    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64, float64,"
+    " float64[::1], float64[:, ::1], float64[::1], float64, float64, float64, float64,"
+    " float64[:, ::1])"
 )
-def followed_covariance(
+def follow_covariance(
     covariance: Array,
+    out: Array,
     transition: Array,
     B: Array,
     turn: float,
@@ -189,9 +189,13 @@ def followed_covariance(
     scale: float,
     noise: float,
     innovation: float,
-) -> Array:
-    """Return the covariance of state and errors one scan on, after a slip of the stem by ``way``
-    that changed its direction by ``turn`` (`SharedCovariance`); ``transition`` is written.
+    drift: float,
+    renewed: Array,
+) -> None:
+    """Write the covariance of state and errors one scan on, after a slip of the stem by ``way``
+    that changed its direction by ``turn`` (`SharedCovariance`), to ``out``; and the slip to
+    ``transition``. The load drifts by the variance ``drift``, and what is forgotten of the errors
+    of friction and gain comes back as ``renewed`` (shape ``(2, 2)``).
     """
     n = B.size
     load, friction, error = n, n + 1, n + 2
@@ -203,4 +207,8 @@ def followed_covariance(
     if np.any(gain):
         for i in range(gain.size):
             step[i] += scale * cross[i] / innovation
-    return carried_covariance(covariance, transition, step, q, cross, scale, noise)
+    _carry_covariance(covariance, out, transition, step, q, cross, scale, noise)
+    out[load, load] += drift
+    for i in range(2):
+        for j in range(2):
+            out[friction + i, friction + j] += renewed[i, j]

@@ -52,6 +52,7 @@ class Hypotheses:
         rows = 2 * max(settings.hypotheses, len(settings.first)) + RECALLED
         self._values = np.zeros((rows, COLUMNS))
         self._points = np.zeros((rows, self._n + ERRORS))
+        self._spread = np.zeros((self._n + ERRORS, self._n + ERRORS))
         self._law = settings.friction.law(settings.negligible)
         self._ranking = (settings.alike, settings.hopeless, settings.hypotheses)
         self._count = 0
@@ -118,15 +119,15 @@ class Hypotheses:
             errors = (drive - op - share * fs, 0.0, self._settings.gain - 1.0)
             self._append(stem, 0.0, -0.5 * abs(share), state, errors)
 
-    def move(self, op: float, valve: ValveModel) -> Array:
+    def move(self, op: float, valve: ValveModel) -> Array | None:
         """Go on by one scan under ``op``.
 
         Returns:
             The spread of those that were merged into the best one, shape ``(n + 3, n + 3)``: what
-            it adds to the covariance. It is empty if none were.
+            it adds to the covariance. None if none were.
         """
         p = self._prediction
-        self._count, spread = move(
+        self._count, merged = move(
             self._values,
             self._points,
             self._count,
@@ -139,8 +140,9 @@ class Hypotheses:
             p.B,
             p.equation_gain,
             *self._ranking,
+            self._spread,
         )
-        return spread
+        return self._spread if merged else None
 
     def correct(
         self,

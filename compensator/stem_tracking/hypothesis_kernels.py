@@ -203,9 +203,9 @@ def _merge(
     for g in range(groups):
         members = np.flatnonzero(group_of[:count] == g)
         top = members[0]
-        for h in members:
-            if values[h, SCORE] > values[top, SCORE]:
-                top = h
+        for k in range(1, members.size):
+            if values[members[k], SCORE] > values[top, SCORE]:
+                top = members[k]
         new_values[g] = values[top]
         new_points[g] = points[top]
         if members.size > 1:
@@ -238,7 +238,8 @@ def _likely(
         order[0] = 0
     least = values[order[0], SCORE] - hopeless
     kept = 0
-    for h in order:
+    for place in range(count):
+        h = order[place]
         if values[h, SCORE] < least or kept == most:
             break
         known = False
@@ -282,9 +283,9 @@ def keep_likely(
 
 
 @kernel_for(
-    "Tuple((int64, float64[:, ::1]))(float64[:, ::1], float64[:, ::1], int64, float64, float64,"
-    " float64, float64, float64[::1], float64[:, ::1], float64[::1], float64[::1], float64,"
-    " float64, int64)"
+    "Tuple((int64, boolean))(float64[:, ::1], float64[:, ::1], int64, float64, float64, float64,"
+    " float64, float64[::1], float64[:, ::1], float64[::1], float64[::1], float64, float64, int64,"
+    " float64[:, ::1])"
 )
 def move(
     values: Array,
@@ -301,7 +302,8 @@ def move(
     alike: float,
     hopeless: float,
     most: int,
-) -> tuple[int, Array]:
+    spread: Array,
+) -> tuple[int, bool]:
     """Go on by one scan under ``op``: the stem of each hypothesis stays, or slips, or both.
 
     Args:
@@ -312,10 +314,11 @@ def move(
         law: of the friction.
         A, B, noise_gain: the process in observer form, and how equation noise enters it.
         alike, hopeless, most: see `keep_likely`.
+        spread: of those that were merged into the best one, shape ``(n + 3, n + 3)``: what it adds
+            to the covariance; written if there were any.
 
     Returns:
-        How many hypotheses there are now, and the spread of those that were merged into the best
-        one, shape ``(n + 3, n + 3)``: what it adds to the covariance. It is empty if none were.
+        How many hypotheses there are now, and whether others were merged into the best one.
     """
     made_values = np.empty((2 * count, values.shape[1]))
     made_points = np.empty((2 * count, points.shape[1]))
@@ -327,11 +330,10 @@ def move(
     groups = _merge(made_values, made_points, made, values, points, group_of)
     kept, first = keep_likely(values, points, groups, alike, hopeless, most)
     members = np.flatnonzero(group_of == first)
-    spread = np.empty((0, 0))
     if members.size > 1:
         weights, chosen = _group(made_values, made_points, members)
-        spread = weighted_spread(chosen, weights, points[0])
-    return kept, spread
+        spread[:] = weighted_spread(chosen, weights, points[0])
+    return kept, members.size > 1
 
 
 @kernel_for(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import followed_covariance, multiplied
+from compensator.kernels import follow_covariance, multiplied
 from compensator.prediction import Prediction
 from compensator.stem_tracking.belief import ERRORS, FRICTION, GAIN, LOAD
 from compensator.stem_tracking.load_steps import load_signature
@@ -56,11 +56,12 @@ class SharedCovariance:
             self._transition[n + error, n + error] = self._error_memory
         self._r = noise.equation**2 + noise.measurement**2
         self._values = np.zeros((n + ERRORS, n + ERRORS))
+        self._next = np.zeros_like(self._values)
         self._gain = np.zeros(n + ERRORS)
         self._noise_now = self._scale_now = 0.0
         self.innovation = 1.0
         self._valve: ValveModel | None = None
-        self._prior = np.zeros((ERRORS, ERRORS))
+        self._renewed = np.zeros((2, 2))
 
     def begin(self, valve: ValveModel) -> None:
         """Know nothing yet.
@@ -118,9 +119,10 @@ class SharedCovariance:
                 stayed.
             valve: the valve model; colour: see `gain`.
         """
-        n, keep = self._prediction.order, self._error_memory
-        values = self._values = followed_covariance(
+        drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
+        follow_covariance(
             self._values,
+            self._next,
             self._transition,
             self._prediction.B,
             turn,
@@ -131,10 +133,10 @@ class SharedCovariance:
             self._scale_now,
             self._noise_now,
             self.innovation,
+            drift + self._load_walk * valve.slip_jump**2,
+            self._renewed_errors(valve),
         )
-        drift = self._scale_now * self._load_drift * (1.0 + colour) / (1.0 - colour)
-        values[n + LOAD, n + LOAD] += drift + self._load_walk * valve.slip_jump**2
-        values[n + FRICTION :, n + FRICTION :] += (1.0 - keep**2) * self._prior_errors(valve)[1:, 1:]
+        self._values, self._next = self._next, self._values
 
     def add(self, spread: Array) -> None:
         """Add the spread of hypotheses that were merged."""
@@ -172,13 +174,17 @@ class SharedCovariance:
         self._values[n:, :] = self._values[:, n:] = 0.0
         self._values[n:, n:] = self._prior_errors(valve)
 
+    def _renewed_errors(self, valve: ValveModel) -> Array:
+        """Return what comes back each scan of the covariance that the settings give the errors of
+        fD and of the gain, shape ``(2, 2)``.
+        """
+        if valve is not self._valve:
+            self._valve = valve
+            self._renewed = (1.0 - self._error_memory**2) * self._prior_errors(valve)[1:, 1:]
+        return self._renewed
+
     def _prior_errors(self, valve: ValveModel) -> Array:
         """Return the covariance that the settings give the errors ``(m, w, g)``."""
-        if valve is not self._valve:
-            self._valve, self._prior = valve, self._prior_of(valve)
-        return self._prior
-
-    def _prior_of(self, valve: ValveModel) -> Array:
         prior = np.zeros((ERRORS, ERRORS))
         prior[LOAD, LOAD] = (0.5 * valve.static_friction + 1e-3) ** 2
         relative = self._settings.friction.error_covariance(valve, self._settings.gain_spread)

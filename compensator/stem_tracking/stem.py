@@ -194,7 +194,7 @@ class StemTracker:
         spread = hypotheses.move(op, self.valve)
         way, turn = hypotheses.slip
         self._covariance.carry_over(way, turn, self.valve, self.innovations.colour)
-        if spread.size:
+        if spread is not None:
             self._covariance.add(spread)
         if way:
             self._covariance.doubt_response(way)

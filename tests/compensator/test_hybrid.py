@@ -16,8 +16,9 @@ from compensator import (
     UnawareMpc,
     Uncertainty,
 )
-from compensator.stem_tracking.belief import GAIN, Belief, merge_alike
+from compensator.stem_tracking.belief import GAIN
 from compensator.stem_tracking.friction import FrictionPrior
+from compensator.stem_tracking.hypothesis_kernels import chance_of_rest
 from fieldlink.lab.study.closed_loop import (
     EXAMPLE_1,
     EXAMPLE_2,
@@ -262,26 +263,12 @@ def test_a_wrong_gain_is_learnt_from_set_point_steps(factor: float) -> None:
     assert believed == pytest.approx(1.0, abs=0.08)
 
 
-def test_a_command_that_missed_makes_the_next_one_stronger() -> None:
-    """What the stem has withstood is claimed on, and paid for by the prior of the friction."""
-    prior = FrictionPrior()
-    fresh = Belief(50.0, 1.0, np.zeros(3), np.zeros(3))
-    missed = fresh.stay(2.0, math.log(0.5), prior)
-    assert missed.survived == missed.tested == 2.0
-    assert missed.prior == pytest.approx(math.log(0.95 * 0.02275 + 0.05 * 0.30854), rel=1e-3)
-    for _ in range(1000):
-        missed.see(0.0, 0.98)
-    assert missed.score == pytest.approx(missed.prior)
-    slipped = missed.slip(58.0, 1.0, 0.0, prior)
-    assert slipped.survived == pytest.approx(1.9)
-    assert slipped.tested == -math.inf
-
-
 def test_friction_far_beyond_the_model_is_impossible() -> None:
     prior = FrictionPrior()
-    assert prior.chance_of_rest(6.1, 5.9) == 0.0
-    assert 0.0 < prior.chance_of_rest(5.9, 5.8) < 1.0
-    assert prior.chance_of_rest(-4.1, -math.inf) == 1.0
+    law = prior.law(negligible=0.006)
+    assert chance_of_rest(6.1, 5.9, law) == 0.0
+    assert 0.0 < chance_of_rest(5.9, 5.8, law) < 1.0
+    assert chance_of_rest(-4.1, -math.inf, law) == 1.0
     wide = FrictionPrior(uncertainty=Uncertainty(3.0, 2.0))
     assert wide.static_deviation(EXAMPLE_1.valve) == 3.0
     assert prior.static_deviation(EXAMPLE_1.valve) == pytest.approx(0.7)
@@ -304,16 +291,3 @@ def test_an_uncertain_slip_jump_comes_with_an_uncertain_gain() -> None:
     assert half @ stated.error_covariance(valve, 0.0) @ half == pytest.approx(
         (half[0] * stated.dynamic_deviation(valve)) ** 2 - stated.jump_deviation(valve) ** 2
     )
-
-
-def test_hypotheses_that_agree_on_the_stem_are_merged_by_their_moments() -> None:
-    one = Belief(50.0, 1.0, np.array([1.0]), np.array([2.0, 0.0, 0.0]), score=math.log(0.75))
-    two = Belief(50.0, 1.0, np.array([5.0]), np.array([-2.0, 0.0, 0.0]), score=math.log(0.25))
-    far = Belief(53.0, 1.0, np.array([0.0]), np.zeros(3), score=-1.0)
-    merged, spreads = merge_alike([one, two, far])
-    assert [h.stem for h in merged] == [50.0, 53.0]
-    assert merged[0].state == pytest.approx([2.0])
-    assert merged[0].errors == pytest.approx([1.0, 0.0, 0.0])
-    assert merged[0].score == pytest.approx(0.0)
-    assert spreads[50.0][:2, :2] == pytest.approx(np.array([[3.0, -3.0], [-3.0, 3.0]]))
-    assert list(spreads) == [50.0]
