@@ -19,6 +19,7 @@ __all__ = [
     "held_course",
     "lagged_products",
     "multiplied",
+    "step_response_of",
     "weighted_mean",
     "weighted_spread",
 ]
@@ -57,6 +58,26 @@ def multiplied(matrix: Array, vector: Array) -> Array:
         for j in range(vector.size):
             out[i] += matrix[i, j] * vector[j]
     return out
+
+
+@kernel_for("float64[::1](float64[:, ::1], float64[::1], int64)")
+def step_response_of(A: Array, B: Array, samples: int) -> Array:
+    """Return the first state at 1, 2, ... ``samples`` samples after a unit step of the input.
+
+    ``A`` is in observer form: beside its first column it moves each state to the one before.
+    """
+    n = B.size
+    state = np.zeros(n)
+    response = np.empty(samples)
+    for k in range(samples):
+        first = state[0]
+        for i in range(n):
+            now = A[i, 0] * first
+            if i + 1 < n:
+                now += state[i + 1]
+            state[i] = now + B[i]
+        response[k] = state[0]
+    return response
 
 
 @kernel_for("float64[:, ::1](float64[:, ::1], float64[:, ::1])")

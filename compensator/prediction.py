@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, RefusalKind, require_not_negative
-from compensator.kernels import multiplied
+from compensator.kernels import multiplied, step_response_of
 from compensator.riccati import solve_riccati
 from loop_model import ProcessModel
 
@@ -189,12 +189,7 @@ class Prediction:
 
     def step_response(self, samples: int) -> Array:
         """Return PV at 1, 2, ... ``samples`` samples after a unit step of the stem."""
-        state = np.zeros(self.order)
-        response = np.empty(samples)
-        for k in range(samples):
-            state = multiplied(self.A, state) + self.B
-            response[k] = state[0]
-        return response
+        return step_response_of(self.A, self.B, samples)
 
     def filter_gain(self, noise: NoiseModel) -> tuple[Array, Array, float]:
         """Return the steady Kalman gain of the state (``(n,)``), of the disturbance, and the
