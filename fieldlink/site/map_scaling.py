@@ -49,9 +49,7 @@ def scale_cell(values: Mapping[str, str]) -> str:
     if divisor:
         number = _plain(_divisor_of(divisor))
         if number is None or not number:
-            raise ValueError(
-                f"divisor; {divisor!r} is no number to divide by; give a number such as 10"
-            )
+            raise ValueError(f"divisor; {divisor!r} cannot divide; give a number such as 10")
         over = _plain(factor or "1")
         if over is None:
             # The row's own reading of the scale says what is wrong with it.
@@ -62,7 +60,7 @@ def scale_cell(values: Mapping[str, str]) -> str:
         return factor
     if not (decimals.isascii() and decimals.isdigit() and int(decimals) <= _MOST_DECIMALS):
         raise ValueError(
-            f"decimals; {decimals!r} is no number of decimals; give 0 to {_MOST_DECIMALS}"
+            f"decimals; {decimals!r} does not count decimals; give 0 to {_MOST_DECIMALS}"
         )
     return repr(10.0 ** -int(decimals))
 
@@ -88,7 +86,7 @@ def _factor(cell: str) -> str:
         return repr(10.0 ** int(found[1]))
     if found := _TIMES.fullmatch(text):
         number = _plain(found[1])
-        # "x10" is said of the value as well as of the register: the one multiplies, the other
+        # "x10" may be about the value or about the register: the one multiplies, the other
         # divides. Only a factor below one cannot be meant the other way round.
         if number is not None and abs(number) >= 1.0:
             raise ValueError(

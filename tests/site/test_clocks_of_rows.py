@@ -27,7 +27,9 @@ def write(folder: Path, rows: list[str], head: str = "time,op,pv") -> Path:
 @pytest.mark.parametrize("back", [603.0, 600.0, 605.0, 47.0])
 def test_a_clock_that_was_set_back_is_refused_with_the_place(back: float, tmp_path: Path) -> None:
     rows = [f"{stamp(10 * k - back * (k >= 100))},{k},{-k}" for k in range(N)]
-    with pytest.raises(RecordingError, match=rf":102: time: the clock goes back by {back - 10:g} s"):
+    with pytest.raises(
+        RecordingError, match=rf":102: time: the clock goes back by {back - 10:g} s"
+    ):
         read_recording(write(tmp_path, rows))
     recording = read_recording(write(tmp_path, rows), period=10.0)
     assert recording.op.tolist() == list(range(N))

@@ -53,10 +53,10 @@ def test_a_factor_is_divided_by_the_divisor_and_stands_before_decimals() -> None
     ("heading", "cell", "said"),
     [
         ("Scale", "x10", "'x10' does not say whether the value or the register is larger"),
-        ("Divisor", "0", "'0' is no number to divide by"),
-        ("Divisor", "ten", "'ten' is no number to divide by"),
-        ("Divisor", "1,000", "'1,000' is no number to divide by"),
-        ("Decimals", "0.1", "'0.1' is no number of decimals"),
+        ("Divisor", "0", "'0' cannot divide"),
+        ("Divisor", "ten", "'ten' cannot divide"),
+        ("Divisor", "1,000", "'1,000' cannot divide"),
+        ("Decimals", "0.1", "'0.1' does not count decimals"),
         ("Scale", "0x10", "'0x10' is not a number"),
     ],
 )
