@@ -249,7 +249,12 @@ def loop(
     ],
     pv: Annotated[str, typer.Option(help="Output that is controlled.")],
     output: Annotated[
-        Path | None, typer.Option(help="The scenario; else NAME.toml in this folder.")
+        Path | None,
+        typer.Option("--output", "--out", help="The scenario; else NAME.toml in this folder."),
+    ] = None,
+    start_values: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A start value: a number, word or text."),
     ] = None,
     period: Annotated[
         float | None,
@@ -285,7 +290,10 @@ def loop(
             param_hint="--slip-jump",
         )
     summary = summarise(_file(fmu))
-    wish = LoopWish(op, pv, period, op_start, stick_band, slip_jump, op_scale)
+    wish = LoopWish(
+        op, pv, period, op_start, stick_band, slip_jump, op_scale,
+        _start_values(start_values or [], summary),
+    )  # fmt: skip
     response = respond(summary, wish)
     gain, integral_time = response.tune()
     file = output or Path(f"{fmu.stem}.toml")
@@ -298,5 +306,11 @@ def loop(
     )
     low, high = response.op, response.op + STEP
     typer.echo(f"{op} was stepped from {low * wish.scale:g} to {high * wish.scale:g}")
+    if response.has_own_valve:
+        typer.echo(
+            f"note: {response.remains:.0%} of {pv}'s response are left when {op} has gone back: "
+            "the plant seems to have a sticky valve of its own, and the scenario puts another in "
+            "front of it; switch it off, such as with --set valve=0"
+        )
     typer.echo(f"PI by SIMC: gain {gain:.3g}, integral time {integral_time:.3g} s")
     typer.echo(f"{file}: fieldlink rehearse {file} --report report")

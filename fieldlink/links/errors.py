@@ -30,7 +30,11 @@ class ExceptionCode(Enum):
     )
     ILLEGAL_VALUE = (3, "the device refuses the count or value: lower max_registers")
     DEVICE_FAILURE = (4, "the device failed while answering: look at its own diagnostics")
-    ACKNOWLEDGE = (5, "the device needs longer: raise the timeout")
+    ACKNOWLEDGE = (
+        5,
+        "the device has taken the request without an answer to it: see its manual for registers "
+        "that it answers at once",
+    )
     DEVICE_BUSY = (6, "the device is busy: poll it less often")
     NEGATIVE_ACKNOWLEDGE = (7, "the device cannot do this: check the map")
     PARITY_ERROR = (8, "the device found its memory corrupt: have it serviced")

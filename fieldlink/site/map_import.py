@@ -18,6 +18,7 @@ from fieldlink.site.csv_file import fit_rows, is_comment, parse_rows, read_csv, 
 from fieldlink.site.errors import Problem, SiteError, nearest
 from fieldlink.site.map_addresses import AddressStyle, guess_style, parse_address
 from fieldlink.site.map_row import REQUIRED, RowReader
+from fieldlink.site.map_scaling import LIST_COLUMNS, limits, scale_cell
 from fieldlink.site.map_words import column_of, meaning_of, says_hexadecimal
 from fieldlink.site.number_cells import may_group
 from fieldlink.site.register_map import COLUMNS, collect_tags
@@ -99,6 +100,7 @@ def import_map(
         else:
             rows.append((line, RowReader(str(path), line, _cells(values), _number)))
     tags, problems = collect_tags(str(path), rows, word_order, byte_order)
+    notes += _about_scales(table, columns, tags)
     found = sorted((*early, *problems), key=lambda problem: problem.line or 0)
     return ImportedMap(tags, tuple(found), tuple(notes), len(table.rows))
 
@@ -214,8 +216,9 @@ def _named_columns(path: Path, table: _Sheet, headings: Mapping[str, str]) -> di
     columns: dict[str, int] = {}
     problems = []
     for column, heading in headings.items():
-        if column not in COLUMNS:
-            message, remedy = "a register map has no such column", nearest(column, COLUMNS)
+        if column not in (*COLUMNS, *LIST_COLUMNS):
+            message = "a register map has no such column"
+            remedy = nearest(column, (*COLUMNS, *LIST_COLUMNS))
             problems.append(Problem(str(path), column, message, remedy))
         elif heading not in table.header:
             message, remedy = (
@@ -249,6 +252,10 @@ def _translate(
     for column in ("table", "type", "order", "writable"):
         if column in values:
             values[column] = meaning_of(column, values[column])
+    if "read_only" in values:
+        # Only a plain no lets anything be written.
+        may_write = values["read_only"].strip().lower() in ("no", "false", "0")
+        values.setdefault("writable", "yes" if may_write else "no")
     if long := _LONG_TEXT.fullmatch(values["type"].strip()):
         # Vendors count characters there.
         values["type"] = DataType.STRING.value
@@ -260,11 +267,15 @@ def _translate(
         message, _, remedy = str(error).partition("; ")
         return Problem(str(path), "address", message, remedy, line)
     values["address"] = str(found.address)
+    if problem := _scale(path, line, values):
+        return problem
     if found.table is not None:
         if values.get("table") and values["table"] != found.table.value:
             message = f"{values['table']} is given for an address of the table {found.table}"
             return Problem(str(path), "table", message, "correct one of them", line)
         values["table"] = found.table.value
+    if found.registers is not None:
+        values["length"] = values.get("length") or str(found.registers)
     if found.bit is not None:
         values["bit"] = str(found.bit)
         values["type"] = DataType.BOOL.value
@@ -275,6 +286,43 @@ def _translate(
             # In registers, or in bits.
             values["length"] = ""
     return None
+
+
+def _scale(path: Path, line: int, values: dict[str, str]) -> Problem | None:
+    """Put a row's divisor, decimals and range into scale, low and high."""
+    try:
+        values["scale"] = scale_cell(values)
+    except ValueError as error:
+        column, message, remedy = str(error).split("; ", 2)
+        return Problem(str(path), column, message, remedy, line)
+    ends = limits(values.get("range", ""))
+    is_number = values["type"] not in (DataType.STRING, DataType.BOOL)
+    if ends is not None and is_number and not (values.get("low") or values.get("high")):
+        values["low"], values["high"] = ends
+    return None
+
+
+def _about_scales(table: _Sheet, columns: Mapping[str, int], tags: Mapping[str, Tag]) -> list[str]:
+    """What the reader of a list should compare with the operator's screen."""
+    notes = []
+    if "decimals" in columns and "scale" in columns:
+        notes.append(f"{table.header[columns['decimals']]!r} counts where the scale is empty")
+    if "range" in columns:
+        cells = [cells[columns["range"]] for _, cells in table.rows]
+        left = sum(bool(cell) and limits(cell) is None for cell in cells)
+        if left:
+            heading = table.header[columns["range"]]
+            notes.append(f"{heading!r} of {left} rows is not a range such as 0..100: left out")
+    larger = [tag for tag in tags.values() if tag.scale >= 10.0]
+    if larger and "scale" in columns and "divisor" not in columns:
+        tag, heading = larger[0], table.header[columns["scale"]]
+        notes.append(
+            f"{heading!r} multiplies: a raw 100 of {tag.name} is "
+            f"{100.0 * tag.scale + tag.offset:g} {tag.unit}".rstrip()
+            + f"; if the register holds {tag.scale:g} times the value, give "
+            f"--column divisor={heading!r}"
+        )
+    return notes
 
 
 def _cells(values: Mapping[str, str]) -> Callable[[str], str]:

@@ -19,6 +19,9 @@ _COLUMNS: Mapping[str, str] = {
     "length": "length registers numberofregisters noofregisters count words size quantity qty",
     "order": "order byteorder wordorder endianness endian",
     "scale": "scale factor gain multiplier scalefactor scaling resolution faktor",
+    "divisor": "divisor divider divideby dividedby div teiler",
+    "decimals": "decimals decimalplaces decimalpoints noofdecimals numberofdecimals "
+    "implieddecimals nachkommastellen dezimalstellen kommastellen",
     "offset": "offset bias",
     "raw_low": "rawlow rawmin rawminimum",
     "raw_high": "rawhigh rawmax rawmaximum",
@@ -27,9 +30,11 @@ _COLUMNS: Mapping[str, str] = {
     "unit": "unit units eu engunit engunits engineeringunit engineeringunits einheit",
     "low": "low min minimum lowlimit rangelow lowerlimit",
     "high": "high max maximum highlimit rangehigh upperlimit",
+    "range": "range valuerange datarange bereich wertebereich messbereich",
     "outside": "outside",
     "invalid": "invalid invalidvalue invalidvalues notavailable",
-    "writable": "writable writeable access accessrights accesstype rw readwrite readonly zugriff",
+    "writable": "writable writeable access accessrights accesstype rw readwrite zugriff",
+    "read_only": "readonly",
     "every": "every pollinterval pollperiod interval",
     "comment": "comment comments description remark remarks note notes beschreibung bemerkung "
     "bemerkungen kommentar",

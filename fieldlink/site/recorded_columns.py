@@ -28,6 +28,11 @@ _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _OWN_EXPORT = frozenset({"loop", "slot", "quality", "late_ms"})
+_WHERE_THEY_DIFFER = (
+    "they differ, so rename one of them in the header",
+    "they differ: export all signals at the same moments",
+)
+"""What to do about columns of one heading, and about times of one heading."""
 _MAX_PROBLEMS = 10
 _LOOKED_AT = 20
 """First rows from which a column of moments is known."""
@@ -80,13 +85,22 @@ class RecordedColumns:
             and role not in self._several
             and not (role in ("sp", "auto") and self._is_empty(number))
         }
+        ambiguous = dict(guess.ambiguous)
+        times = [n for n, name in enumerate(header) if name in ambiguous.get("time", ())]
+        if times and "time" not in asked and self._hold_the_same(times):
+            # Historians put a column of moments before each signal.
+            guessed["time"] = times[0]
+            del ambiguous["time"]
+            self.notes.append(f"{len(times)} columns hold the same times: the first one is taken")
         self._unsure = guess.unsure & guessed.keys()
-        if not {"time"} & (asked | known.keys() | guessed.keys() | guess.ambiguous.keys()):
+        if not {"time"} & (asked | known.keys() | guessed.keys() | ambiguous.keys()):
             self._find_moments(guessed)
         loops = loops_side_by_side(header)
-        for role, names in guess.ambiguous.items():
+        for role, names in ambiguous.items():
             if role not in asked and role not in self._several:
                 remedy = f"choose one with --{role} {names[0]!r}"
+                if len(set(names)) < len(names):
+                    remedy = _WHERE_THEY_DIFFER[role == "time"]
                 if loops and role in ("op", "pv"):
                     # Not every command has the option.
                     remedy += " (fieldlink identify), or judge all loops with fieldlink assess"
@@ -99,7 +113,7 @@ class RecordedColumns:
                 self.report(header[known[one]], message, remedy, self._file.header_line)
         missing = [role for role in self._needed if role not in known.keys() | guessed.keys()]
         for role in missing:
-            if role not in asked and role not in guess.ambiguous and role not in self._several:
+            if role not in asked and role not in ambiguous and role not in self._several:
                 self._report_missing(role, role, is_named=False)
         if guess.columns.keys() & guessed.keys():
             taken = ", ".join(
@@ -144,14 +158,11 @@ class RecordedColumns:
         if len(matches) > 1:
             self._several.add(role)
             names = [header[number] for number in matches]
-            self.report(
-                wanted,
-                f"several columns match: {', '.join(names)}",
-                "give the one that is meant by its exact name"
-                if len(set(names)) == len(names)
-                else "they differ, so rename one of them in the header",
-                self._file.header_line,
-            )
+            remedy = "give the one that is meant by its exact name"
+            if len(set(names)) < len(names):
+                remedy = _WHERE_THEY_DIFFER[role == "time"]
+            message = f"several columns match: {', '.join(names)}"
+            self.report(wanted, message, remedy, self._file.header_line)
         elif not matches and name is not None:
             self._report_missing(role, wanted, is_named=True)
         return matches[0] if len(matches) == 1 else None

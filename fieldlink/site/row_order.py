@@ -24,6 +24,13 @@ _NEWEST_FIRST = 0.9
 _FEW = 0.05
 """Share of rows with the stamp of another row up to which the stamps count as they are."""
 
+_SEAM_ROWS = 2
+"""Rows with which a query may reach into the next: the values before and behind its span."""
+
+_A_RECORD = 50
+"""Rows on the average between two steps back, from which on they are stretches in the order of
+their clock and no rows in any order: what a recording needs."""
+
 _TWO = 1.5
 """Periods from which on an interval is one of two periods."""
 
@@ -54,7 +61,8 @@ def put_in_order(times: Times, cells: Sequence[tuple[str, ...]]) -> OrderedRows:
         cells: of these rows; a row with all cells of another is a repetition.
 
     Raises:
-        NoClockError: the times name no order: most rows share theirs, or numbers begin again.
+        NoClockError: the times name no order: most rows share theirs, numbers begin again, or a
+            clock was set back.
     """
     known = np.flatnonzero(~np.isnan(times.seconds))
     steps = np.diff(times.seconds[known])
@@ -82,6 +90,7 @@ def put_in_order(times: Times, cells: Sequence[tuple[str, ...]]) -> OrderedRows:
                 int(rows[row]),
             )
         order = np.argsort(stamps, kind="stable")
+        _refuse_two_clocks(rows, stamps, order, back, cells)
         rows, stamps = rows[order], stamps[order]
         notes.append(f"the rows go back in time {back.size} times: sorted by time")
     if times.is_local and times.origin is not None:
@@ -89,6 +98,34 @@ def put_in_order(times: Times, cells: Sequence[tuple[str, ...]]) -> OrderedRows:
         rows = rows[kept]
     rows, stamps = _without_repetitions(rows, stamps, cells, notes)
     return OrderedRows(rows, replace(times, seconds=stamps), tuple(notes))
+
+
+def _refuse_two_clocks(
+    rows: Rows, stamps: Floats, order: Rows, back: Rows, cells: Sequence[tuple[str, ...]]
+) -> None:
+    """Refuse stretches that tell the same time of different moments: sorted, they would mix.
+
+    So does a clock that was set back, and a file of two recordings.
+    """
+    if stamps.size < _A_RECORD * (back.size + 1):
+        return
+    seen: set[tuple[str, ...]] = set()
+    once = []
+    for index in order:
+        if cells[rows[index]] not in seen:
+            seen.add(cells[rows[index]])
+            once.append(index)
+    stretch = np.searchsorted(back, np.array(once), side="right")
+    changes = np.count_nonzero(np.diff(stretch)) - back.size
+    steps = np.diff(stamps)
+    own = float(np.median(steps[steps > 0.0]))
+    if changes > 2 * _SEAM_ROWS * back.size and np.diff(stamps[once]).min() <= 0.5 * own:
+        row = int(back[np.argmax(stamps[back - 1] - stamps[back])])
+        raise NoClockError(
+            f"the clock goes back by {stamps[row - 1] - stamps[row]:g} s, and the times behind it "
+            "are those of other rows, too: it was set, or there are two recordings in one file",
+            int(rows[row]),
+        )
 
 
 def _is_one_clock(stamps: Floats) -> bool:

@@ -95,6 +95,9 @@ def _printable(site: Site, source: TomlSource) -> Iterator[Problem]:
                 f"{quoted(name)} has {len(name)} characters",
                 f"shorten it to {LONGEST_NAME} or less",
             )
+        elif key[0] == "loops" and name in (".", ".."):
+            # A browser takes the last part of /loops/.. for the folder above: a page without a way.
+            yield source.problem(key, f"{quoted(name)} cannot be part of an address", "rename it")
 
 
 def _known_device(site: Site, source: TomlSource, name: str, loop: Loop) -> Iterator[Problem]:

@@ -164,9 +164,7 @@ class FleetReader:
             raise self._problem(error) from error
 
     def _frame(self, query: Select[Any], columns: Sequence[Column[Any]]) -> pd.DataFrame:
-        return frame_of(
-            [row._mapping for row in self._rows(query)], [column.name for column in columns]
-        )
+        return frame_of([row._mapping for row in self._rows(query)], columns)
 
     def _records(self, query: Select[Any]) -> list[dict[str, Any]]:
         records = [dict(row._mapping) for row in self._rows(query)]

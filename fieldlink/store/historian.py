@@ -299,8 +299,12 @@ class Historian:
         self._counts.retry(cause)
         if before is not None:
             return before
-        _log.error("store.cannot_write", error=cause, waiting=len(self._records))
-        return EventRecord(now_ms(), "store.cannot_write", "store", cause)
+        message = (
+            f"{shown(self._url)}: {cause}; look at its disk or server: records wait, and what may "
+            "not be lost, such as blocks, is not written to a PLC before"
+        )
+        _log.error("store.cannot_write", error=message, waiting=len(self._records))
+        return EventRecord(now_ms(), "store.cannot_write", "store", message)
 
 
 def _outage(failure: EventRecord | None) -> list[Record]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Table, select
+from sqlalchemy import Column, Float, Table, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from fieldlink.store.database import open_for_reading
@@ -111,7 +111,7 @@ def _read(
     try:
         with engine.connect() as connection:
             result = connection.execute(query)
-            frame = frame_of(result.mappings().all(), list(result.keys()))
+            frame = frame_of(result.mappings().all(), list(table.columns))
     except SQLAlchemyError as error:
         cause = getattr(error, "orig", None) or error
         raise StoreError(
@@ -123,12 +123,17 @@ def _read(
     return frame.drop(columns="id")
 
 
-def frame_of(rows: Sequence[Any], columns: Sequence[str]) -> pd.DataFrame:
-    """Return rows (mappings) as a frame whose first column ``time`` stands for ``utc_ms``."""
+def frame_of(rows: Sequence[Any], columns: Sequence[Column[Any]]) -> pd.DataFrame:
+    """Return rows (mappings) as a frame whose first column ``time`` stands for ``utc_ms``.
+
+    Columns of numbers hold NaN where the store has no value, also where it has none at all.
+    """
     # Here, because a daemon that only writes needs no pandas.
     import pandas as pd
 
-    frame = pd.DataFrame(rows, columns=list(columns))
+    frame = pd.DataFrame(rows, columns=[column.name for column in columns])
+    # pandas takes a column of nothing but None for one of objects.
+    frame = frame.astype({each.name: float for each in columns if isinstance(each.type, Float)})
     frame.insert(0, "time", pd.to_datetime(frame.pop("utc_ms"), unit="ms", utc=True))
     return frame
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from estimator import EstimatorError, Interval
 from estimator.monitoring.indices import oscillation, valve_wear
 from estimator.valves import laws
+from fieldlink.stem_start import likeliest_start
 from fieldlink.worklist.row import Figures
 from fieldlink.worklist.settings import WorkListSettings
 
@@ -68,7 +69,7 @@ class WindowSamples:
         op, pv, sp = (whole[name].to_numpy(dtype=np.float64) for name in ("op", "pv", "sp"))
         if not (np.isfinite(op).any() and np.isfinite(pv).any()):
             return None
-        return cls(op, pv, sp if np.isfinite(sp).any() else None, _stem(op, document), period)
+        return cls(op, pv, sp if np.isfinite(sp).any() else None, _stem(op, pv, document), period)
 
     @property
     def error(self) -> Array:
@@ -158,8 +159,11 @@ def loss_of(document: Mapping[str, Any] | None) -> float:
     return math.nan if effect is None else min(1.0, max(0.0, float(effect)))
 
 
-def _stem(op: Array, document: Mapping[str, Any] | None) -> Array | None:
-    """The stem that the identified valve makes of OP; bad samples hold the last good OP."""
+def _stem(op: Array, pv: Array, document: Mapping[str, Any] | None) -> Array | None:
+    """The stem that the identified valve makes of OP; bad samples hold the last good OP.
+
+    None, too, where PV tells that the simulated stem is not the true one.
+    """
     if document is None or document.get("verdict") != "stiction":
         return None
     band, jump = _value(document, "stick_band"), _value(document, "slip_jump")
@@ -169,7 +173,12 @@ def _stem(op: Array, document: Mapping[str, Any] | None) -> Array | None:
     good = np.isfinite(op)
     last = np.maximum.accumulate(np.where(good, np.arange(op.size), np.argmax(good)))
     held = op[last]
-    return np.asarray(laws.stem_of(held, str(law), (band, jump, float(held[0]))))
+
+    def simulate(start: float) -> Array:
+        return np.asarray(laws.stem_of(held, str(law), (band, jump, start)))
+
+    start = likeliest_start(simulate, held, pv, stick_band=band, slip_jump=jump)
+    return None if start is None else simulate(start)
 
 
 def _value(document: Mapping[str, Any] | None, name: str) -> float:

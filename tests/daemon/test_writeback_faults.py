@@ -124,6 +124,18 @@ async def test_a_plc_that_does_not_acknowledge_is_reported(
     b.submit(findings())
     await b.seconds(15, scanning=False)
     assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.NOT_ACKNOWLEDGED]
+    assert "commit register" not in b.said[-1].reason
+
+
+async def test_a_commit_register_that_keeps_nothing_is_named(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+    device.after_write = lambda: device.words.__setitem__(layout.commit, 0)
+    b.submit(findings())
+    await b.seconds(15)
+    assert b.outcomes == [WritebackOutcome.COMMITTED, WritebackOutcome.NOT_ACKNOWLEDGED]
+    assert "the commit register holds 0x0000 instead of 0x0101 as written" in b.said[-1].reason
 
 
 @pytest.mark.parametrize("is_restarted", [False, True])

@@ -169,3 +169,12 @@ def test_two_windows_have_no_trend():
 def test_bad_input_is_refused_with_its_name(times, windows, part):
     with pytest.raises(EstimatorError, match=part):
         track(times, windows, windows)
+
+
+@pytest.mark.parametrize(("hours", "told"), [(0.1, False), (6.0, False), (25.0, True)])
+def test_no_slope_per_day_is_told_of_less_than_a_day(hours: float, told: bool) -> None:
+    times = np.linspace(0.0, 3600.0 * hours, 6)
+    bands = [Interval(5.0 + 0.2 * k, 4.99 + 0.2 * k, 5.01 + 0.2 * k) for k in range(6)]
+    found = track(times, bands, bands, stick_band_limit=20.0).stick_band
+    assert np.isfinite(found.trend_per_day.value) == told
+    assert np.isfinite(found.days_to_limit.value) == told

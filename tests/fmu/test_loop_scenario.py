@@ -191,3 +191,26 @@ def test_a_plant_that_is_written_wrong_is_suggested() -> None:
     said = " ".join(done.output.replace("│", " ").split())
     assert "exampel1 is neither a file nor a plant of the catalogue" in said
     assert "did you mean 'example1'" in said
+
+
+@pytest.mark.parametrize(("name", "own"), [("flow", 0.18), ("level", 0.21)])
+def test_a_valve_of_the_plants_own_is_told_and_can_be_switched_off(name: str, own: float) -> None:
+    """Two sticky valves in series have neither's stick band, and the step test no true gain."""
+    fmu = summarise(fmu_path(name))
+    sticky = respond(fmu, LoopWish("op", "pv", period=1.0))
+    assert sticky.has_own_valve
+    assert sticky.remains == pytest.approx(own, abs=0.02)
+    healthy = respond(fmu, LoopWish("op", "pv", period=1.0, start_values={"valve": 0.0}))
+    assert not healthy.has_own_valve
+    assert healthy.gain > 1.1 * sticky.gain
+
+
+def test_the_command_names_the_plants_own_valve(tmp_path: Path) -> None:
+    file = tmp_path / "flow.toml"
+    arguments = ["loop", "flow", "--op", "op", "--pv", "pv", "--period", "1", "--out", str(file)]
+    told = CliRunner().invoke(app, arguments)
+    assert "a sticky valve of its own" in told.output
+    file.unlink()
+    told = CliRunner().invoke(app, [*arguments, "--set", "valve=0"])
+    assert "of its own" not in told.output
+    assert load_scenario(file).scenario.plant.parameters == {"valve": 0.0, "op": 50.0}

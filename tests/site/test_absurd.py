@@ -126,6 +126,12 @@ def test_names_that_a_terminal_would_obey(refused: Callable[..., str], key: str)
     assert f"'{name}?[2J?' has characters that cannot be printed" in refused(text)
 
 
+@pytest.mark.parametrize("name", [".", ".."])
+def test_a_loop_whose_page_a_browser_cannot_ask_for(refused: Callable[..., str], name: str) -> None:
+    said = refused(SITE.replace("loops.FC101", f'loops."{name}"'))
+    assert f"'{name}' cannot be part of an address; rename it" in said
+
+
 @pytest.mark.parametrize("key", ["topic", "group", "node", "client_id"])
 def test_levels_of_topics_that_a_broker_refuses(refused: Callable[..., str], key: str) -> None:
     text = SITE + f'[mqtt]\nhost = "127.0.0.1"\n{key} = "a\\tb\\uFFFE"\n'

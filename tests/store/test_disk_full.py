@@ -81,6 +81,9 @@ def test_sampling_goes_on_and_what_is_lost_is_said(small_disk: Path) -> None:
     assert "store.lost" in events.index
     # The outage has its begin and its end there, once each.
     assert "full" in events["store.cannot_write"]
+    # Where, and what to do.
+    assert "history.sqlite: " in events["store.cannot_write"]
+    assert "look at its disk" in events["store.cannot_write"]
     assert "records waited for" in events["store.writable_again"]
 
 

@@ -95,6 +95,18 @@ def test_rows_come_back_as_they_went_in(url: str) -> None:
     assert read_events(url)["kind"].tolist() == ["start"]
 
 
+def test_figures_that_no_estimate_has_are_not_a_number(url: str) -> None:
+    """As in the first days of a loop that cannot be judged yet: `fieldlink status` reads them."""
+    historian = Historian(url, QUICK)
+    historian.start(OPENED)
+    record = EstimateRecord("FC101", NOON_MS, NOON_MS, 0, 9, "estimated", "", "not_assessable")
+    historian.put(record)
+    historian.stop()
+    found = read_estimates(url)
+    assert math.isnan(found["stick_band"].iloc[-1])
+    assert math.isnan(found["r2"].iloc[-1])
+
+
 def test_a_frame_is_cut_by_loop_and_time(url: str) -> None:
     historian = Historian(url, QUICK)
     historian.start(OPENED)

@@ -54,11 +54,18 @@ class Acknowledgement:
         elif control.ack_commit == committed and control.ack_result != ACCEPTED:
             found = attempt.became(WritebackOutcome.REJECTED, describe_ack(control.ack_result))
         elif now >= self._until:
-            found = attempt.became(
-                WritebackOutcome.NOT_ACKNOWLEDGED,
+            reason = (
                 f"ack_seq is {control.ack_seq}, active_bank {control.active_bank} after "
-                f"{self._patience:g} s",
+                f"{self._patience:g} s"
             )
+            if control.commit != committed:
+                # The best block reader cannot answer what it does not get.
+                reason += (
+                    f", and the commit register holds {control.commit:#06x} instead of "
+                    f"{committed:#06x} as written: look at its address, and for a program that "
+                    "writes it"
+                )
+            found = attempt.became(WritebackOutcome.NOT_ACKNOWLEDGED, reason)
         else:
             return None
         self._attempt = None

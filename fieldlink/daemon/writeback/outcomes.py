@@ -66,7 +66,11 @@ class WritebackOutcome(Enum):
     NOT_ENABLED = ("not_enabled", "it is written when the operator sets the PLC's enable bit")
     UNREACHABLE = ("unreachable", "it is written when the device answers again")
     WRITE_FAILED = ("write_failed", "nothing was committed; it is tried again later")
-    READBACK_DIFFERS = ("readback_differs", "nothing was committed; look for a second writer")
+    READBACK_DIFFERS = (
+        "readback_differs",
+        "nothing was committed; look for a second writer, and whether the registers keep all 16 "
+        "bits of what is written, within a scan",
+    )
     COMMIT_FAILED = ("commit_failed", "the PLC has the old or the new block; it is checked again")
     INTERRUPTED = (
         "interrupted",

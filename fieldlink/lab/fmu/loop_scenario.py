@@ -13,7 +13,7 @@ from pathlib import Path
 from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.step_test import LoopWish, StepResponse
 from fieldlink.unfinished_file import created
-from fmu_models import FmuSummary
+from fmu_models import FmuSummary, StartValue
 
 __all__ = ["write_scenario"]
 
@@ -51,7 +51,10 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
         "period": period,
         "op_name": json.dumps(wish.op),
         "pv_name": json.dumps(wish.pv),
-        "op_start": response.op * wish.scale,
+        "starts": ", ".join(
+            f"{json.dumps(name)} = {_as_toml(value)}"
+            for name, value in wish.all_start_values(response.op).items()
+        ),
         "op_scale": "" if wish.scale == 1.0 else f"op_scale = {wish.scale:.6g}\n",
         "gain": gain,
         "integral_time": integral_time,
@@ -75,6 +78,10 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
         raise FmuError(f"{file}: it cannot be written: {error.strerror}") from error
 
 
+def _as_toml(value: StartValue) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+
+
 _TEMPLATE = """\
 # A step in each of the first two windows: in a cycle that only repeats itself, a narrower stick
 # band with a longer dead time explains PV as well.
@@ -94,7 +101,7 @@ duration = {duration}
 [plant]
 fmu = {fmu}
 period = {period}
-parameters = {{ {op_name} = {op_start} }}
+parameters = {{ {starts} }}
 
 [plant.variables]
 op = {op_name}

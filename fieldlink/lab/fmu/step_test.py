@@ -6,7 +6,8 @@ tuning, J. Process Control 13 (2003) 291-309).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from fieldlink.lab.fmu.errors import FmuError, nearest
 from fieldlink.lab.fmu.experiment import round_to_125
 from fieldlink.lab.fmu.signals import is_number
-from fmu_models import FmuSummary, open_plant
+from fmu_models import FmuSummary, StartValue, open_plant
 
 __all__ = ["STEP", "LoopWish", "StepResponse", "is_share", "respond"]
 
@@ -26,6 +27,9 @@ STEP = 10.0
 _FIRST_STEPS, _MOST_STEPS = 200, 51_200
 _SETTLED = 0.02
 """Part of the response that its last fifth may still change by."""
+_REMAINS = 0.05
+"""Part of the response that may be left when OP has gone back: after the step and after the way
+back each tail may still change by ``_SETTLED``, and a little is left for chattering solvers."""
 _SAMPLES_A_LAG = 10
 """Samples in the time constant, where neither user nor FMU gives a period."""
 
@@ -40,6 +44,7 @@ class LoopWish:
         period: seconds between two scans; None takes the FMU's step, or a tenth of its lag.
         op_start: percent at the start; None takes the FMU's start value.
         op_scale: the FMU's input for 1 % of OP; None takes 1 where the FMU does not speak against.
+        start_values: of other variables of the FMU.
         stick_band, slip_jump: of the valve, percent of OP.
     """
 
@@ -50,11 +55,16 @@ class LoopWish:
     stick_band: float = 5.0
     slip_jump: float = 1.5
     op_scale: float | None = None
+    start_values: Mapping[str, StartValue] = field(default_factory=dict)
 
     @property
     def scale(self) -> float:
         """The FMU's input for 1 % of OP."""
         return 1.0 if self.op_scale is None else self.op_scale
+
+    def all_start_values(self, op: float) -> dict[str, StartValue]:
+        """Return the FMU's start values with OP at ``op`` percent."""
+        return {**self.start_values, self.op: op * self.scale}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +78,8 @@ class StepResponse:
         integrates: whether PV goes on as long as OP is off.
         period: seconds between two scans.
         op: percent before the step.
+        remains: part of the response that is left when OP has gone back; of a process without
+            friction next to nothing.
     """
 
     start: float
@@ -77,6 +89,12 @@ class StepResponse:
     integrates: bool
     period: float
     op: float
+    remains: float = 0.0
+
+    @property
+    def has_own_valve(self) -> bool:
+        """Whether the FMU does not come back with OP, as behind a valve that sticks."""
+        return abs(self.remains) > _REMAINS
 
     def tune(self) -> tuple[float, float]:
         """Return gain and integral time (seconds) of a PI by SIMC."""
@@ -107,12 +125,13 @@ def respond(fmu: FmuSummary, wish: LoopWish) -> StepResponse:
     if step is None:
         span = (fmu.stop_time or fmu.start_time + 1000.0) - fmu.start_time
         step = span / 500.0
-        rough = _measure(fmu, wish, op, step)
+        rough, _ = _measure(fmu, wish, op, step)
         delay = rough.lag + rough.dead_time
         if not rough.integrates or rough.dead_time > step:  # else there is no time to scale by
             step = delay / _SAMPLES_A_LAG
         step = round_to_125(step)
-    return _measure(fmu, wish, op, step)
+    response, steps = _measure(fmu, wish, op, step)
+    return replace(response, remains=_remains(fmu, wish, response, steps))
 
 
 def is_share(fmu: FmuSummary, name: str) -> bool:
@@ -151,13 +170,17 @@ def _first_op(fmu: FmuSummary, wish: LoopWish) -> float:
     return start if 5.0 <= start <= 95.0 - STEP else 40.0
 
 
-def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> StepResponse:
-    """Compare a run with the step with one without, so that what drifts anyway is left out."""
+def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> tuple[StepResponse, int]:
+    """Compare a run with the step with one without, so that what drifts anyway is left out.
+
+    Returns:
+        The response, and how many steps it took to settle.
+    """
     steps = _FIRST_STEPS
     while True:
         runs = []
         for value in (op, op + STEP):
-            with open_plant(fmu.file, parameters={wish.op: op * wish.scale}, period=step) as plant:
+            with open_plant(fmu.file, parameters=wish.all_start_values(op), period=step) as plant:
                 runs.append(plant.run(steps, {wish.op: value * wish.scale})[wish.pv])
         rise = (runs[1] - runs[0]) / STEP
         start = float(runs[0][-1])
@@ -170,15 +193,34 @@ def _measure(fmu: FmuSummary, wish: LoopWish, op: float, step: float) -> StepRes
             )
         tail = rise[-steps // 5 :]
         if np.ptp(tail) <= _SETTLED * np.abs(rise).max():
-            return _describe(rise, step, start, op, integrates=False)
+            return _describe(rise, step, start, op, integrates=False), steps
         if _is_ramp(rise):
-            return _describe(rise, step, start, op, integrates=True)
+            return _describe(rise, step, start, op, integrates=True), steps
         if steps >= _MOST_STEPS:
             raise FmuError(
                 f"{fmu.file.name}: {wish.pv} has not settled {steps * step:g} s after a step of "
                 f"{wish.op}; give a longer --period, or another OP with --op-start"
             )
         steps *= 2
+
+
+def _remains(fmu: FmuSummary, wish: LoopWish, response: StepResponse, steps: int) -> float:
+    """Return what part of the response is left when OP has gone there and back.
+
+    Of an integrating process, whose PV stays where it went, that is the part of its slope.
+    """
+    op, runs = response.op, []
+    for value in (op, op + STEP):
+        with open_plant(
+            fmu.file, parameters=wish.all_start_values(op), period=response.period
+        ) as plant:
+            plant.run(steps, {wish.op: value * wish.scale})
+            runs.append(plant.run(steps, {wish.op: op * wish.scale})[wish.pv])
+    left = (runs[1] - runs[0])[-steps // 5 :] / STEP
+    if response.integrates:
+        slope = float(np.polyfit(response.period * np.arange(left.size), left, 1)[0])
+        return slope / response.gain
+    return float(left.mean()) / response.gain
 
 
 def _is_ramp(rise: Array) -> bool:

@@ -19,8 +19,10 @@ function put(element, html) {
   if (element.markup === html) return false;
   const before = document.activeElement, inside = element.contains(before) && before !== element;
   const address = inside ? before.getAttribute("href") : null;
+  const unfolded = element.querySelector("details[open]") !== null;
   element.markup = html;
   element.innerHTML = html;
+  if (unfolded) for (const one of element.querySelectorAll("details")) one.open = true;
   localTimes(element);
   if (address !== null) {
     for (const other of element.querySelectorAll("a")) {

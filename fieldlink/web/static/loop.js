@@ -317,13 +317,15 @@ async function drawCourse(name, tries = 10) {
   ];
   const line = (label, colour, extra = {}) => ({ label, stroke: colour, width: 1.8, points: { show: c.time.length < 60, size: 6 }, ...extra });
   const edge = { stroke: "transparent", width: 0, points: { show: false } };
+  // uPlot shows a single point in a thousand days.
+  const only = c.time.length === 1 ? [c.time[0] - 43200, c.time[0] + 43200] : null;
   const data = [c.time, c.stick_band, c.stick_band_low, c.stick_band_high, c.slip_jump, c.slip_jump_low, c.slip_jump_high];
   holder.textContent = "";
   if (coursePlot) coursePlot.destroy();
   coursePlot = new uPlot({
     width: holder.clientWidth, height: Math.round(holder.clientWidth * 0.55), legend: { show: false },
     scales: {
-      x: { time: true, range: (_, low, high) => high > low ? [low - 0.03 * (high - low), high + 0.03 * (high - low)] : [low - 60, high + 60] },
+      x: { time: true, range: (_, low, high) => only ?? (high > low ? [low - 0.03 * (high - low), high + 0.03 * (high - low)] : [low - 60, high + 60]) },
       y: { range: (_, low, high) => [0, 1.1 * Math.max(high, 1e-9)] },
     },
     axes: [TIME_AXIS, axis("S and J, units of OP")],

@@ -65,13 +65,15 @@ def cause_document(row: Row | None) -> Document:
 def findings_document(queries: StoreQueries) -> list[Document]:
     """Return the open findings, confirmed ones first, then those closed in the last month.
 
+    Of each state those of the most loops stand first: a group has one cause and one remedy.
+
     Raises:
         StoreError: the store cannot be read.
     """
     now_ms = round(time.time() * 1000.0)
     found = [_finding(row) for row in queries.newest_findings(now_ms - CLOSED_FOR_MS)]
     order = {"confirmed": 0, "watch": 1, "closed": 2}
-    return sorted(found, key=lambda one: order.get(one["state"], 3))
+    return sorted(found, key=lambda one: (order.get(one["state"], 3), -len(one["loops"])))
 
 
 def findings_of_loop(queries: StoreQueries, loop: str) -> list[Document]:

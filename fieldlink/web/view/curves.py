@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.stem_start import likeliest_start
 from fieldlink.web.view.store_queries import Row, StoreQueries
 from loop_model import ValveModel
 
@@ -84,12 +85,17 @@ def curves(
     }
 
 
-def stem_of(op: Numbers, judged: Row | None, slots: Sequence[int] | None = None) -> Numbers | None:
+def stem_of(
+    op: Numbers, judged: Row | None, slots: Sequence[int] | None = None, pv: Numbers | None = None
+) -> Numbers | None:
     """Return the stem of the identified valve for each OP; None without a sticky valve.
+
+    None, too, where PV tells that the simulated stem is not the true one.
 
     Args:
         op: None where a value is missing.
         judged: the estimate that names the valve.
+        pv: as long as ``op``; without it the stem begins at the first OP.
         slots: of the values, where some slots have none; without it they follow each other.
     """
     if judged is None or judged["verdict"] != "stiction" or not op:
@@ -103,15 +109,28 @@ def stem_of(op: Numbers, judged: Row | None, slots: Sequence[int] | None = None)
         return None
     # Where OP is missing the valve is taken to stay; before its first move the stem is unknown.
     last = np.maximum.accumulate(np.where(np.isfinite(signal), np.arange(signal.size), good[0]))
-    stem = ValveModel(S, J).simulate(signal[last], float(signal[good[0]]))
-    moved = np.flatnonzero(stem != signal[good[0]])
+    valve, start = ValveModel(S, J), float(signal[good[0]])
+    if pv is not None:
+        measured = np.array([math.nan if value is None else value for value in pv])
+        found = likeliest_start(
+            lambda at: valve.simulate(signal[last], at),
+            signal[last],
+            measured,
+            stick_band=S,
+            slip_jump=J,
+        )
+        if found is None:
+            return None
+        start = found
+    stem = valve.simulate(signal[last], start)
+    moved = np.flatnonzero(stem != start)
     first = int(moved[0]) if moved.size else signal.size
     stem[:first] = math.nan
     lost: Sequence[int] = (
         () if slots is None else (np.flatnonzero(np.diff(slots) > SHORT_GAP) + 1).tolist()
     )
     for begin, end in pairwise([*lost, signal.size]):
-        stem[begin:end] = _known_again(ValveModel(S, J), signal[last[begin:end]])
+        stem[begin:end] = _known_again(valve, signal[last[begin:end]])
     return [None if math.isnan(x) else round(float(x), 6) for x in stem]
 
 
@@ -125,15 +144,14 @@ def _known_again(valve: ValveModel, op: NDArray[np.float64]) -> NDArray[np.float
 def phase(rows: list[Row], judged: Row | None) -> dict[str, Numbers]:
     """Return PV, OP and stem of a window for PV over OP: one value a slot, None for a missing one.
 
-    The stem begins at the first OP; with a stick band near OP's swing that decides its course, and
-    the identified one, which comes with the cost map, is better.
+    The stem is simulated; the identified one, which comes with the cost map, is better.
     """
     if not rows or judged is None:
         return {"op": [], "pv": [], "stem": []}
     by_slot = {row["slot"]: row for row in rows}
     slots = [by_slot.get(slot) for slot in range(judged["first_slot"], judged["last_slot"] + 1)]
     op, pv = ([None if row is None else row[name] for row in slots] for name in ("op", "pv"))
-    return {"op": op, "pv": pv, "stem": stem_of(op, judged) or []}
+    return {"op": op, "pv": pv, "stem": stem_of(op, judged, pv=pv) or []}
 
 
 def _end(queries: StoreQueries, loop: str, *, live: bool) -> int:
@@ -143,13 +161,14 @@ def _end(queries: StoreQueries, loop: str, *, live: bool) -> int:
 
 def _raw(rows: list[Row], judged: Row | None) -> dict[str, Any]:
     op: Numbers = [row["op"] for row in rows]
+    pv: Numbers = [row["pv"] for row in rows]
     sp = [row["sp"] for row in rows]
     return {
         "time": [row["utc_ms"] / 1000.0 for row in rows],
         "op": op,
-        "pv": [row["pv"] for row in rows],
+        "pv": pv,
         "sp": sp if any(value is not None for value in sp) else None,
-        "stem": stem_of(op, judged, [row["slot"] for row in rows]),
+        "stem": stem_of(op, judged, [row["slot"] for row in rows], pv),
         "slots": [row["slot"] for row in rows],
     }
 
