@@ -140,6 +140,7 @@ class LoopWatch:
         self._quick = math.ceil(max(quick * period, self.settings.least))
         self._short = math.ceil(max(short * period, min(horizon, 4.0 * period), self._quick))
         self._long = math.ceil(max(long * period, 1.8 * self._short))
+        self._lasting = math.ceil(self.settings.persist * self._short)
         self._stroke = stroke
         self._squares: deque[float] = deque(maxlen=self._long)
         self._travels: deque[float] = deque(maxlen=self._long)
@@ -252,20 +253,14 @@ class LoopWatch:
         # Beside the travel of before, a loop that was at rest may make two corrections a window.
         usual = self.before.travel
         allowance = 4.0 * self._stroke / self._long
-        if len(self._squares) < self._quick:
-            return WatchVerdict.FINE
         square, travel = self._means(self._quick)
         if travel > 3.0 * s.travel_budget * usual + 6.0 * self._stroke / self._quick:
             return WatchVerdict.TRAVEL
-        if len(self._squares) < self._short:
-            return WatchVerdict.FINE
         square, travel = self._means(self._short)
         if square > s.much_worse * self._room(travel) * self._usual(travel, self._short):
             return WatchVerdict.WORSE
         if travel > 1.5 * s.travel_budget * usual + 2.0 * allowance:
             return WatchVerdict.TRAVEL
-        if len(self._squares) < self._long:
-            return WatchVerdict.FINE
         square, travel = self._means(self._long)
         known = self._usual(travel, self._long)
         if square > s.worse_by * self._room(travel) * known:
@@ -283,8 +278,15 @@ class LoopWatch:
         return WatchVerdict.TRAVEL if broken == "travel" else WatchVerdict.NO_GAIN
 
     def _means(self, count: int) -> tuple[float, float]:
-        """Return the mean square error and the mean travel of the last ``count`` samples."""
-        squares, travels = list(self._squares)[-count:], list(self._travels)[-count:]
+        """Return the mean square error and the mean travel of the last ``count`` samples.
+
+        Of a window that is not full: what its means will be at least, however good the loop will
+        be from now on. The first samples are left out, because a verdict has to last: they will
+        have left the window by then.
+        """
+        seen = len(self._squares)
+        first = seen - count if seen >= count else min(self._lasting, seen)
+        squares, travels = list(self._squares)[first:], list(self._travels)[first:]
         return math.fsum(squares) / count, math.fsum(travels) / count
 
     def _usual(self, travel: float, count: int) -> float:
