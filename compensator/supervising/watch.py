@@ -6,7 +6,8 @@ Five questions, from the quickest to the slowest:
   for longer than the dead time explains (`RunAway`)?
 * does it overshoot a set-point step by as much as the step, or grow from cycle to cycle?
 * is PV worse **and** the stem's travel more than before (`HarmWatch`)?
-* is PV worse, or travel over its budget, over periods enough for the figures to be fair?
+* is PV worse, or travel over its budget, over periods enough for the figures to be fair, or so much
+  that they will be, however good the loop is from now on?
 * is the promise kept: half of PV's deviation and no more travel than before (`PromiseWatch`)?
 
 Nothing that noise with the stem held explains is held against the compensator; nor is a set-point
@@ -140,6 +141,7 @@ class LoopWatch:
         self._quick = math.ceil(max(quick * period, self.settings.least))
         self._short = math.ceil(max(short * period, min(horizon, 4.0 * period), self._quick))
         self._long = math.ceil(max(long * period, 1.8 * self._short))
+        self._lasting = math.ceil(self.settings.persist * self._short)
         self._stroke = stroke
         self._squares: deque[float] = deque(maxlen=self._long)
         self._travels: deque[float] = deque(maxlen=self._long)
@@ -219,11 +221,12 @@ class LoopWatch:
         self._asked = max(0.0, self._asked - seen.travel)
         if self._cycles.push(seen.error, seen.noise_variance):
             return WatchVerdict.GROWING
-        verdict = self._judge()
-        if verdict is WatchVerdict.FINE and seen.sp_travel == 0.0:
-            verdict = self._promised(seen)
-            if verdict is not WatchVerdict.FINE:
-                return verdict
+        verdict, window = self._judge()
+        early = len(self._squares) < window
+        if (verdict is WatchVerdict.FINE or early) and seen.sp_travel == 0.0:
+            broken = self._promised(seen)
+            if broken is not WatchVerdict.FINE:
+                return broken
         self._bad_for = 0 if verdict is WatchVerdict.FINE else self._bad_for + 1
         if self._bad_for <= self.settings.persist * self._short:
             return WatchVerdict.FINE
@@ -247,34 +250,29 @@ class LoopWatch:
         self._patience = 0
         return False
 
-    def _judge(self) -> WatchVerdict:
+    def _judge(self) -> tuple[WatchVerdict, int]:
+        """Return a verdict and the samples of the window that it is of."""
         s = self.settings
         # Beside the travel of before, a loop that was at rest may make two corrections a window.
         usual = self.before.travel
         allowance = 4.0 * self._stroke / self._long
-        if len(self._squares) < self._quick:
-            return WatchVerdict.FINE
         square, travel = self._means(self._quick)
         if travel > 3.0 * s.travel_budget * usual + 6.0 * self._stroke / self._quick:
-            return WatchVerdict.TRAVEL
-        if len(self._squares) < self._short:
-            return WatchVerdict.FINE
+            return WatchVerdict.TRAVEL, self._quick
         square, travel = self._means(self._short)
         if square > s.much_worse * self._room(travel) * self._usual(travel, self._short):
-            return WatchVerdict.WORSE
+            return WatchVerdict.WORSE, self._short
         if travel > 1.5 * s.travel_budget * usual + 2.0 * allowance:
-            return WatchVerdict.TRAVEL
-        if len(self._squares) < self._long:
-            return WatchVerdict.FINE
+            return WatchVerdict.TRAVEL, self._short
         square, travel = self._means(self._long)
         known = self._usual(travel, self._long)
         if square > s.worse_by * self._room(travel) * known:
-            return WatchVerdict.WORSE
+            return WatchVerdict.WORSE, self._long
         if travel > s.travel_budget * usual + allowance:
-            return WatchVerdict.TRAVEL
+            return WatchVerdict.TRAVEL, self._long
         if travel > s.hunting * usual + allowance and square > s.hunting_share * known:
-            return WatchVerdict.HUNTING
-        return WatchVerdict.FINE
+            return WatchVerdict.HUNTING, self._long
+        return WatchVerdict.FINE, 0
 
     def _promised(self, seen: Watched) -> WatchVerdict:
         broken = self._promise.push(seen.error, self._travels[-1], seen.noise_variance)
@@ -283,8 +281,15 @@ class LoopWatch:
         return WatchVerdict.TRAVEL if broken == "travel" else WatchVerdict.NO_GAIN
 
     def _means(self, count: int) -> tuple[float, float]:
-        """Return the mean square error and the mean travel of the last ``count`` samples."""
-        squares, travels = list(self._squares)[-count:], list(self._travels)[-count:]
+        """Return the mean square error and the mean travel of the last ``count`` samples.
+
+        Of a window that is not full: what its means will be at least, however good the loop will
+        be from now on, for as long as a verdict has to last. By then the first samples will have
+        left the window, so that they are left out.
+        """
+        seen = len(self._squares)
+        first = seen - count if seen >= count else min(self._lasting, seen)
+        squares, travels = list(self._squares)[first:], list(self._travels)[first:]
         return math.fsum(squares) / count, math.fsum(travels) / count
 
     def _usual(self, travel: float, count: int) -> float:

@@ -271,3 +271,25 @@ def test_a_level_taken_for_a_slow_lag_is_not_excused_by_the_gain_that_it_never_r
         if verdict is not WatchVerdict.FINE:
             break
     assert verdict in (WatchVerdict.WORSE, WatchVerdict.NO_GAIN)
+
+
+def verdict_on(errors: list[float], travel: float) -> tuple[int, WatchVerdict]:
+    watch = LoopWatch(LoopFigures(1.0, 0.2, 100.0, 3.0), QUICK)
+    for k, error in enumerate(errors):
+        verdict = watch.push(Watched(error, travel, 0.01))
+        if verdict is not WatchVerdict.FINE:
+            return k, verdict
+    return len(errors), WatchVerdict.FINE
+
+
+def test_what_a_window_will_hold_at_least_is_not_waited_for() -> None:
+    # PV at twice its deviation before: a window of 2.5 periods of 100 samples is over 1.8 times the
+    # mean square of before once 0.45 of it are seen, whatever comes then.
+    scans, verdict = verdict_on([2.0] * 400, travel=0.2)
+    assert verdict is WatchVerdict.WORSE
+    assert scans < 2.0 * 100
+
+
+def test_what_will_have_left_the_window_by_then_makes_no_verdict() -> None:
+    # The window is over its limit when it is full, but no longer an eighth of it later.
+    assert verdict_on([5.0] * 30 + [0.1] * 1000, travel=0.15)[1] is WatchVerdict.FINE
