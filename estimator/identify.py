@@ -25,7 +25,7 @@ from estimator.cleaning import (
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
-from estimator.evidence.records import informed_share
+from estimator.evidence.records import drawn_step, informed_share
 from estimator.evidence.sign import gain_sign
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
@@ -95,7 +95,7 @@ def identify(
             f"method {method!r} minimises one-step-ahead errors and criterion 'oe' simulation "
             f"errors: use criterion 'arx' or 'auto' with it, or method 'search'"
         )
-    if not 0.5 <= confidence <= 0.999:
+    if not (isinstance(confidence, (int, float, np.number)) and 0.5 <= confidence <= 0.999):
         raise EstimatorError(f"confidence is {confidence!r}: give a share from 0.5 to 0.999")
     period = period_of(period, op, pv, sp, auto)
     window = harmonise(op, pv, sp, auto, period, settings.screening)
@@ -134,7 +134,9 @@ def identify(
         result = unassessed(window, reasons, criterion, confidence)
     else:
         sign = gain_sign(given, cleaned.pv, setpoint, cleaned.controller, settings.modelling)
-        request = Request(criterion, confidence, method, surface, sign, informed)
+        is_drawn = informed < settings.screening.drawn
+        left_out = max(drawn_step(given), drawn_step(measured)) if is_drawn else 0.0
+        request = Request(criterion, confidence, method, surface, sign, informed, left_out)
         result = _assess(window, request, settings)
         result = replace(
             result,
@@ -215,5 +217,6 @@ def _evidence(case: Case, weighing: Weighing, request: Request) -> tuple[Evidenc
         informed=request.informed,
         gain_sign=int(case.rows.sign),
         law=best.valve.law,
+        left_out=request.left_out,
     )
     return evidence, Fit(simulate(case, best)[1], simulate(case, healthy)[1])

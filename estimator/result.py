@@ -118,6 +118,8 @@ class Evidence:
             strokes: runs of moves in one direction.
         band_over_span: stick band over the span of OP in the window.
         informed: share of PV's moving samples that do not lie on a line between others.
+        left_out: step from which a historian stored OP or PV, as a share of its span; 0 where every
+            sample was measured.
         gain_sign: sign of the process gain that the controller's action tells, 0 where unclear.
         law: the valve law that explains the window best.
     """
@@ -135,6 +137,7 @@ class Evidence:
     informed: float
     gain_sign: int
     law: str
+    left_out: float = 0.0
 
     def to_dict(self) -> dict[str, float | int | str | None]:
         """Plain types, null for no number."""
@@ -150,6 +153,7 @@ class Evidence:
             "strokes": self.strokes,
             "band_over_span": _number(self.band_over_span),
             "informed": _number(self.informed),
+            "left_out": _number(self.left_out),
             "gain_sign": self.gain_sign,
             "law": self.law,
         }

@@ -28,6 +28,10 @@ __all__ = [
 _TINY = 1e-9
 """Span or deviation, as a share of the value, that is rounding."""
 
+_LARGEST = 1e100
+"""Beyond, a number stands for no measurement (the largest of double precision is what some servers
+store instead), and its square is none."""
+
 _USUAL_PERIOD = 1.0
 """Seconds between samples that come without times and without a period."""
 
@@ -126,11 +130,15 @@ def harmonise(
 
 
 def signal_of(name: str, values: ArrayLike) -> Array:
-    """One row of samples, ``(n,)``; what is masked is NaN. ``name`` is that of the signal.
+    """One row of samples, ``(n,)``; what is masked or measures nothing is NaN.
+
+    ``name`` is that of the signal.
 
     Raises:
         EstimatorError: not one row of numbers.
     """
+    if np.iscomplexobj(values):
+        raise EstimatorError(f"{name} is complex: give real numbers")
     try:
         if isinstance(values, np.ma.MaskedArray):
             values = np.ma.filled(values.astype(np.float64), math.nan)
@@ -146,7 +154,8 @@ def signal_of(name: str, values: ArrayLike) -> Array:
         raise EstimatorError(
             f"{name} has shape {signal.shape}: give one row of samples, shape (n,)"
         )
-    return signal
+    beyond = np.abs(signal) > _LARGEST
+    return np.where(beyond, math.nan, signal) if beyond.any() else signal
 
 
 def signals_of(

@@ -22,7 +22,7 @@ class Request:
     """What the caller asked of one window, and what the record says of itself.
 
     ``sign`` is that of the process gain, 0 where it is unknown; ``informed`` the share of samples
-    that were measured.
+    that were measured, ``left_out`` the step that a historian left out, as a share of the span.
     """
 
     criterion: str
@@ -31,6 +31,7 @@ class Request:
     surface: bool
     sign: float
     informed: float
+    left_out: float = 0.0
 
 
 class Criterion(Protocol):

@@ -6,12 +6,15 @@ import numpy as np
 
 from estimator.arrays import Array
 
-__all__ = ["informed_share"]
+__all__ = ["drawn_step", "informed_share"]
 
 _EVEN = 1e-7
 """Second difference, as a share of the span, below which a sample lies on a straight line."""
 _MOVES = 1e-9
 _FEWEST = 20
+_SMALL = 0.1
+"""Quantile of the steps between the ends of lines that is the step from which a sample is stored:
+noise and the samples stored because time was up make most larger and some smaller."""
 
 
 def informed_share(signal: Array) -> float:
@@ -28,3 +31,19 @@ def informed_share(signal: Array) -> float:
     bends = np.abs(np.diff(known, 2)) > _EVEN * span
     both = moves[1:] & moves[:-1]
     return float(bends[both].mean()) if int(both.sum()) > _FEWEST else 1.0
+
+
+def drawn_step(signal: Array) -> float:
+    """Step from which a historian stored a sample of ``signal`` ``(n,)``, as a share of its span.
+
+    Told by how far the ends of the straight lines are apart that it drew; 0 where it drew few.
+    """
+    known = signal[np.isfinite(signal)]
+    span = float(np.ptp(known)) if known.size else 0.0
+    if span == 0.0:
+        return 0.0
+    bends = 1 + np.flatnonzero(np.abs(np.diff(known, 2)) > _EVEN * span)
+    ends = np.concatenate([[0], bends, [known.size - 1]])
+    steps = np.abs(np.diff(known[ends])) / span
+    lines = (np.diff(ends) > 1) & (steps > _MOVES)
+    return float(np.quantile(steps[lines], _SMALL)) if int(lines.sum()) > _FEWEST else 0.0

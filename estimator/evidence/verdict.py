@@ -19,6 +19,10 @@ _LEAST_EFFECT = 0.01
 """Share of PV's variance that sticking makes, below which it is not called with certainty (tuning
 family: one sticky valve of 400 makes less)."""
 
+_LEFT_OUT = 2.0
+"""Steps that make a band: a signal stored by exception stands one step behind on its way up and one
+on its way down."""
+
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
@@ -111,6 +115,14 @@ def judge(evidence: Evidence, fit: Fit, settings: Settings) -> Judgement:
             ReasonCode.BAND_TOO_SMALL,
             f"the stick band is {evidence.band_over_span:.1%} of OP's span, less than a positioner "
             f"resolves",
+        )
+    if sticks and evidence.band_over_span < _LEFT_OUT * evidence.left_out:
+        return answer(
+            Verdict.NOT_ASSESSABLE,
+            ReasonCode.RECORD_INTERPOLATED,
+            f"the stick band is {evidence.band_over_span:.1%} of OP's span, and the historian "
+            f"stored a sample only after steps of {evidence.left_out:.1%}, which holds signals "
+            f"back as a sticky valve does",
         )
     if sticks and evidence.steady < judging.steady:
         return answer(

@@ -78,6 +78,16 @@ def _judge(**changes: float) -> tuple[Verdict, ReasonCode, bool]:
             ReasonCode.STICKY_VALVE_EXPLAINS,
         ),
         ({"band_over_span": 0.015}, Verdict.NO_STICTION, ReasonCode.BAND_TOO_SMALL),
+        (
+            {"band_over_span": 0.09, "left_out": 0.05},
+            Verdict.NOT_ASSESSABLE,
+            ReasonCode.RECORD_INTERPOLATED,
+        ),
+        (
+            {"band_over_span": 0.11, "left_out": 0.05},
+            Verdict.STICTION,
+            ReasonCode.STICKY_VALVE_EXPLAINS,
+        ),
     ],
     ids=[
         "clear",
@@ -91,6 +101,8 @@ def _judge(**changes: float) -> tuple[Verdict, ReasonCode, bool]:
         "few strokes",
         "few but clear",
         "small band",
+        "band of a dead band",
+        "band beyond a dead band",
     ],
 )
 def test_evidence_makes_a_verdict_with_its_reason(
