@@ -146,6 +146,9 @@ def diagnose(
     calm = without_steady_wave(error, swing, period, settings)
     known = _known_process(explained, swing, settings)
     size, in_phase = swing_amplitude(record, swing, settings)
+    if sensor.frozen > settings.judging.frozen:
+        # a PV that stands still changes the size and no phase
+        in_phase = math.nan
     removable = removable_share(calm, known, controller, period, settings)
     gathered = Gathered(
         swing=swing,
