@@ -391,8 +391,16 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         )
         action = "Record OP and PV of the same scan, every scan, as the controller has them."
     else:
-        here, _ = found.amplification()
-        evidence.append(
-            f"a tight loop (amplification {here:.2g}) and a wave from outside explain it alike"
-        )
+        evidence.append(_tight_or_outside(found, shows=shows))
     return Cause(CauseName.UNDETERMINED, swing.share, tuple(evidence), action)
+
+
+def _tight_or_outside(found: Gathered, *, shows: bool) -> str:
+    """Why neither is told to make the oscillation; ``shows``: whether the process does."""
+    if not shows:
+        return (
+            "PV hardly follows OP in this record, so whether the loop or the outside makes it does "
+            "not show"
+        )
+    here, _ = found.amplification()
+    return f"a tight loop (amplification {here:.2g}) and a wave from outside explain it alike"

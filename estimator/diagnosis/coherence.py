@@ -21,6 +21,7 @@ from estimator.window import bridge, carry_on
 
 __all__ = [
     "Agreement",
+    "Complex",
     "LoopSignals",
     "LoopSpectrum",
     "agreement",

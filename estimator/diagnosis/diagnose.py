@@ -36,7 +36,7 @@ from estimator.diagnosis.loop_record import (
     without_steady_wave,
 )
 from estimator.diagnosis.nonlinearity import largest_bicoherence
-from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
+from estimator.diagnosis.oscillation import Oscillation, detect_oscillation, has_steady_period
 from estimator.diagnosis.plausible import find_plausible
 from estimator.diagnosis.removable import removable_share
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
@@ -145,6 +145,10 @@ def diagnose(
     predictable = predictable_shares(record, swing, controller, limits, settings)
     calm = without_steady_wave(error, swing, period, settings)
     known = _known_process(explained, swing, settings)
+    size, in_phase = swing_amplitude(record, swing, settings)
+    if sensor.frozen > settings.judging.frozen:
+        # a PV that stands still changes the size and no phase
+        in_phase = math.nan
     removable = removable_share(calm, known, controller, period, settings)
     gathered = Gathered(
         swing=swing,
@@ -169,7 +173,8 @@ def diagnose(
         setpoint_swings=_setpoint_swings(record, swing, settings),
         wave_share=_wave_share(error, explained, period),
         swing_share=share_around(error, swing.period_s / period) if swing.present else 0.0,
-        amplitude=swing_amplitude(record, swing, settings),
+        amplitude=size,
+        in_phase=in_phase,
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,
@@ -312,7 +317,7 @@ def _known_process(
     """The process where it shows; beside a steady wave, which is taken for a resonance else."""
     if explained is None or explained.process < settings.judging.threshold:
         return None
-    if explained.beside_wave is not None and swing.regularity >= settings.judging.steady:
+    if explained.beside_wave is not None and has_steady_period(swing, settings.judging):
         return explained.beside_wave
     return explained.model
 

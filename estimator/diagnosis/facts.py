@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,6 +22,9 @@ __all__ = [
     "limits_of",
     "sensor_of",
 ]
+
+_USUAL = 0.95
+"""Share of the error's moves from sample to sample that are usual ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,18 +83,20 @@ def by_hand_of(
     Without a mode a controller is in manual where OP stands still for long beside an error, for
     which the controller would have moved it (`estimator.diagnosis.standing`). A
     limit holds OP as well, at its highest or lowest value, as long as the errors since it was
-    reached ask for more in sum; where they ask for less, a controller would have left it.
+    reached ask for more in sum; where they ask for less, a controller would have left it. A hand
+    also sets one value right after another: a controller leaves a limit on its way through others.
     """
     if auto is not None:
         return ~auto
     if np.ptp(error) == 0.0:
         return np.zeros(op.size, dtype=bool)
     # without an error a controller keeps still
-    still = mask_of(held_runs(op, error, controller, period, settings), op.size)
+    runs = held_runs(op, error, controller, period, settings)
+    still = mask_of(runs, op.size)
     still &= error != 0.0
     if np.ptp(op) == 0.0:
         return still
-    limited = still & at_limit(op)
+    limited = still & at_limit(op) & ~mask_of(_set_by_hand(runs, error), op.size)
     found = still & ~limited
     if controller is None or not controller.integral_rate:
         return found
@@ -99,6 +105,20 @@ def by_hand_of(
         push = math.copysign(1.0, outwards) * error[start:stop]
         if np.mean(np.cumsum(push) < 0.0) > 1.0 - settings.pushed:
             found[start:stop] = True
+    return found
+
+
+def _set_by_hand(runs: list[tuple[int, int]], error: Array) -> list[tuple[int, int]]:
+    """Those runs ``(start, stop)`` that follow one another at once, without a jump of the error.
+
+    A controller crosses from one limit to the other in a sample only where the error jumps.
+    """
+    moves = np.abs(np.diff(error))
+    usual = float(np.quantile(moves, _USUAL))
+    found = []
+    for before, after in pairwise(runs):
+        if before[1] == after[0] and moves[after[0] - 1] <= usual:
+            found += [before, after]
     return found
 
 

@@ -54,7 +54,8 @@ class Gathered:
         wave_share: share of the error's variance around the period of the wave that comes with a
             sticky valve.
         swing_share: share of the error's variance around the period of the main oscillation.
-        amplitude: deviation of the main oscillation's amplitude over its mean, NaN without one.
+        amplitude: deviation of the main oscillation's amplitude over its mean, NaN without one;
+            in_phase: share of its squared amplitude that keeps one phase.
         open_swing, open_share: the oscillation of the longest time in which OP stands still, in
             manual or at a limit, and its share of the error's variance; None without one.
         removable: share of the squared error that robust settings would remove, by the identified
@@ -83,6 +84,7 @@ class Gathered:
     wave_share: float = 0.0
     swing_share: float = 0.0
     amplitude: float = math.nan
+    in_phase: float = math.nan
     open_swing: Oscillation | None = None
     open_share: float = 0.0
     removable: float = math.nan

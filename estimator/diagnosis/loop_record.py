@@ -18,6 +18,7 @@ from estimator.diagnosis.oscillation import (
     Oscillation,
     band_of,
     detect_oscillation,
+    has_steady_period,
 )
 from estimator.diagnosis.settings import DiagnosisSettings
 from estimator.faults import runs_of
@@ -205,7 +206,7 @@ def without_steady_wave(
     signal: Array, swing: Oscillation, period: float, settings: DiagnosisSettings
 ) -> Array:
     """The signal ``(n,)`` without the main oscillation, where that has a steady period."""
-    if not swing.present or swing.regularity < settings.judging.steady:
+    if not swing.present or not has_steady_period(swing, settings.judging):
         return signal
     return without_wave(signal, swing.period_s / period)
 

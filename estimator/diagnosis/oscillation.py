@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal, special
 
 from estimator.arrays import Array
-from estimator.diagnosis.settings import DIAGNOSIS, Swinging
+from estimator.diagnosis.settings import DIAGNOSIS, Judging, Swinging
 from estimator.diagnosis.swing_share import local_share
 from estimator.outcomes import EstimatorError
 from estimator.window import bridge
@@ -34,6 +34,7 @@ __all__ = [
     "band_of",
     "detect_oscillation",
     "detect_oscillations",
+    "has_steady_period",
 ]
 
 Spectrum = NDArray[np.complex128]
@@ -135,6 +136,16 @@ def detect_oscillations(
 
     judged.sort(key=order)
     return tuple(replace(one, period_s=one.period_s * period) for one in judged)
+
+
+def has_steady_period(one: Oscillation, judging: Judging) -> bool:
+    """Whether the periods hardly scatter, or the phase is kept for many of them.
+
+    Noise moves the zero crossings of a pulse train or a saw-tooth far more than those of a sine, so
+    its periods scatter; two periods later its course is still the same.
+    """
+    lasts = one.cycles >= judging.lasting_periods and one.decay >= judging.kept
+    return lasts or one.regularity >= judging.steady
 
 
 def band_of(x: Array, frequency: float, settings: Swinging = DIAGNOSIS.swinging) -> Array:

@@ -239,6 +239,9 @@ class Judging:
         wanders: deviation of an oscillation's amplitude over its mean from which noise keeps it
             going: half of Rayleigh's 0.52 (tuning family: tight loops have 0.29 to 1, waves from
             outside 0.01 to 0.23 over 15 periods and more).
+        in_phase: share of an oscillation's squared amplitude in one phase, from which its phase
+            does not wander: a machine whose size changes keeps it (tuning family: one tight loop of
+            58 reaches it).
         lasting_periods: periods from which the amplitude is asked: fewer hold too few values.
         damping: damping of the loop's own swing below which it rings for five periods.
         steady: regularity from which an oscillation has a period: its periods scatter by 5 % then
@@ -288,6 +291,7 @@ class Judging:
     endless: float = 10.0
     well: float = 1.6
     wanders: float = 0.26
+    in_phase: float = 0.98
     lasting_periods: float = 15.0
     damping: float = 0.1
     steady: float = 6.7

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from estimator.diagnosis.gathered import Gathered
+from estimator.diagnosis.oscillation import has_steady_period
 from estimator.diagnosis.result import Cause, CauseName
 from estimator.diagnosis.settings import DiagnosisSettings
 
@@ -36,16 +37,18 @@ def is_aperiodic(found: Gathered, settings: DiagnosisSettings) -> bool:
 
 def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
     judging = settings.judging
-    return found.swing.regularity >= judging.steady and found.swing.decay >= judging.kept
+    return has_steady_period(found.swing, judging) and found.swing.decay >= judging.kept
 
 
 def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
-    """Whether the amplitude is seen to wander, so that noise keeps the oscillation going.
+    """Whether amplitude and phase are seen to wander, so that noise keeps the oscillation going.
 
     A steady one tells nothing: a loop near its limit of stability has it as well as a wave.
     """
     judging = settings.judging
-    return found.swing.cycles >= judging.lasting_periods and found.amplitude > judging.wanders
+    if found.swing.cycles < judging.lasting_periods or found.in_phase >= judging.in_phase:
+        return False
+    return found.amplitude > judging.wanders
 
 
 def _is_noise(found: Gathered, settings: DiagnosisSettings) -> bool:

@@ -8,20 +8,40 @@ from scipy.signal import lfilter
 
 from benchmarks.diagnosis_families.tuning import singles
 from benchmarks.diagnosis_families.tuning.singles import draw_loop
-from estimator.diagnosis.amplitude import amplitude_variation
+from estimator.diagnosis.amplitude import phase_kept_by, variation_of
+from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, spectrum_of
 from fieldlink.diagnosis import diagnose
 
 RAYLEIGH = np.sqrt(4.0 / np.pi - 1.0)
 """Deviation over mean of Rayleigh's distribution."""
 
 
+def spectrum(signal: np.ndarray) -> LoopSpectrum:
+    return spectrum_of(LoopSignals(signal, None, None, 1.0))
+
+
+def resonance(size: int, seed: int) -> np.ndarray:
+    pole = 0.98 * np.exp(2j * np.pi / 40.0)
+    noise = np.random.default_rng(seed).standard_normal(size)
+    return np.asarray(lfilter([1.0], np.poly([pole, np.conj(pole)]).real, noise))
+
+
 def test_a_sine_has_one_amplitude_and_a_resonance_in_noise_rayleighs() -> None:
     k, noise = np.arange(20_000), np.random.default_rng(1)
     sine = np.sin(2.0 * np.pi * k / 40.0) + 0.05 * noise.standard_normal(k.size)
-    assert amplitude_variation(sine, 40.0, 0.2) < 0.05
-    pole = 0.98 * np.exp(2j * np.pi / 40.0)
-    resonance = lfilter([1.0], np.poly([pole, np.conj(pole)]), noise.standard_normal(k.size))
-    assert amplitude_variation(resonance, 40.0, 0.2) == pytest.approx(RAYLEIGH, abs=0.1)
+    assert variation_of(spectrum(sine), 40.0, 0.2) < 0.05
+    found = variation_of(spectrum(resonance(k.size, 1)), 40.0, 0.2)
+    assert found == pytest.approx(RAYLEIGH, abs=0.1)
+
+
+def test_a_machine_whose_size_changes_keeps_its_phase_and_noise_does_not() -> None:
+    k = np.arange(3000)
+    size = 1.0 + 0.5 * np.sin(2.0 * np.pi * k / 900.0)
+    machine = spectrum(size * np.sin(2.0 * np.pi * k / 41.0 + 0.7))
+    assert variation_of(machine, 40.0, 0.2) > 0.26
+    assert phase_kept_by(machine, 40.0, 0.2) > 0.98
+    noisy = [phase_kept_by(spectrum(resonance(k.size, seed)), 40.0, 0.2) for seed in range(8)]
+    assert max(noisy) < 0.98
 
 
 @pytest.mark.parametrize("seed", [73000, 73001, 73010])

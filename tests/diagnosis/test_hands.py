@@ -10,6 +10,7 @@ from estimator.diagnosis.facts import by_hand_of, limits_of
 from estimator.diagnosis.loop_record import loop_record
 from estimator.diagnosis.settings import DIAGNOSIS
 from fieldlink.diagnosis import CauseName, diagnose, read_controller
+from tests.closed_loop import run
 
 SEEDS = range(20)
 STEPS = KINDS[1:]
@@ -79,3 +80,18 @@ def test_op_that_answers_no_error_is_not_called_quiet(seed: int) -> None:
     answer = diagnose(op, np.array(pv), np.full(1200, 50.0), period=1.0, advice=False)
     assert answer.controller is None
     assert CauseName.QUIET not in {cause.name for cause in answer.causes}
+
+
+def test_values_that_a_hand_sets_one_after_the_other_are_no_limits() -> None:
+    for seed in range(3):
+        loop = run(seed=seed)
+        op, n = loop.op.copy(), loop.op.size
+        values = np.random.default_rng(seed).permutation([-8.0, -4.0, -2.0, 3.0, 6.0, 8.0])
+        op[300:] = np.repeat(50.0 + values, 200)
+        answer = np.zeros(n)
+        for k in range(4, n):
+            answer[k] = answer[k - 1] + 0.08 * (1.5 * (op[k - 4] - 50.0) - answer[k - 1])
+        pv = np.where(np.arange(n) < 300, loop.pv, 50.0 + answer)
+        pv += 0.05 * np.random.default_rng(seed).standard_normal(n)
+        found = diagnose(op, pv, loop.sp, period=1.0, advice=False)
+        assert [cause.name for cause in found.causes] == ["manual"]

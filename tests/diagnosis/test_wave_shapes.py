@@ -1,0 +1,54 @@
+"""Waves from outside that are no sine, and those whose size changes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldlink.diagnosis import Diagnosis, diagnose
+from tests.closed_loop import Loop, run
+
+K = np.arange(1500)
+
+
+def found(loop: Loop) -> Diagnosis:
+    return diagnose(loop.op, loop.pv, loop.sp, period=1.0, advice=False)
+
+
+def drift(seed: int, pole: float) -> NDArray[np.float64]:
+    moves = np.random.default_rng(seed).standard_normal(K.size)
+    load = np.zeros(K.size)
+    for k in range(1, load.size):
+        load[k] = pole * load[k - 1] + moves[k]
+    return np.asarray(load / load.std())
+
+
+def test_a_train_of_pulses_comes_from_outside_though_noise_moves_its_crossings() -> None:
+    pulses = 4.0 * ((K / 40.0 % 1.0 < 0.25) - 0.25)
+    answer = found(run(load=pulses + drift(5, 0.98), seed=5))
+    assert answer.oscillation.regularity < 6.7
+    assert answer.first.name == "external_oscillation"
+
+
+def test_a_wave_whose_size_changes_is_no_tight_tuning() -> None:
+    wave = 5.0 * np.sin(2.0 * np.pi * K / 50.0) * (1.0 + 0.4 * drift(2, 0.99))
+    answer = found(run(load=wave, gain=0.25, integral_time=7.0, lag=6.0, dead=8, seed=2))
+    assert answer.first.name == "external_oscillation"
+
+
+def test_an_undetermined_oscillation_says_what_does_not_show() -> None:
+    # a slow controller, much noise: PV is not seen to follow OP
+    wave = 3.0 * ((K[:600] / 60.0 + 0.1 * short_drift(10)) % 1.0 - 0.5)
+    load = wave + 1.2 * short_drift(60)
+    answer = found(run(load=load, gain=0.1, noise=0.3, n=600, seed=10))
+    assert answer.first.name == "undetermined"
+    assert answer.oscillation.present
+    assert not any("tight loop" in sentence for sentence in answer.first.evidence)
+
+
+def short_drift(seed: int) -> NDArray[np.float64]:
+    moves = np.random.default_rng(seed).standard_normal(600)
+    load = np.zeros(600)
+    for k in range(1, load.size):
+        load[k] = 0.98 * load[k - 1] + moves[k]
+    return np.asarray(load / load.std())
