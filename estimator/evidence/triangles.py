@@ -23,9 +23,11 @@ from estimator.search.processes import polish
 
 __all__ = ["fit_triangular_load"]
 
-_FEWEST_CYCLES = 3.0
-"""Cycles in the window below which it is not looked for: what repeats once fits the two strokes of
-a sticky valve as well (tuning family, few strokes)."""
+_FEWEST_CYCLES = 2.0
+"""Cycles in the window below which it is not looked for: what is not seen twice fits the strokes of
+any sticky valve. From three on, healthy valves under two to three cycles are accused (tuning
+family, cut to so many: 11 of 54, and one at two; of 75 sticky valves one more is missed, and four
+are uncertain)."""
 _PERIODS = 2
 """Periods that are tried: that of a wave which pays, then that of PV or OP."""
 _SAME_PERIOD = 0.3

@@ -60,6 +60,15 @@ def test_a_healthy_valve_under_it_is_not_accused(
     assert not result.uncertain
 
 
+@pytest.mark.parametrize("seed", [0, 2, 4, 5, 7])
+def test_it_is_known_from_two_cycles_and_a_half(seed: int) -> None:
+    wave = sawtooth(2.0 * np.pi * (np.arange(375) / 150 + 0.17 * seed), 0.3)
+    record = run(load=5.0 * wave, n=375, dead=2, noise=0.03, seed=seed, gain=0.6)
+    result = identify(record.op, record.pv, sp=record.sp)
+    assert result.verdict is Verdict.NO_STICTION
+    assert not result.uncertain
+
+
 def test_the_interval_of_a_sticky_valve_under_it_holds_the_truth() -> None:
     wave = sawtooth(2.0 * np.pi * np.arange(900) / 150, 0.3)
     record = run(load=5.0 * wave, n=900, band=6.0, jump=4.0, noise=0.03, seed=2)
