@@ -25,7 +25,7 @@ from estimator.cleaning import (
 from estimator.criteria.likelihood import simulate
 from estimator.criteria.registry import CRITERIA, Request
 from estimator.evidence.effect import effect_of
-from estimator.evidence.records import drawn_step, informed_share
+from estimator.evidence.records import informed_share, step_left_out
 from estimator.evidence.sign import gain_sign
 from estimator.evidence.steadiness import steady_evidence
 from estimator.evidence.verdict import describe_stem, judge
@@ -134,8 +134,7 @@ def identify(
         result = unassessed(window, reasons, criterion, confidence)
     else:
         sign = gain_sign(given, cleaned.pv, setpoint, cleaned.controller, settings.modelling)
-        is_drawn = informed < settings.screening.drawn
-        left_out = max(drawn_step(given), drawn_step(measured)) if is_drawn else 0.0
+        left_out = step_left_out(given, measured, informed)
         request = Request(criterion, confidence, method, surface, sign, informed, left_out)
         result = _assess(window, request, settings)
         result = replace(

@@ -24,8 +24,6 @@ class Screening:
         min_informed: share of samples that are no straight line between two others. Below a fifth
             the lines that a historian drew are taken for the process (tuning family: no false alarm
             from there on).
-        drawn: the same share below which a historian is taken to have drawn lines between samples
-            that it stored by exception: what was polled bends at nearly every sample.
         min_band: stick band as a share of OP's span that a positioner resolves (1 to 2 % by
             ISA-75.25 for good ones); a smaller one is not reported as stiction.
         min_strokes: strokes of the stem; one is a step, two are a load that comes and goes.
@@ -39,7 +37,6 @@ class Screening:
     max_at_rail: float = 0.5
     max_still: float = 0.9
     min_informed: float = 0.2
-    drawn: float = 0.8
     min_band: float = 0.02
     min_strokes: int = 3
     enough: tuple[int, int] = (1000, 25)

@@ -6,12 +6,15 @@ import numpy as np
 
 from estimator.arrays import Array
 
-__all__ = ["drawn_step", "informed_share"]
+__all__ = ["drawn_step", "informed_share", "step_left_out"]
 
 _EVEN = 1e-7
 """Second difference, as a share of the span, below which a sample lies on a straight line."""
 _MOVES = 1e-9
 _FEWEST = 20
+_POLLED = 0.8
+"""Share of samples that are no straight line between two others from which they were polled: what
+was polled bends at nearly every sample."""
 _SMALL = 0.1
 """Quantile of the steps between the ends of lines that is the step from which a sample is stored:
 noise and the samples stored because time was up make most larger and some smaller."""
@@ -31,6 +34,14 @@ def informed_share(signal: Array) -> float:
     bends = np.abs(np.diff(known, 2)) > _EVEN * span
     both = moves[1:] & moves[:-1]
     return float(bends[both].mean()) if int(both.sum()) > _FEWEST else 1.0
+
+
+def step_left_out(op: Array, pv: Array, informed: float) -> float:
+    """Step from which a historian stored OP or PV ``(n,)``, as a share of its span.
+
+    0 where samples were polled; ``informed`` is the share of PV's that are no line between others.
+    """
+    return max(drawn_step(op), drawn_step(pv)) if informed < _POLLED else 0.0
 
 
 def drawn_step(signal: Array) -> float:
