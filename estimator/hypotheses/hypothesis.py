@@ -22,7 +22,7 @@ from estimator.hypotheses.nuisances import (
     price_of,
     spectral_peaks,
 )
-from estimator.hypotheses.triangle import TriangularLoad
+from estimator.hypotheses.periodic_load import PeriodicLoad
 from estimator.hypotheses.turns import fit_in_turn
 from estimator.lanes import tells
 from estimator.processes.poles import SHAPE_NUMBERS, Poles, Shape, pole_prices
@@ -91,13 +91,13 @@ class Hypothesis:
         return float(self.gains.sum())
 
     @property
-    def waves(self) -> tuple[Sinusoid | TriangularLoad, ...]:
+    def waves(self) -> tuple[Sinusoid | PeriodicLoad, ...]:
         """What it needs from outside."""
-        return tuple(one for one in self.nuisances if isinstance(one, Sinusoid | TriangularLoad))
+        return tuple(one for one in self.nuisances if isinstance(one, Sinusoid | PeriodicLoad))
 
     @property
     def disturbances(self) -> int:
-        """How many oscillations it needs from outside, a triangular load among them."""
+        """How many oscillations it needs from outside, a periodic load among them."""
         return len(self.waves)
 
 

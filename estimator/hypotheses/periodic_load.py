@@ -1,4 +1,4 @@
-"""A triangular load: up and down along straight lines, at a steady period."""
+"""A load of one shape at a steady period: up and down along straight lines, or on and off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from estimator.arrays import Array
 from estimator.lanes import respond_one
 from estimator.processes.poles import Poles
 
-__all__ = ["TriangularLoad", "triangular_response"]
+__all__ = ["PeriodicLoad", "periodic_response"]
 
 _SIZES = 3.0
 """What such a load pays: a size, a begin and a rise at half a ``log(n)`` each, and a period at one
@@ -20,48 +20,61 @@ and a half, because its standard error falls with ``n^(3/2)``; in ``log(n)``."""
 
 
 @kernel
-def triangular_response(
-    wave: tuple[float, float, float], process: tuple[float, float, float, float], n: int
+def periodic_response(
+    wave: tuple[float, float, float],
+    process: tuple[float, float, float, float],
+    n: int,
+    square: bool,
 ) -> Array:
-    """Response ``(n,)`` of a process to a triangular wave between -1 and 1.
+    """Response ``(n,)`` of a process to a triangular or rectangular wave between -1 and 1.
 
     Args:
         wave: its cycles in the window, the share of a cycle at which it begins, and the share of a
-            cycle during which it rises, between 0 and 1.
+            cycle during which it rises or, where it is rectangular, is high, between 0 and 1.
         process: coefficients; see `Poles.coefficients`.
         n: samples.
+        square: whether it is rectangular; its edges may lie between samples.
     """
     cycles, begin, rise = wave
     load = np.empty(n)
+    sample = cycles / n
     for k in range(n):
         x = cycles * k / n + begin
         x -= math.floor(x)
-        load[k] = 2.0 * x / rise - 1.0 if x < rise else 1.0 - 2.0 * (x - rise) / (1.0 - rise)
+        if square:
+            # its mean since the sample before, so that a small move of an edge changes it
+            high = min(x, rise) - min(max(x - sample, 0.0), rise)
+            load[k] = 2.0 * high / sample - 1.0
+        else:
+            load[k] = 2.0 * x / rise - 1.0 if x < rise else 1.0 - 2.0 * (x - rise) / (1.0 - rise)
     return respond_one(load, *process)
 
 
 @dataclass(frozen=True, slots=True)
-class TriangularLoad:
+class PeriodicLoad:
     """A load of that shape at the valve, of unknown size.
 
     Its many harmonics hang together. Paid for one by one they never pay, and the load is taken for
     a sticky valve.
 
     Attributes:
-        cycles, begin, rise: the wave; see `triangular_response`.
+        cycles, begin, rise: the wave; see `periodic_response`.
         through: the process that it goes through, as known when the load was found.
+        square: whether it is rectangular, as from a neighbour that is switched on and off, or else
+            triangular.
     """
 
     cycles: float
     begin: float
     rise: float
     through: Poles
+    square: bool = False
 
     def columns(self, stem: Array, poles: Poles, dead_time: int) -> Array:
         """The response to it, ``(1, n)``."""
         del poles, dead_time
         wave = self.cycles, self.begin, self.rise
-        found: Array = triangular_response(wave, self.through.coefficients, stem.size)
+        found: Array = periodic_response(wave, self.through.coefficients, stem.size, self.square)
         return found[None]
 
     def price(self, rows: float) -> float:

@@ -1,7 +1,8 @@
-"""A triangular load, looked for beside a healthy valve.
+"""A triangular or rectangular load, looked for beside a healthy valve.
 
-Seen from OP and PV it is the closest thing to a sticky valve: OP answers it with lines, PV with
-arcs. A process that was fitted without it is wrong, so that it is looked for with several.
+Seen from OP and PV these are the closest things to a sticky valve: OP answers a triangular one with
+lines, PV with arcs; a rectangular one moves PV as the jumps of a stem do. A process that was fitted
+without it is wrong, so that it is looked for with several.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.linear_fit import delay
 from estimator.hypotheses.nuisances import spectral_peaks
-from estimator.hypotheses.triangle import TriangularLoad, triangular_response
+from estimator.hypotheses.periodic_load import PeriodicLoad, periodic_response
 from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import polish
 
-__all__ = ["fit_triangular_load"]
+__all__ = ["fit_periodic_load"]
 
 _FEWEST_CYCLES = 2.0
 """Cycles in the window below which it is not looked for: what is not seen twice fits the strokes of
@@ -30,6 +31,9 @@ family, cut to so many: 11 of 54, and one at two; of 75 sticky valves one more i
 are uncertain)."""
 _PERIODS = 2
 """Periods that are tried: that of a wave which pays, then that of PV or OP."""
+_SQUARE_PERIODS = 1
+"""The same of a rectangular load: PV's own, or else that of a wave which pays. What was taken for
+another wave is often one of its harmonics."""
 _SAME_PERIOD = 0.3
 """Cycles within which two periods are one: the search moves as far."""
 _BEGINS = 16
@@ -56,21 +60,24 @@ _TIE = 1e-9
 """Relative gain below which two sums of squares are the same: rounding decides nothing."""
 
 
-def fit_triangular_load(case: Case, starts: tuple[Hypothesis, ...]) -> Hypothesis | None:
+def fit_periodic_load(
+    case: Case, starts: tuple[Hypothesis, ...], *, square: bool = False
+) -> Hypothesis | None:
     """The healthy valve with a triangular load, the likeliest from some processes and periods.
 
-    ``starts`` are hypotheses whose processes and waves it begins from. None where nothing swings.
+    With ``square`` the load is rectangular. ``starts`` are hypotheses whose processes and waves it
+    begins from. None where nothing swings.
     """
     best: Hypothesis | None = None
-    for cycles in _periods(case, starts):
+    for cycles in _periods(case, starts, square):
         # what was fitted without the wave may have another shape and dead time altogether
-        for start in (*starts, _lag_beside_wave(case, starts[0], cycles)):
-            found = _fitted(case, start, cycles)
+        for start in (*starts, _lag_beside_wave(case, starts[0], cycles, square)):
+            found = _fitted(case, start, cycles, square)
             best = found if best is None else likelier(best, found)
     return best
 
 
-def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float) -> Hypothesis:
+def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float, square: bool) -> Hypothesis:
     """The healthy valve with the lag, of a few, that beside a roughly placed wave leaves least."""
     best: Hypothesis | None = None
     for slow in _LAGS:
@@ -84,17 +91,19 @@ def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float) -> Hypothesis:
                 poles=Poles(Shape.LAGS, slow),
                 dead_time=dead_time,
             )
-            load = _best_load(case, at, cycles, _ROUGHLY)
+            load = _best_load(case, at, cycles, square, _ROUGHLY)
             found = case.fit(None, at.poles, dead_time, (load,), near.taps)
             best = found if best is None else likelier(best, found)
     assert best is not None
     return best
 
 
-def _periods(case: Case, starts: tuple[Hypothesis, ...]) -> list[float]:
+def _periods(case: Case, starts: tuple[Hypothesis, ...], square: bool) -> list[float]:
     """Cycles in the window that are tried."""
 
     def known() -> Iterator[float]:
+        if square and case.own_cycles is not None:
+            yield case.own_cycles
         for one in starts:
             yield from (wave.cycles for wave in one.waves)
         if case.own_cycles is not None:
@@ -106,15 +115,15 @@ def _periods(case: Case, starts: tuple[Hypothesis, ...]) -> list[float]:
         is_new = all(abs(cycles - one) > _SAME_PERIOD for one in found)
         if cycles >= _FEWEST_CYCLES and is_new:
             found.append(cycles)
-    return found[:_PERIODS]
+    return found[: _SQUARE_PERIODS if square else _PERIODS]
 
 
-def _fitted(case: Case, start: Hypothesis, cycles: float) -> Hypothesis:
+def _fitted(case: Case, start: Hypothesis, cycles: float, square: bool) -> Hypothesis:
     """Load and process fitted in turn from the process of one hypothesis."""
     at = replace(start, valve=None, stem=case.rows.u)
     best: Hypothesis | None = None
     for turn in range(_TURNS):
-        load = _best_load(case, at, cycles)
+        load = _best_load(case, at, cycles, square)
         found = polish(case, None, at, (load,), at.taps, wide=turn == 0)
         if best is not None and found.likelihood <= best.likelihood + _GAINED:
             break
@@ -123,7 +132,9 @@ def _fitted(case: Case, start: Hypothesis, cycles: float) -> Hypothesis:
     return best
 
 
-def _best_load(case: Case, of: Hypothesis, cycles: float, steps: Array = _STEPS) -> TriangularLoad:
+def _best_load(
+    case: Case, of: Hypothesis, cycles: float, square: bool, steps: Array = _STEPS
+) -> PeriodicLoad:
     """The load that takes most from PV with this process and noise model."""
     rows = case.rows
     response = of.poles.response(of.stem)
@@ -135,9 +146,10 @@ def _best_load(case: Case, of: Hypothesis, cycles: float, steps: Array = _STEPS)
     )
     basis = orthonormal(filter_rows(known, of.taps, rows.weight))
     left = project_out(filter_rows(rows.y[None], of.taps, rows.weight)[0], basis)
-    wave = _best_wave(cycles, of.poles.coefficients, of.taps, rows.weight, basis, left, steps)
+    process = of.poles.coefficients
+    wave = _best_wave(cycles, process, of.taps, rows.weight, basis, left, steps, square)
     cycles, begin, rise = (float(one) for one in wave)
-    return TriangularLoad(cycles, begin, rise, of.poles)
+    return PeriodicLoad(cycles, begin, rise, of.poles, square)
 
 
 @kernel
@@ -149,13 +161,14 @@ def _best_wave(
     basis: Array,
     left: Array,
     steps: Array,
+    square: bool,
 ) -> Array:
     """Cycles, begin and rise ``(3,)`` of the wave that takes most; see `_taken`."""
     best, most = np.array([cycles, 0.0, 0.5]), 0.0
     for rise in _RISES:
         for i in range(_BEGINS // 2 if rise == 0.5 else _BEGINS):
             tried = np.array([cycles, i / _BEGINS, rise])
-            more = _taken(tried, process, taps, weight, basis, left)
+            more = _taken(tried, process, taps, weight, basis, left, square)
             if more > most * (1.0 + _TIE):
                 best, most = tried, more
     for step in steps:
@@ -169,7 +182,7 @@ def _best_wave(
                         # the middle of the window keeps its place in the cycle
                         tried[1] -= 0.5 * side * step
                     tried[2] = min(max(tried[2], _LEAST_RISE), 1.0 - _LEAST_RISE)
-                    more = _taken(tried, process, taps, weight, basis, left)
+                    more = _taken(tried, process, taps, weight, basis, left, square)
                     if more > most * (1.0 + _TIE):
                         best, most = tried, more
             if most == before:
@@ -185,6 +198,7 @@ def _taken(
     weight: Array,
     basis: Array,
     left: Array,
+    square: bool,
 ) -> float:
     """Sum of squares that a load takes away.
 
@@ -192,7 +206,7 @@ def _taken(
     noise model of ``taps``.
     """
     signal = np.empty((1, left.size))
-    signal[0] = triangular_response((wave[0], wave[1], wave[2]), process, left.size)
+    signal[0] = periodic_response((wave[0], wave[1], wave[2]), process, left.size, square)
     mine = project_out(filter_rows(signal, taps, weight)[0], basis)
     size = dot(mine, mine)
     return dot(mine, left) ** 2 / size if size > 0.0 else 0.0
