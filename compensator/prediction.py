@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from compensator.action import CompensatorError, RefusalKind, require_not_negative
-from compensator.kernels import multiplied, step_response_of
+from compensator.kernels import next_state, step_response_of
 from compensator.riccati import solve_riccati
 from loop_model import ProcessModel
 
@@ -304,7 +304,7 @@ class StateFilter:
         Add ``B * stem`` for any other stem. Nothing is changed.
         """
         p = self.prediction
-        state = multiplied(p.A, self.state) + self._gain * self._last_innovation
+        state = next_state(p.A, self.state) + self._gain * self._last_innovation
         if p.input_disturbance:
             state = state + p.B * self.disturbance
         return state, self.disturbance + self._gain_disturbance * self._last_innovation

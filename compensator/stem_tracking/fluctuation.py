@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import lagged_products, multiplied
+from compensator.kernels import lagged_products, next_state
 from compensator.prediction import Prediction
 
 __all__ = ["RestFluctuation", "held_correlations"]
@@ -63,5 +63,5 @@ def held_correlations(prediction: Prediction) -> NDArray[np.float64]:
     state = p.equation_gain
     for k in range(1, most + 1):
         response[k] = state[0]
-        state = multiplied(p.A, state)
+        state = next_state(p.A, state)
     return lagged_products(response)

@@ -144,7 +144,7 @@ class FrictionPrior:
         """Return what compiled loops need of it, and the chance below which an outcome counts for
         nothing: see `hypothesis_kernels`.
         """
-        law = np.empty(6)
+        law = np.empty(NEGLIGIBLE + 1)
         law[NEAREST], law[FARTHEST] = self.nearest, self.farthest
         law[DOUBT], law[DOUBTFUL] = self.doubt, self.doubtful
         law[KEPT], law[NEGLIGIBLE] = self.kept, negligible

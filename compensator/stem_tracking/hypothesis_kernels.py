@@ -12,7 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import weighted_mean, weighted_spread
+from compensator.kernels import next_state, weighted_mean, weighted_spread
+from compensator.stem_tracking.belief import ERRORS, FRICTION, GAIN, LOAD
 from compiled import kernel_for
 
 __all__ = [
@@ -48,10 +49,9 @@ friction claimed; largest command withstood, in deviations of the static frictio
 infinity: none near it), which fades with each slip; the same since the last slip; position and
 direction that this scan's slip changed by.
 """
-COLUMNS = 9
+COLUMNS = TURN + 1
 NEAREST, FARTHEST, DOUBT, DOUBTFUL, KEPT, NEGLIGIBLE = range(6)
 """Entries of ``law``: fields of `FrictionPrior`, and `TrackerSettings.negligible`."""
-_ERRORS, _LOAD, _FRICTION, _GAIN = 3, 0, 1, 2
 
 
 @kernel_for("float64(float64, float64[::1])")
@@ -112,15 +112,11 @@ def _outcomes(
 ) -> int:
     """Write what ``op`` may have made of each hypothesis; return how many there are now."""
     n = B.size
-    free = np.empty(n)
     made = 0
     for h in range(count):
         row, point = values[h], points[h]
-        # The observer form: the first column and the next state.
+        free = next_state(A, point)
         for i in range(n):
-            free[i] = A[i, 0] * point[0]
-            if i + 1 < n:
-                free[i] += point[i + 1]
             free[i] += noise_gain[i] * row[NOISE]
         error = op - row[STEM]
         side = math.copysign(1.0, error)
@@ -149,10 +145,10 @@ def _outcomes(
                 new[SURVIVED] = law[KEPT] * claimed if claimed > 0.0 else -np.inf
                 new[TESTED] = -np.inf
                 # The load takes up what the errors of fD and of the gain make of the slip.
-                load, wrong, gain = point[n + _LOAD], point[n + _FRICTION], point[n + _GAIN]
-                at[n + _LOAD] = load + wrong * new[TURN] + gain * new[WAY]
+                load, wrong, gain = point[n + LOAD], point[n + FRICTION], point[n + GAIN]
+                at[n + LOAD] = load + wrong * new[TURN] + gain * new[WAY]
             _charge(new, law)
-            drive = new[STEM] + at[n + _LOAD]
+            drive = new[STEM] + at[n + LOAD]
             for i in range(n):
                 at[i] = free[i] + B[i] * drive
             made += 1
@@ -381,14 +377,14 @@ def correct(
     # A PV that all hypotheses expected alike tells nothing, and lets nothing be forgotten:
     # otherwise all of them are likely again after a long rest.
     keep = 1.0 - (1.0 - math.exp(worst - best)) / memory
-    n = points.shape[1] - _ERRORS
+    n = points.shape[1] - ERRORS
     for h in range(count):
         row, point = values[h], points[h]
         for i in range(gain.size):
             point[i] += gain[i] * surprises[h]
-        wrong, error = point[n + _FRICTION], point[n + _GAIN]
-        point[n + _FRICTION] = min(max(wrong, -largest_friction), largest_friction)
-        point[n + _GAIN] = min(max(error, least_gain), largest_gain)
+        wrong, error = point[n + FRICTION], point[n + GAIN]
+        point[n + FRICTION] = min(max(wrong, -largest_friction), largest_friction)
+        point[n + GAIN] = min(max(error, least_gain), largest_gain)
         row[NOISE] = carried * surprises[h]
         row[SCORE] = row[PRIOR] + keep * (row[SCORE] - row[PRIOR]) + (evidence[h] - best)
     kept, first = keep_likely(values, points, count, alike, hopeless, most)

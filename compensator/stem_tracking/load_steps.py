@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.action import require_positive, require_whole
-from compensator.kernels import multiplied
+from compensator.kernels import next_state
 from compensator.prediction import Prediction
 
 __all__ = ["LoadStepDetector", "LoadStepSettings", "load_signature"]
@@ -85,5 +85,5 @@ def load_signature(prediction: Prediction, scans: int) -> Array:
     """Return what a unit load that came ``scans`` ago has made of the states, shape ``(n,)``."""
     state = np.zeros(prediction.order)
     for _ in range(scans):
-        state = multiplied(prediction.A, state) + prediction.B
+        state = next_state(prediction.A, state) + prediction.B
     return state

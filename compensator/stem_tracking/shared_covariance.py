@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import follow_covariance, multiplied
+from compensator.kernels import next_state
 from compensator.prediction import Prediction
 from compensator.stem_tracking.belief import ERRORS, FRICTION, GAIN, LOAD
+from compensator.stem_tracking.covariance_kernels import follow_covariance
 from compensator.stem_tracking.load_steps import load_signature
 from compensator.stem_tracking.tracker_settings import TrackerSettings
 from loop_model import ValveModel
@@ -153,7 +154,7 @@ class SharedCovariance:
         late = self._settings.delay_spread * way * self._prediction.B
         self._values[:n, :n] += np.outer(late, late)
         if not self._prediction.process.is_integrating:
-            early = multiplied(self._prediction.A, late)
+            early = next_state(self._prediction.A, late)
             self._values[:n, :n] += np.outer(early, early)
 
     def expect_load(self, scans: int, size: float) -> None:

@@ -27,7 +27,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.kernels import coloured_power, multiplied
+from compensator.kernels import coloured_power, next_state
 from compensator.prediction import Prediction, settling_samples
 from compensator.stem_tracking.belief import LOAD, Belief
 from compensator.stem_tracking.fluctuation import RestFluctuation, held_correlations
@@ -144,7 +144,7 @@ class StemTracker:
     def free(self, belief: Belief) -> Array:
         """Return the state of the next scan if nothing drove the process (add ``B * drive``)."""
         p = self.prediction
-        return multiplied(p.A, belief.state) + p.equation_gain * belief.noise
+        return next_state(p.A, belief.state) + p.equation_gain * belief.noise
 
     def start(self, pv: float, op: float) -> None:
         """Assume rest at ``pv``; the stem may be anywhere inside the band around ``op``."""
