@@ -17,7 +17,13 @@ from estimator.diagnosis.loop_record import LoopRecord, without_setpoint_steps
 from estimator.diagnosis.oscillation import Oscillation
 from estimator.diagnosis.settings import DiagnosisSettings
 
-__all__ = ["phase_kept_by", "swing_amplitude", "variation_of"]
+__all__ = [
+    "amplitude_variation",
+    "amplitudes_of",
+    "phase_kept_by",
+    "swing_amplitude",
+    "variation_of",
+]
 
 _ENDS = 20
 """One part of so many is left out at each end of the record, where the band is cut."""
@@ -33,26 +39,32 @@ def variation_of(spectrum: LoopSpectrum, period: float, width: float) -> float:
         period: of the oscillation, seconds.
         width: half of the band's width over its frequency.
     """
-    size = np.abs(_amplitudes(spectrum, period, width))
+    return amplitude_variation(amplitudes_of(spectrum, period, width))
+
+
+def amplitudes_of(spectrum: LoopSpectrum, period: float, width: float) -> Complex:
+    """Complex amplitudes of an oscillation along the record without its ends; see `variation_of`."""
+    _, found = spectrum.amplitudes(1.0 / period, width / period)
+    return found[found.size // _ENDS : found.size - found.size // _ENDS]
+
+
+def amplitude_variation(amplitudes: Complex) -> float:
+    """Deviation of the size of complex amplitudes over its mean; NaN where there are too few."""
+    size = np.abs(amplitudes)
     mean = float(size.mean()) if size.size > 1 else 0.0
     return float(size.std()) / mean if mean > 0.0 else math.nan
 
 
-def phase_kept_by(spectrum: LoopSpectrum, period: float, width: float) -> float:
-    """Share of an oscillation's squared amplitude that keeps one phase, 0 to 1; NaN without one.
+def phase_kept_by(amplitudes: Complex) -> float:
+    """Share of the squared size of complex amplitudes that keeps one phase, 0 to 1; NaN without.
 
-    At the frequency, near 1 over ``period`` (seconds), that shows most of it.
+    At the frequency, near that of the amplitudes, that shows most of it.
     """
-    square = _amplitudes(spectrum, period, width) ** 2
+    square = amplitudes**2
     whole = float(np.abs(square).sum())
     if whole <= 0.0:
         return math.nan
     return float(np.abs(fft.fft(square, fft.next_fast_len(_BETWEEN * square.size))).max()) / whole
-
-
-def _amplitudes(spectrum: LoopSpectrum, period: float, width: float) -> Complex:
-    _, found = spectrum.amplitudes(1.0 / period, width / period)
-    return found[found.size // _ENDS : found.size - found.size // _ENDS]
 
 
 def swing_amplitude(
@@ -60,14 +72,11 @@ def swing_amplitude(
 ) -> tuple[float, float]:
     """How much the amplitude of the main oscillation wanders in the error, and the share in phase.
 
-    See `variation_of` and `phase_kept_by`; NaN without an oscillation.
+    See `amplitude_variation` and `phase_kept_by`; NaN without an oscillation.
     """
     if not swing.present or record.error is None:
         return math.nan, math.nan
     calm = without_setpoint_steps(record.error, record.sp)
     spectrum = spectrum_of(LoopSignals(calm, None, None, record.period))
-    width = settings.grouping.width
-    return (
-        variation_of(spectrum, swing.period_s, width),
-        phase_kept_by(spectrum, swing.period_s, width),
-    )
+    found = amplitudes_of(spectrum, swing.period_s, settings.grouping.width)
+    return amplitude_variation(found), phase_kept_by(found)
