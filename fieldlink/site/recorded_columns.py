@@ -28,11 +28,6 @@ _VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _OWN_EXPORT = frozenset({"loop", "slot", "quality", "late_ms"})
-_WHERE_THEY_DIFFER = (
-    "they differ, so rename one of them in the header",
-    "they differ: export all signals at the same moments",
-)
-"""What to do about columns of one heading, and about times of one heading."""
 _MAX_PROBLEMS = 10
 _LOOKED_AT = 20
 """First rows from which a column of moments is known."""
@@ -98,9 +93,7 @@ class RecordedColumns:
         loops = loops_side_by_side(header)
         for role, names in ambiguous.items():
             if role not in asked and role not in self._several:
-                remedy = f"choose one with --{role} {names[0]!r}"
-                if len(set(names)) < len(names):
-                    remedy = _WHERE_THEY_DIFFER[role == "time"]
+                remedy = _remedy_of(role, names, f"choose one with --{role} {names[0]!r}")
                 if loops and role in ("op", "pv"):
                     # Not every command has the option.
                     remedy += " (fieldlink identify), or judge all loops with fieldlink assess"
@@ -158,9 +151,7 @@ class RecordedColumns:
         if len(matches) > 1:
             self._several.add(role)
             names = [header[number] for number in matches]
-            remedy = "give the one that is meant by its exact name"
-            if len(set(names)) < len(names):
-                remedy = _WHERE_THEY_DIFFER[role == "time"]
+            remedy = _remedy_of(role, names, "give the one that is meant by its exact name")
             message = f"several columns match: {', '.join(names)}"
             self.report(wanted, message, remedy, self._file.header_line)
         elif not matches and name is not None:
@@ -353,3 +344,12 @@ class RecordedColumns:
     def _report_more(self, column: int, count: int) -> None:
         name = self._file.header[column]
         self.report(name, f"{count} more cells are wrong", "is it the right column?")
+
+
+def _remedy_of(role: str, names: Sequence[str], choose: str) -> str:
+    """What to do about several columns for a role: ``choose`` one if their headings differ."""
+    if len(set(names)) == len(names):
+        return choose
+    if role == "time":
+        return "they differ: export all signals at the same moments"
+    return "they differ, so rename one of them in the header"

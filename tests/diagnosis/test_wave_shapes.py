@@ -15,9 +15,9 @@ def found(loop: Loop) -> Diagnosis:
     return diagnose(loop.op, loop.pv, loop.sp, period=1.0, advice=False)
 
 
-def drift(seed: int, pole: float) -> NDArray[np.float64]:
-    moves = np.random.default_rng(seed).standard_normal(K.size)
-    load = np.zeros(K.size)
+def drift(seed: int, pole: float, samples: int = K.size) -> NDArray[np.float64]:
+    moves = np.random.default_rng(seed).standard_normal(samples)
+    load = np.zeros(samples)
     for k in range(1, load.size):
         load[k] = pole * load[k - 1] + moves[k]
     return np.asarray(load / load.std())
@@ -38,17 +38,9 @@ def test_a_wave_whose_size_changes_is_no_tight_tuning() -> None:
 
 def test_an_undetermined_oscillation_says_what_does_not_show() -> None:
     # a slow controller, much noise: PV is not seen to follow OP
-    wave = 3.0 * ((K[:600] / 60.0 + 0.1 * short_drift(10)) % 1.0 - 0.5)
-    load = wave + 1.2 * short_drift(60)
+    wave = 3.0 * ((K[:600] / 60.0 + 0.1 * drift(10, 0.98, 600)) % 1.0 - 0.5)
+    load = wave + 1.2 * drift(60, 0.98, 600)
     answer = found(run(load=load, gain=0.1, noise=0.3, n=600, seed=10))
     assert answer.first.name == "undetermined"
     assert answer.oscillation.present
     assert not any("tight loop" in sentence for sentence in answer.first.evidence)
-
-
-def short_drift(seed: int) -> NDArray[np.float64]:
-    moves = np.random.default_rng(seed).standard_normal(600)
-    load = np.zeros(600)
-    for k in range(1, load.size):
-        load[k] = 0.98 * load[k - 1] + moves[k]
-    return np.asarray(load / load.std())
