@@ -43,7 +43,7 @@ def variation_of(spectrum: LoopSpectrum, period: float, width: float) -> float:
 
 
 def amplitudes_of(spectrum: LoopSpectrum, period: float, width: float) -> Complex:
-    """Complex amplitudes of an oscillation along the record without its ends; see `variation_of`."""
+    """Complex amplitudes of an oscillation along a record without its ends; see `variation_of`."""
     _, found = spectrum.amplitudes(1.0 / period, width / period)
     return found[found.size // _ENDS : found.size - found.size // _ENDS]
 
