@@ -21,8 +21,8 @@ from fieldlink.links.names import find_addresses
 from fieldlink.links.opcua_certificates import find_stranger
 from fieldlink.links.opcua_looks import Looks
 from fieldlink.links.opcua_reports import SHARE, Reports
+from fieldlink.links.opcua_subscription import begin_reports
 from fieldlink.links.opcua_values import (
-    NOT_THERE,
     UNREADABLE,
     NodeValue,
     help_for,
@@ -163,41 +163,14 @@ class OpcuaSession:
         await self._wait_for_first(nodes)
 
     async def _begin_reports(self, nodes: Sequence[str], milliseconds: float) -> None:
-        """Begin a subscription; asyncua's own hides intervals that the server makes longer."""
-        reports, session = self._reports, self._client.uaclient.session
-        settings = ua.CreateSubscriptionParameters(
-            RequestedPublishingInterval=milliseconds,
-            RequestedLifetimeCount=max(100, round(LIFE_SHARE * SESSION_LIFE / milliseconds)),
-            RequestedMaxKeepAliveCount=1,
-            PublishingEnabled=True,
+        await begin_reports(
+            self._client.uaclient.session,
+            {node: self._node(node).nodeid for node in nodes},
+            self._reports,
+            milliseconds,
+            LIFE_SHARE * SESSION_LIFE,
+            self._take,
         )
-        begun = await session.create_subscription(settings, self._take)
-        granted: Any = begun
-        if begun.RevisedMaxKeepAliveCount > 1:
-            # A sign of life every so many rounds: the rounds have to be shorter for it.
-            rounds = int(begun.RevisedMaxKeepAliveCount)
-            granted = await session.update_subscription(
-                ua.ModifySubscriptionParameters(
-                    SubscriptionId=begun.SubscriptionId,
-                    RequestedPublishingInterval=milliseconds / rounds,
-                    RequestedLifetimeCount=rounds * settings.RequestedLifetimeCount,
-                    RequestedMaxKeepAliveCount=1,
-                )
-            )
-        reports.grant_publishing(granted)
-        items = ua.CreateMonitoredItemsParameters(
-            SubscriptionId=begun.SubscriptionId,
-            TimestampsToReturn=ua.TimestampsToReturn.Both,
-        )
-        for handle, node in enumerate(nodes):
-            items.ItemsToCreate.append(_item(handle, self._node(node).nodeid, milliseconds))
-            reports.expect(handle, node)
-        for node, item in zip(nodes, await session.create_monitored_items(items), strict=True):
-            if item.StatusCode.is_good():
-                reports.grant_sampling(item.RevisedSamplingInterval)
-            else:
-                status = str(item.StatusCode.name)
-                reports.refuse(node, status, refused=status in NOT_THERE)
 
     async def _wait_for_first(self, nodes: Sequence[str]) -> None:
         """Wait until the server has reported every node once, at most for a time-out."""
@@ -395,14 +368,3 @@ class OpcuaSession:
             f"no session with {self._device.where}: {why}",
             "check that the server runs, its address, its certificates and its limit of sessions",
         )
-
-
-def _item(handle: int, node: Any, milliseconds: float) -> Any:
-    """Return the request to sample a node's value; of several samples the newest counts."""
-    return ua.MonitoredItemCreateRequest(
-        ItemToMonitor=ua.ReadValueId(NodeId=node, AttributeId=ua.AttributeIds.Value),
-        MonitoringMode=ua.MonitoringMode.Reporting,
-        RequestedParameters=ua.MonitoringParameters(
-            ClientHandle=handle, SamplingInterval=milliseconds, QueueSize=1, DiscardOldest=True
-        ),
-    )
