@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.evidence.growing import add_best, fit_waves
 from estimator.evidence.periodic_loads import fit_periodic_load
+from estimator.evidence.piecewise_loads import fit_piecewise_loads
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.noise import DRIFT, WHITE
@@ -33,6 +34,8 @@ _CLEAR = -8.0
 _BEYOND_DOUBT = 150.0
 """Evidence (nats) from which no rectangular load is looked for, which saves its time: simulated
 healthy valves under one reach 63; 108 of 250 sticky ones of the tuning family lie beyond."""
+_BEYOND_ANY_LOAD = 400.0
+"""The same for a load of steps and straight lines."""
 _CLOSE = -2.0
 """Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
 this and `_CLEAR` that were swept, none became a sticky valve)."""
@@ -99,9 +102,24 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         loaded = fit_periodic_load(case, (healthy, sticky), square=True)
         if loaded is not None and _rivals(case, loaded, sticky):
             healthy, sticky = _beside_load(case, healthy, sticky, loaded)
+    if _CLEAR < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
+        healthy, sticky = _beside_lines(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
+
+
+def _beside_lines(
+    case: Case, healthy: Hypothesis, sticky: Hypothesis
+) -> tuple[Hypothesis, Hypothesis]:
+    """Both hypotheses with a load of steps and straight lines, where one pays."""
+    found = fit_piecewise_loads(case, (healthy, sticky))
+    loaded = next((one for one in found if _rivals(case, one, sticky)), None)
+    if loaded is None or loaded.likelihood <= healthy.likelihood + _PAYS:
+        return healthy, sticky
+    for own in fit_piecewise_loads(case, (sticky,), valve=True):
+        sticky = likelier(sticky, refine_valve(case, own))
+    return _beside_load(case, healthy, sticky, loaded)
 
 
 def _beside_load(

@@ -39,10 +39,10 @@ def straightened(case: Case, of: Hypothesis) -> Hypothesis:
 
     A controller's model has one gain; the columns of the curve hold part of it, and of the offset.
     """
-    if of.waves == of.nuisances:
+    if of.outside == of.nuisances:
         return of
     return case.fit(
-        of.valve, of.poles, of.dead_time, of.waves, of.taps, refit_noise=False, stem=of.stem
+        of.valve, of.poles, of.dead_time, of.outside, of.taps, refit_noise=False, stem=of.stem
     )
 
 

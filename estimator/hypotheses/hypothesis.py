@@ -92,13 +92,18 @@ class Hypothesis:
 
     @property
     def waves(self) -> tuple[Sinusoid | PeriodicLoad, ...]:
-        """What it needs from outside."""
+        """The oscillations that it needs from outside."""
         return tuple(one for one in self.nuisances if isinstance(one, Sinusoid | PeriodicLoad))
 
     @property
+    def outside(self) -> tuple[Nuisance, ...]:
+        """All that it needs from outside: oscillations and loads."""
+        return tuple(one for one in self.nuisances if not isinstance(one, Characteristic))
+
+    @property
     def disturbances(self) -> int:
-        """How many oscillations it needs from outside, a periodic load among them."""
-        return len(self.waves)
+        """How many oscillations and loads it needs from outside."""
+        return len(self.outside)
 
 
 _ALIKE = 1e-6
@@ -282,7 +287,7 @@ class Case:
         here: the question is whether its gain differs from zero.
         """
         columns = self.columns(
-            hypothesis.waves, hypothesis.stem, hypothesis.poles, hypothesis.dead_time
+            hypothesis.outside, hypothesis.stem, hypothesis.poles, hypothesis.dead_time
         )
         nothing = np.zeros(self.rows.size)
         taps = hypothesis.taps
