@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from fieldlink.assess.errors import AssessError
+from fieldlink.assess.table_files import write_tables
 from fieldlink.unfinished_file import created, write_whole
 
 ROOT = Path(__file__).parents[2]
@@ -112,3 +117,16 @@ def test_nothing_is_left_of_a_new_file_after_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError), created(file):
         pass
     assert file.read_text() == "a person's"
+
+
+def test_the_tables_of_an_assessment_are_whole_or_leave_nothing(tmp_path: Path) -> None:
+    class Full:
+        def ranked_rows(self) -> Iterator[list[Any]]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            yield
+
+    (tmp_path / "loops.csv").write_text("the one before")
+    with pytest.raises(AssessError, match=r"cannot be written \(No space left on device\); check"):
+        write_tables(Full(), tmp_path)  # type: ignore[arg-type]
+    assert os.listdir(tmp_path) == ["loops.csv"]
+    assert (tmp_path / "loops.csv").read_text() == "the one before"
