@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-__all__ = ["refuse_source"]
+__all__ = ["refuse_source", "refuse_to_replace"]
 
 
 def refuse_source(out: Path | None, sources: Iterable[Path], option: str = "--out") -> None:
@@ -28,4 +28,16 @@ def refuse_source(out: Path | None, sources: Iterable[Path], option: str = "--ou
         raise typer.BadParameter(
             f"{out} is read by this command and would be lost; name another file",
             param_hint=option,
+        )
+
+
+def refuse_to_replace(out: Path | None, *, force: bool, option: str = "--out") -> None:
+    """Refuse to replace a file, whose content may be somebody's work, without ``force``.
+
+    Raises:
+        typer.BadParameter: ``out`` is a file that exists.
+    """
+    if out is not None and not force and os.path.isfile(out):
+        raise typer.BadParameter(
+            f"{out} exists; choose another name, or replace it with --force", param_hint=option
         )
