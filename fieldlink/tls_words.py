@@ -31,7 +31,7 @@ def tls_words(error: Exception, files: Iterable[Path] = ()) -> str:
         files: that were to be read: one that is not there is named.
     """
     if isinstance(error, ssl.SSLCertVerificationError):
-        return f"its certificate is refused: {error.verify_message}"
+        return f"its certificate is refused: {error.verify_message.rstrip('.')}"
     if isinstance(error, ssl.SSLError):
         if "PEM lib" in str(error):
             return _NO_PEM
