@@ -144,14 +144,18 @@ def _parts(gaps: tuple[Gap, ...], of_band: float, of_jump: float) -> list[Array]
     return found
 
 
-def gap_of_no_law(spreading: Spreading, band: float, late: float, share: float = 1.0) -> Gap:
+def gap_of_no_law(spreading: Spreading, band: float, step: float, share: float = 1.0) -> Gap:
     """The gap where no law is the valve's, for an S of ``band`` (a share of OP's span).
 
-    ``late`` is the standard deviation of what OP moves between a slip and the next sample. Upwards
-    there is only what OP's span leaves: OP that moved the stem both ways moved farther than S.
+    ``step`` is what OP moves in a sample. Upwards there is only what OP's travel leaves: OP that
+    moved the stem both ways moved farther than S, at both ends up to a step farther than the record
+    shows. And a real valve slips between two samples, anywhere: the deviation of a uniform
+    distribution.
     """
     _, down, up = spreading.law
-    below, above = (math.hypot(late, band * wide) for wide in (down, up * max(0.0, 1.0 - band)))
+    room = min(1.0, max(0.0, 1.0 + 2.0 * step - band))
+    late = step / math.sqrt(12.0)
+    below, above = (math.hypot(late, band * wide) for wide in (down, up * room))
     return Gap(share, below, above, band * spreading.law_jump[1])
 
 
@@ -179,11 +183,9 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     doubt = math.exp(-_lead_of_law(explanations) / (spreading.lead * uneven**2))
     band = best.valve.band
     known, known_jump = band * spreading.law[0], band * spreading.law_jump[0]
-    # A real valve slips between two samples, anywhere: the deviation of a uniform distribution.
-    late = _usual_step(case.rows.u) / math.sqrt(12.0)
     gaps = (
         Gap(1.0 - doubt, known, known, known_jump),
-        gap_of_no_law(spreading, band, late, doubt),
+        gap_of_no_law(spreading, band, _usual_step(case.rows.u), doubt),
     )
     return Posterior(valve, weight / weight.sum(), gaps)
 
