@@ -83,14 +83,15 @@ def _likelihood(axes: Axes, *, constant: bool) -> None:
     posterior, span = _posterior(constant)
     truth = EXAMPLES[1].valve.stick_band
     edges = np.linspace(0.7 * truth, 1.2 * truth, 201)
-    # the spread that the model leaves, as a normal distribution around every sample
-    above = posterior.blur[0] if posterior.above is None else posterior.above
+    # the spread that each gap leaves, as a normal distribution around every sample
     least = edges[1] - edges[0]
-    below, above = (max(span * blur, least) for blur in (posterior.blur[0], above))
     middle = 0.5 * (edges[1:] + edges[:-1])
-    away = middle[None, :] - span * posterior.valves[:, 0][:, None]
-    away /= np.where(away > 0.0, above, below)
-    density = posterior.weights @ np.exp(-0.5 * np.square(away))
+    density = np.zeros(middle.size)
+    for gap in posterior.gaps:
+        below, above = (max(span * wide, least) for wide in (gap.below, gap.above))
+        away = middle[None, :] - span * posterior.valves[:, 0][:, None]
+        shape = np.exp(-0.5 * np.square(away / np.where(away > 0.0, above, below)))
+        density += gap.share / (below + above) * (posterior.weights @ shape)
     axes.stairs(density, edges, fill=True, color="tab:blue", alpha=0.6)
     found = posterior.interval(1.0, 0.0, 0.9).scaled(span)
     axes.axvspan(found.low, found.high, color="tab:blue", alpha=0.12, label="90 % interval")

@@ -184,14 +184,15 @@ class Spreading:
             no law is quite that of a valve (tuning family: coverage per kind).
         temper: power of the likelihood; below 1 because slips of a real valve vary from stroke to
             stroke while the model's do not (tuning family: coverage per kind).
-        law: standard deviations of S, as shares of S, that the law leaves: where one law is far
-            ahead of the others; downwards where none is; upwards where none is. Upwards more:
-            bristles, and turns of OP that no sample shows, make a valve slip earlier than its S
-            says (tuning family: coverage per kind).
-        law_jump: those of J, as shares of S: where one law is far ahead, and where none is.
-        lead: nats by which a law is ahead that make it e times surer; as many more as the mean
-            square of its errors after the stem's turns is larger than elsewhere, squared (tuning
-            family).
+        law: standard deviations of S, as shares of S: where the leading law is the valve's; where
+            none is, downwards; and upwards, times the share of OP's span that S leaves. Where none
+            is they are large: pressure that follows OP late makes S look larger, bristles and
+            friction that falls with speed make it look smaller (simulated valves with mass, spring
+            and friction, of which a slow ramp of OP tells S; tuning family: coverage per kind).
+        law_jump: those of J, as shares of S: where one law is the valve's, and where none is.
+        lead: nats by which a law is ahead that make it e times more improbable that none is the
+            valve's; as many more as the mean square of its errors after the stem's turns is larger
+            than elsewhere, squared (the same sources).
         gains: likely valves over which the gain's spread is taken.
         lanes, rounds: samples of one round of the sampler, and rounds.
         reach: first standard deviations in log S, J over S and start over S.
@@ -201,9 +202,9 @@ class Spreading:
     law_nats: float = 30.0
     law_temper: float = 0.05
     temper: float = 0.5
-    law: tuple[float, float, float] = (0.01, 0.08, 0.2)
+    law: tuple[float, float, float] = (0.01, 0.14, 0.28)
     law_jump: tuple[float, float] = (0.07, 0.3)
-    lead: float = 15.0
+    lead: float = 30.0
     gains: int = 16
     lanes: int = 128
     rounds: int = 5

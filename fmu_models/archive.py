@@ -86,7 +86,9 @@ def parse_description(file: Path) -> Any:
     try:
         description = fmpy.read_model_description(os.fspath(file), validate=False)
     except Exception as error:  # FMPy raises nothing narrower
-        raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {error}") from error
+        raise PlantFileError(
+            f"{file}: its modelDescription.xml cannot be read ({error}); export it again"
+        ) from error
     description.modelName = description.modelName or file.stem
     _drop_unusable_numbers(description.defaultExperiment)
     return description
@@ -111,7 +113,9 @@ def _check_version(file: Path) -> None:
             root = etree.fromstring(archive.read("modelDescription.xml"), parser)
     except (zipfile.BadZipFile, etree.XMLSyntaxError, NotImplementedError, RuntimeError) as error:
         why = error.msg if isinstance(error, etree.XMLSyntaxError) else error
-        raise PlantFileError(f"{file}: its modelDescription.xml cannot be read: {why}") from error
+        raise PlantFileError(
+            f"{file}: its modelDescription.xml cannot be read ({why}); export it again"
+        ) from error
     version = root.get("fmiVersion")
     if root.tag != "fmiModelDescription" or version is None:
         raise PlantFileError(
@@ -171,11 +175,15 @@ def _check_archive(file: Path) -> None:
         with zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
     except FileNotFoundError as error:
-        raise PlantFileError(f"{file}: there is no such file") from error
+        raise PlantFileError(f"{file}: there is no such file; check the path") from error
     except PermissionError as error:
-        raise PlantFileError(f"{file}: it cannot be read: {error.strerror}") from error
+        raise PlantFileError(
+            f"{file}: it cannot be read ({error.strerror}); check its permissions"
+        ) from error
     except (zipfile.BadZipFile, OSError) as error:
-        raise PlantFileError(f"{file}: it is not an FMU (an FMU is a zip file): {error}") from error
+        raise PlantFileError(
+            f"{file}: it is not an FMU (an FMU is a zip file): {error}; copy or export it again"
+        ) from error
     size = sum(entry.file_size for entry in entries)
     if size > MAX_EXTRACTED_BYTES or len(entries) > MAX_ENTRIES:
         raise PlantFileError(
@@ -186,7 +194,7 @@ def _check_archive(file: Path) -> None:
     if "modelDescription.xml" not in names:
         deeper = min((n for n in names if n.endswith("/modelDescription.xml")), default=None)
         hint = (
-            ""
+            "; export it again"
             if deeper is None
             else f"; there is {deeper}: zip what is in the folder, without the folder itself"
         )

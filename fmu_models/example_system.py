@@ -95,7 +95,10 @@ def build_example_system(folder: Path) -> Path:
                 for name, fmu in built.items():
                     archive.write(fmu, f"resources/{name}.fmu")
         except OSError as error:
-            raise PlantBuildError(f"{target}: it cannot be written: {error.strerror}") from error
+            raise PlantBuildError(
+                f"{target}: it cannot be written ({error.strerror}); "
+                "check the folder and the free space"
+            ) from error
     return target
 
 

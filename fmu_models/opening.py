@@ -167,5 +167,7 @@ def _period(description: Any, wanted: float | None, file: Path) -> float:
     if wanted is None:
         raise PlantError(f"{file}: the FMU names no step size; give the period in seconds")
     if not 0.0 < wanted < float("inf"):
-        raise PlantInputError(f"{file}: the period must be a positive number; got {wanted:g}")
+        raise PlantInputError(
+            f"{file}: the period must be a positive number of seconds, not {wanted:g}"
+        )
     return wanted

@@ -84,7 +84,10 @@ def export_run(fmu: FmuSummary, target: Path, run: RunExport) -> None:
             for name, recording in run.recordings.items():
                 archive.writestr(f"{_FOLDER}/{name}", recording)
     except OSError as error:
-        raise PlantError(f"{target}: it cannot be written: {error.strerror}") from error
+        raise PlantError(
+            f"{target}: it cannot be written ({error.strerror}); "
+            "check the folder and the free space"
+        ) from error
 
 
 def _tag(short: str, name: str) -> str:

@@ -271,7 +271,9 @@ class HybridMpc:
         move_cost, travel_cost = worth * move_cost, worth * travel_cost
         drifts = self._trend.is_ramp or self._load_trend.drifts
         if not (drifts and settles):
-            return planner.plan(error, reach, least, move_cost, travel_cost, ramp)
+            # On a ramp a level needs the stem elsewhere for as long as it lasts, and no longer.
+            within = math.inf if settles else self._trend.lasts(self.horizon)
+            return planner.plan(error, reach, least, move_cost, travel_cost, ramp, within)
         # Set-point or load pass by each position of the stem: a way there and back gains nothing.
         ramp = replace(ramp, opposite=self.horizon)
         step = moves.smallest * self.prediction.scale

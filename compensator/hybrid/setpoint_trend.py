@@ -4,6 +4,10 @@ A plan that takes the set-point of this scan for the last one corrects an error 
 move there and most of it back, again and again. With the ramp known, one move ahead suffices. And
 no error lasts on a ramp: the set-point passes by each position that the stem can take, so that a
 plan looks ahead no farther than to the next move, and needs no way back.
+
+A level asks for one other position of the stem for as long as the ramp lasts. What comes after the
+ramp asks for the old one: a plan that looks beyond the end that it expects takes the old position
+for the better one, and corrects PV by a way there and back again and again.
 """
 
 from __future__ import annotations
@@ -31,16 +35,21 @@ class SetpointTrendSettings:
         response: settling times of the process that a plan on a ramp looks ahead, beside the dead
             time: half of the answer to a move is over by then.
         steps: least moves of the stem, in scans of the ramp, that it looks ahead beside that.
+        seen: share of a level's horizon that its plan on a ramp looks ahead at least; otherwise as
+            many scans as the ramp has lasted, which is as long as it is expected to go on.
     """
 
     scans: int = 4
     alike: float = 2.0
     response: float = 0.5
     steps: float = 0.5
+    seen: float = 0.25
 
     def __post_init__(self) -> None:
         require_whole("SetpointTrendSettings", 1, scans=self.scans)
-        require_positive("SetpointTrendSettings", response=self.response, steps=self.steps)
+        require_positive(
+            "SetpointTrendSettings", response=self.response, steps=self.steps, seen=self.seen
+        )
         if not self.alike >= 1.0:
             raise CompensatorError(
                 f"SetpointTrendSettings: alike is a factor of at least 1; got {self.alike!r}"
@@ -99,6 +108,16 @@ class SetpointTrend:
         if not self.is_ramp:
             return np.zeros(points.size)
         return self._slope * np.minimum(points, min(self._run, self._longest))
+
+    def lasts(self, horizon: int) -> float:
+        """Return the scans that a level's plan on this ramp looks ahead; infinite without a ramp.
+
+        Args:
+            horizon: scans that it looks ahead without one.
+        """
+        if not self.is_ramp:
+            return math.inf
+        return max(self._run, self.settings.seen * horizon)
 
     def window(self, dead_time: int, settling: int, step: float) -> float:
         """Return the scans that a plan on this ramp looks ahead; infinite without a ramp.

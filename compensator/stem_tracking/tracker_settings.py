@@ -70,7 +70,8 @@ class TrackerSettings:
         late_claim: log-odds against a later answer: one in thirty. Lags of a valve or a sensor that
             a model lacks, and friction that is taken too large, end in the dead time.
         restless: values of ``load_walk`` of which each has a tracker too: half a slip jump in a
-            settling time is a load that a move there and back no longer pays for.
+            settling time is a load that a move there and back no longer pays for. A level has none:
+            coloured noise of its measurement would pass for such a load.
         restless_claim: log-odds against a load that does not rest: one in four hundred, because it
             explains whatever friction makes, too.
         bank_memory: samples over which the densities that decide between trackers count: two

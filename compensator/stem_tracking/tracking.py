@@ -90,7 +90,8 @@ class TrackerBank:
         noises: tuple[NoiseModel, ...],
     ) -> None:
         self._settings = settings
-        kinds = _possible_kinds(valve, settings)
+        settles = not prediction.process.is_integrating
+        kinds = _possible_kinds(valve, settings, settles=settles)
         self._kinds = [kind for kind in kinds for _ in noises]
         self.predictions = predictions = {k.late: _later(prediction, k.late) for k in kinds}
         self.trackers = [
@@ -155,8 +156,12 @@ def _later(prediction: Prediction, samples: int) -> Prediction:
     return Prediction.of(replace(process, dead_time=process.dead_time + samples), "input")
 
 
-def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]:
-    """Return what has trackers, the model itself first."""
+def _possible_kinds(valve: ValveModel, settings: TrackerSettings, *, settles: bool) -> list[_Kind]:
+    """Return what has trackers, the model itself first.
+
+    The load of a level, which does not settle, shows in PV's slope alone. Coloured noise of its
+    measurement, as waves make it, would pass for a load that does not rest.
+    """
     kinds = [
         _Kind(factor, 1.0, 0.0 if factor == 1.0 else settings.claim)
         for factor in settings.frictions
@@ -167,6 +172,8 @@ def _possible_kinds(valve: ValveModel, settings: TrackerSettings) -> list[_Kind]
             kinds.append(_Kind(1.0, factor, price))
     kinds += [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
     kinds += [
-        _Kind(1.0, 1.0, settings.restless_claim, load_walk=walk) for walk in settings.restless
+        _Kind(1.0, 1.0, settings.restless_claim, load_walk=walk)
+        for walk in settings.restless
+        if settles
     ]
     return kinds

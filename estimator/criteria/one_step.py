@@ -17,7 +17,7 @@ from estimator.algebra import dot, order_of, solve_spd
 from estimator.arrays import Array
 from estimator.estimate import Estimate
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
-from estimator.intervals.posterior import Posterior
+from estimator.intervals.posterior import Posterior, gap_of_no_law
 from estimator.result import Interval, Process
 from estimator.search.descent import moved_valves
 from estimator.search.one_step import OneStep
@@ -136,10 +136,8 @@ def arx_estimate(
     weights *= density
     top = samples[int(order_of(all_costs)[0])]
     valve = Valve(float(top[0]), float(top[1]), float(top[2]), "he")
-    _, down, up = case.settings.spreading.law
-    _, open_jump = case.settings.spreading.law_jump
-    below, jump, above = (valve.band * open_ for open_ in (down, open_jump, up))
-    posterior = Posterior(samples, weights / weights.sum(), (below, jump), above)
+    gap = gap_of_no_law(case.settings.spreading, valve.band, 0.0)
+    posterior = Posterior(samples, weights / weights.sum(), (gap,))
     stem = case.stem(valve)
     orders = choose_orders(case, stem)
     fit = _fit(case, stem, orders)

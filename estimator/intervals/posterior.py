@@ -6,8 +6,13 @@ Adaptive multiple importance sampling, Scand. J. Statist. 39, 2012). The process
 columns are solved for every sample, dead time is at its best, and poles may move to first order.
 
 Where each stroke is one slip, J trades against the gain from 0 to S in cells that no local sampler
-crosses: two rounds look along that valley. And no law is quite a valve's: what PV leaves of a law
-after the stem's turns, beside what it leaves elsewhere, says how far the law can be believed.
+crosses: two rounds look along that valley.
+
+And the law that fits best may not be the valve's: pressure that follows OP late, bristles, friction
+that hangs on speed move S by tens of per cent, either way. That is one of two cases, not a wider
+spread of one: where the law holds, S is sharp. How far it is ahead of the other laws says how
+probable the other case is, and so does what PV leaves of it after the stem's turns, beside what it
+leaves elsewhere.
 """
 
 from __future__ import annotations
@@ -26,9 +31,10 @@ from estimator.hypotheses.hypothesis import Case, Hypothesis
 from estimator.processes.poles import coefficients
 from estimator.result import Interval
 from estimator.search.descent import moved_valves, turned_points
+from estimator.settings import Spreading
 from estimator.valves.laws import BETWEEN, LAWS
 
-__all__ = ["Peak", "Posterior", "sample_posterior"]
+__all__ = ["EXACT", "Gap", "Peak", "Posterior", "gap_of_no_law", "sample_posterior"]
 
 _IMPOSSIBLE = 1e6
 """Nats by which a stem that does not work like a valve is behind."""
@@ -38,8 +44,8 @@ _STILL = 1e-9
 """Moves of the stem (shares of OP's span), and of J over S beyond its bounds, that are rounding."""
 _ALIKE = 0.05
 """Stems that differ by less, as a share of S, are those of one law."""
-_PARTS = ndtri((np.arange(9) + 0.5) / 9.0)
-"""Nine equal parts of a normal distribution."""
+_PARTS = ndtri((np.arange(19) + 0.5) / 19.0)
+"""Equal parts of a normal distribution; the outermost ones are beyond the ends of 90 %."""
 _VALLEY = (1, 2)
 """Rounds that look along the valley of J."""
 _ALL_JUMPS, _OTHER_START = 0.4, 0.02
@@ -61,19 +67,37 @@ class Peak:
 
 
 @dataclass(frozen=True, slots=True)
+class Gap:
+    """How far a valve may lie from what a law says of it, and how probable that is.
+
+    Attributes:
+        share: its probability; those of all gaps sum to one.
+        below, above, jump: standard deviations of S downwards and upwards, and of J, as shares of
+            OP's span.
+    """
+
+    share: float
+    below: float
+    above: float
+    jump: float
+
+
+EXACT = Gap(1.0, 0.0, 0.0, 0.0)
+"""A valve that is what a law says."""
+
+
+@dataclass(frozen=True, slots=True)
 class Posterior:
     """Weighted valves ``(m, 3)`` (S, J and first position), weights ``(m,)`` that sum to one.
 
     Attributes:
         samples, weights: the samples, in scaled units.
-        blur: standard deviations of S and J that the model itself leaves, as shares of OP's span.
-        above: that of S upwards, where it differs; ``blur`` holds that downwards.
+        gaps: what lies between them and the valve: one of these.
     """
 
     samples: Array
     weights: Array
-    blur: tuple[float, float]
-    above: float | None = None
+    gaps: tuple[Gap, ...] = (EXACT,)
 
     @property
     def valves(self) -> Array:
@@ -83,15 +107,13 @@ class Posterior:
     def interval(self, of_band: float, of_jump: float, confidence: float) -> Interval:
         """Equal-tailed interval of ``of_band S + of_jump J``, its value the median."""
         values = self.valves @ np.array([of_band, of_jump])
-        above = self.blur[0] if self.above is None else self.above
-        below, above = (
-            math.hypot(of_band * band, of_jump * self.blur[1]) for band in (self.blur[0], above)
-        )
         rising = np.argsort(values, kind="stable")
+        values, weights = values[rising], self.weights[rising] / _PARTS.size
         # Runs in rising order, which a stable sort only has to merge.
-        parts = np.where(_PARTS > 0.0, above, below) * _PARTS
-        spread = (values[rising] + parts[:, None]).ravel()
-        weight = np.tile(self.weights[rising] / _PARTS.size, _PARTS.size)
+        spread = np.concatenate(
+            [(values + part[:, None]).ravel() for part in _parts(self.gaps, of_band, of_jump)]
+        )
+        weight = np.concatenate([np.tile(gap.share * weights, _PARTS.size) for gap in self.gaps])
         order = np.argsort(spread, kind="stable")
         share = np.cumsum(weight[order]) - 0.5 * weight[order]
         tail = 0.5 * (1.0 - confidence)
@@ -110,6 +132,31 @@ class Posterior:
                 top = part[int(self.weights[part].argmax())]
                 found.append(Peak(float(self.valves[top, 0]), float(self.valves[top, 1]), mass))
         return tuple(sorted(found, key=lambda peak: -peak.share))
+
+
+def _parts(gaps: tuple[Gap, ...], of_band: float, of_jump: float) -> list[Array]:
+    """Equally probable errors of ``of_band S + of_jump J`` under each of the gaps."""
+    found = []
+    for gap in gaps:
+        jump = of_jump * gap.jump
+        below, above = (math.hypot(of_band * band, jump) for band in (gap.below, gap.above))
+        found.append(np.where(_PARTS > 0.0, above, below) * _PARTS)
+    return found
+
+
+def gap_of_no_law(spreading: Spreading, band: float, step: float, share: float = 1.0) -> Gap:
+    """The gap where no law is the valve's, for an S of ``band`` (a share of OP's span).
+
+    ``step`` is what OP moves in a sample. Upwards there is only what OP's travel leaves: OP that
+    moved the stem both ways moved farther than S, at both ends up to a step farther than the record
+    shows. And a real valve slips between two samples, anywhere: the deviation of a uniform
+    distribution.
+    """
+    _, down, up = spreading.law
+    room = min(1.0, max(0.0, 1.0 + 2.0 * step - band))
+    late = step / math.sqrt(12.0)
+    below, above = (math.hypot(late, band * wide) for wide in (down, up * room))
+    return Gap(share, below, above, band * spreading.law_jump[1])
 
 
 def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Posterior:
@@ -132,16 +179,15 @@ def sample_posterior(case: Case, explanations: tuple[Hypothesis, ...]) -> Poster
     # most samples are there to find the others
     counts = weight > _NOTHING * weight.max()
     weight, valve = weight[counts], valve[counts]
-    # A real valve slips between two samples, anywhere: the deviation of a uniform distribution.
-    late = _usual_step(case.rows.u) / math.sqrt(12.0)
     # a lead is worth less where the leading law's own errors follow the turns
     doubt = math.exp(-_lead_of_law(explanations) / (spreading.lead * uneven**2))
-    told, down, up = spreading.law
-    below, above, jump = (
-        math.hypot(late, best.valve.band * (known + doubt * (open_ - known)))
-        for known, open_ in ((told, down), (told, up), spreading.law_jump)
+    band = best.valve.band
+    known, known_jump = band * spreading.law[0], band * spreading.law_jump[0]
+    gaps = (
+        Gap(1.0 - doubt, known, known, known_jump),
+        gap_of_no_law(spreading, band, _usual_step(case.rows.u), doubt),
     )
-    return Posterior(valve, weight / weight.sum(), (below, jump), above)
+    return Posterior(valve, weight / weight.sum(), gaps)
 
 
 def _unevenness(case: Case, of: Hypothesis) -> float:

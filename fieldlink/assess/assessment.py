@@ -22,6 +22,7 @@ from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import RECORD, RUN_FILE, Job, Piece
 from fieldlink.assess.run_file import Counts, RunFile
 from fieldlink.assess.workers.watched import WatchedWorker
+from fieldlink.unfinished_file import write_whole
 
 __all__ = ["EngineChoice", "Outcome", "Progress", "assess"]
 
@@ -263,10 +264,8 @@ def _finish(job: Job, run_file: RunFile, out: Path, begun: float, before: Counts
         loops, counts.rows, counts.errors, time.perf_counter() - begun, counts.rows - before.rows
     )
     record = {"options": job.options(), **asdict(outcome)}
-    part = out / f"{RECORD}.part"
     try:
-        part.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-        part.replace(out / RECORD)
+        write_whole(out / RECORD, f"{json.dumps(record, indent=2)}\n".encode())
     except OSError as error:
         raise AssessError(
             f"{out / RECORD} cannot be written ({error.strerror}); check the folder and the free "

@@ -15,6 +15,7 @@ from fieldlink.assess.errors import AssessError
 from fieldlink.assess.job import Cut, Job
 from fieldlink.assess.run_file import Counts, RunFile
 from fieldlink.assess.trends import Trend, thirty_days, trend_of
+from fieldlink.unfinished_file import write_whole
 
 __all__ = ["write_page"]
 
@@ -79,10 +80,8 @@ def write_page(run_file: RunFile, job: Job, counts: Counts, target: Path) -> Non
         confidence=f"{job.judging.confidence:.0%}",
         counted=_counted,
     )
-    part = target.with_name(target.name + ".part")
     try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(target)
+        write_whole(target, text.encode())
     except OSError as error:
         raise AssessError(
             f"{target} cannot be written ({error.strerror}); check the folder and the free space, "

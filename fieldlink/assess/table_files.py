@@ -12,6 +12,7 @@ from fieldlink.assess.errors import AssessError
 from fieldlink.assess.run_file import RunFile
 from fieldlink.assess.table_row import COLUMNS, NUMBERS
 from fieldlink.spreadsheet import to_cell
+from fieldlink.unfinished_file import remove_unfinished
 
 __all__ = ["require_parquet", "write_tables"]
 
@@ -75,6 +76,9 @@ def write_tables(run_file: RunFile, out: Path) -> None:
             f"the tables in {out} cannot be written ({error.strerror}); check the folder and the "
             "free space, and go on with the same command"
         ) from error
+    finally:
+        for part in parts:
+            remove_unfinished(part)
 
 
 def _batches(rows: Iterator[list[Any]]) -> Iterator[Sequence[list[Any]]]:

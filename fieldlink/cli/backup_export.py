@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from fieldlink.cli.outputs import refuse_folder
 from fieldlink.cli.progress import show_work
 from fieldlink.cli.site import SiteFile
 from fieldlink.cli.time_arguments import parse_moment
@@ -25,6 +26,7 @@ def backup(
     from fieldlink.site import load_site
     from fieldlink.store import back_up
 
+    refuse_folder(out, "FILE")
     url = load_site(site).historian_url
     with show_work(f"copying to {out}"):
         made = back_up(url, out, overwrite=force)
@@ -55,6 +57,7 @@ def export(
     from fieldlink.site import load_site
     from fieldlink.store import export as write
 
+    refuse_folder(out)
     loaded = load_site(site)
     if loop is not None and loop not in loaded.loops:
         known = ", ".join(loaded.loops)

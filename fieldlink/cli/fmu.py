@@ -13,7 +13,7 @@ import typer
 from fieldlink.cli.fmu_progress import FmuProgress
 from fieldlink.cli.fmu_sweep import sweep
 from fieldlink.cli.fmu_tables import print_result, print_summary
-from fieldlink.cli.outputs import refuse_source
+from fieldlink.cli.outputs import refuse_folder, refuse_source
 
 if TYPE_CHECKING:
     from fieldlink.lab.fmu import FmuMap
@@ -156,6 +156,8 @@ def run(
     if plot is not None:  # before the run: a library that is missing must not cost it
         from fieldlink.lab.fmu.pictures import run_figure
         from fieldlink.pictures import save
+    for written, option in ((plot, "--plot"), (save_state, "--save-state"), (export, "--export")):
+        refuse_folder(written, option)
     if snapshot_at is not None and save_state is None:
         raise typer.BadParameter("needs --save-state FILE", param_hint="--snapshot-at")
     if export is not None and (map_file is not None or export.suffix != ".ssp"):

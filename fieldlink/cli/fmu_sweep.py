@@ -10,6 +10,7 @@ import typer
 
 from fieldlink.cli.fmu_progress import FmuProgress
 from fieldlink.cli.fmu_tables import MOST_ROWS
+from fieldlink.cli.outputs import refuse_folder
 
 if TYPE_CHECKING:
     from fmu_models import FmuSummary, StartValue
@@ -57,6 +58,7 @@ def sweep(
 
     ours = str(fmu) in catalogue and not os.path.exists(fmu)
     summary = summarise(fmu_path(str(fmu)) if ours else fmu)
+    refuse_folder(out)
     values = {name: _values_of(name, text, summary) for name, text in _pairs(grid or [], "--set")}
     if ours:
         count, period = steps or _CATALOGUE_STEPS, step

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from fieldlink.cli.outputs import refuse_source
+from fieldlink.cli.outputs import refuse_source, refuse_to_replace
 from fieldlink.cli.site import SiteFile
 
 __all__ = ["app", "parse_headings"]
@@ -17,6 +17,7 @@ app = typer.Typer(no_args_is_help=True, help="Register maps: from a vendor's lis
 Out = Annotated[
     Path | None, typer.Option("--out", help="File to write (.csv or .xlsx); else it is printed.")
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 
 
 @app.command("import")
@@ -40,6 +41,7 @@ def import_(
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Write the good rows although others are bad.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Turn a vendor's list into a register map, with a report of every bad row."""
     from fieldlink.cli.tables import counted, data_console, labelled
@@ -48,6 +50,7 @@ def import_(
     from fieldlink.site.map_import import import_map
 
     refuse_source(out, [file])
+    refuse_to_replace(out, force=force)
     found = import_map(
         file, addresses=addresses, sheet=sheet, headings=parse_headings(column or [])
     )
@@ -93,6 +96,7 @@ def export(
         str | None, typer.Argument(help="Device of the site; needed where it has several.")
     ] = None,
     out: Out = None,
+    force: Force = False,
 ) -> None:
     """Write the register map of a device with every column in the program's own words."""
     from fieldlink.site import load_site
@@ -104,6 +108,7 @@ def export(
     if device is None or device not in maps:
         known = ", ".join(maps) or "none"
         raise typer.BadParameter(f"devices with a register map: {known}", param_hint="DEVICE")
+    refuse_to_replace(out, force=force)
     tags = maps[device].values()
     if out is None:
         typer.echo(map_as_csv(tags), nl=False)

@@ -169,6 +169,8 @@ def _usual_units(found: Target) -> tuple[int, ...]:
 def _print_survey(console: Console, result: Survey) -> None:
     from rich.text import Text
 
+    from fieldlink.printable import as_printable
+
     console.print(Text.assemble((result.where, "bold"), f"  {result.requests} requests"))
     for unit in result.units:
         console.print(f"  unit {unit.unit} answers")
@@ -178,6 +180,10 @@ def _print_survey(console: Console, result: Survey) -> None:
         console.print("  no unit answers")
     if result.silent:
         console.print(f"  silent: {', '.join(map(str, result.silent))}")
+    for number, what in result.unfit:
+        console.print(f"  unit {number}, no answer that fits: {as_printable(what)}")
+    if not result.units and not result.unfit and result.complete:
+        console.print("  name other ids with --units, or wait longer with --timeout")
     alike = {unit.tables for unit in result.units}
     if len(result.units) > 3 and len(alike) == 1:
         console.print("  all units answer alike: probably one device that ignores the unit id")
@@ -186,6 +192,9 @@ def _print_survey(console: Console, result: Survey) -> None:
 
 
 def _describe(table: TableSurvey) -> str:
+    from fieldlink.cli.tables import counted
+    from fieldlink.links import ExceptionCode
+
     if not table.served:
         return "not served"
     said = f"nothing readable up to {table.looked_to}"
@@ -194,4 +203,7 @@ def _describe(table: TableSurvey) -> str:
     if table.sampled:
         rough = ", ".join(f"{a}-{b}" for a, b in table.sampled)
         said += f" (only every tenth address tried in {rough}; --thorough tries all)"
+    for number, requests in table.put_off:
+        code = ExceptionCode.of(number)
+        said += f" (exception {number} to {counted(requests, 'request')}: {code.advice})"
     return said

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from fieldlink.cli.outputs import refuse_folder
+
 __all__ = ["show_options", "support_bundle"]
 
 
@@ -50,6 +52,7 @@ def support_bundle(
     """
     from fieldlink.daemon.reporting.support_bundle import write_bundle
 
+    refuse_folder(out)
     parts = write_bundle(site, out)
     typer.echo(f"{out}: {', '.join(parts)}")
     if missing := [part for part in parts if part.endswith(".missing.txt")]:

@@ -7,7 +7,6 @@ place at once, so that a power failure leaves the older one.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from compensator import GivenUp, LoopFigures, LoopMemory, RefusalKind, Uncertainty
 from compensator.stem_tracking.friction import FrictionPrior
 from fieldlink.errors import FieldlinkError
+from fieldlink.unfinished_file import write_whole
 from loop_model import LoopModel
 
 __all__ = ["MemoryFileError", "load_memory", "save_memory"]
@@ -77,13 +77,8 @@ def save_memory(file: Path, loop: str, memory: LoopMemory, *, period: float, now
         gain_sign=memory.gain_sign,
         given_up=given_up,
     )
-    part = file.with_name(f"{file.name}.part")
     try:
-        with part.open("w", encoding="utf-8") as stream:
-            stream.write(kept.model_dump_json(indent=1))
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(file)
+        write_whole(file, kept.model_dump_json(indent=1).encode())
     except OSError as error:
         raise MemoryFileError(
             f"{file}: the compensator's memory cannot be written ({error.strerror or error}); "

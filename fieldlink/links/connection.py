@@ -15,6 +15,7 @@ of other devices on the same line go on meanwhile.
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import Sequence
 
 from fieldlink.links.backoff import Backoff, describe_next
@@ -180,6 +181,11 @@ class ModbusConnection:
             remedy = "check that the device is on, its address, and the cable or network between"
             if isinstance(error, WireSettingError):
                 remedy = "correct the host name, or baud rate, parity, data bits and stop bits"
+            elif isinstance(error.__cause__, ssl.SSLCertVerificationError):
+                remedy = (
+                    "give the authority that signed it as tls.ca, and the name in it as "
+                    "tls.server_name; or have it renewed"
+                )
             raise self._failed(
                 LinkUnreachableError(
                     self._device, f"no connection to {self._where}: {error}", remedy

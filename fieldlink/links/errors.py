@@ -28,7 +28,11 @@ class ExceptionCode(Enum):
         2,
         "a register does not exist or may not be written: check the map's addresses",
     )
-    ILLEGAL_VALUE = (3, "the device refuses the count or value: lower max_registers")
+    ILLEGAL_VALUE = (
+        3,
+        "the device refuses these registers, or so many in one request: check the map's addresses, "
+        "and lower max_registers",
+    )
     DEVICE_FAILURE = (4, "the device failed while answering: look at its own diagnostics")
     ACKNOWLEDGE = (
         5,
@@ -115,16 +119,32 @@ class ReplyMismatchError(LinkError):
 
 
 class ExceptionReplyError(LinkError):
-    """The device answered with an exception code."""
+    """The device answered with an exception code.
 
-    def __init__(self, device: str, what: str, code: int, *, is_write: bool = False) -> None:
+    Attributes:
+        code: what it means.
+        number: the code as it came.
+        request: what was asked for.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        request: str,
+        code: int,
+        *,
+        is_write: bool = False,
+        advice: str | None = None,
+    ) -> None:
         self.code = ExceptionCode.of(code)
         self.number = code
-        advice = self.code.advice
-        if is_write:
-            advice = _OF_A_WRITE.get(self.code, advice)
+        self.request = request
+        if advice is None:
+            advice = self.code.advice
+            if is_write:
+                advice = _OF_A_WRITE.get(self.code, advice)
         super().__init__(
-            device, f"{what} answered with exception {code} ({self.code.name})", advice
+            device, f"{request} answered with exception {code} ({self.code.name})", advice
         )
 
 

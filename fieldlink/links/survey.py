@@ -8,6 +8,7 @@ as soon as one can be read; `SurveySettings.thorough` always cuts.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,6 +22,7 @@ from fieldlink.links.errors import (
     ExceptionReplyError,
     LinkError,
     LinkUnreachableError,
+    ReplyMismatchError,
 )
 from fieldlink.links.transports import line_settings
 from fieldlink.registers import Table
@@ -33,6 +35,11 @@ BARREN = 100
 
 STRIDE = 10
 """Distance of the addresses that are tried there: register lists begin at round addresses."""
+
+_ABOUT_ADDRESSES = frozenset(
+    {ExceptionCode.ILLEGAL_ADDRESS, ExceptionCode.ILLEGAL_VALUE, ExceptionCode.DEVICE_FAILURE}
+)
+"""Exceptions by which devices say that an address cannot be read."""
 
 Progress = Callable[[str, int], None]
 """Called with what is looked at, and the requests sent so far."""
@@ -72,6 +79,8 @@ class TableSurvey:
         ranges: readable addresses (first, last), both included.
         looked_to: the last address that was looked at.
         sampled: stretches (first, last) of which only every tenth address was tried.
+        put_off: exception codes that say nothing about an address, such as 6 (busy), with the
+            number of requests that they answered: what they hide may be readable.
     """
 
     table: str
@@ -79,6 +88,7 @@ class TableSurvey:
     ranges: tuple[tuple[int, int], ...]
     looked_to: int
     sampled: tuple[tuple[int, int], ...] = ()
+    put_off: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +107,7 @@ class Survey:
         where: the device.
         units: the units that answer.
         silent: the units that do not.
+        unfit: units to whose requests something came that is no answer, and what it was.
         requests: how many were sent.
         complete: False when the limit of requests, or a device that fell silent, ended it early.
         note: why it is not complete.
@@ -108,6 +119,7 @@ class Survey:
     requests: int
     complete: bool
     note: str = ""
+    unfit: tuple[tuple[int, str], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as dictionaries, lists, strings and numbers."""
@@ -127,6 +139,8 @@ class _Look:
     unit: int = 0
     requests: int = 0
     silent_in_a_row: int = 0
+    put_off: Counter[int] = field(default_factory=Counter)
+    unfit: dict[int, str] = field(default_factory=dict)
     connections: list[ModbusConnection] = field(default_factory=list)
 
     async def ask(self, link: ModbusConnection, table: Table, first: int, count: int) -> None:
@@ -142,6 +156,8 @@ class _Look:
             self.silent_in_a_row = 0
             if error.code is ExceptionCode.ILLEGAL_FUNCTION:
                 raise error
+            if error.code not in _ABOUT_ADDRESSES:
+                self.put_off[error.number] += 1
             return
         self.silent_in_a_row += 1
         if self.silent_in_a_row >= 3:
@@ -169,9 +185,11 @@ async def survey(
             look.connections.append(link)
             look.unit = unit
             if not await _answers(look, link):
-                silent.append(unit)
+                if unit not in look.unfit:
+                    silent.append(unit)
                 await link.close()
                 continue
+            look.unfit.pop(unit, None)
             tables = []
             found.append(UnitSurvey(unit, ()))
             for table in settings.tables:
@@ -184,7 +202,8 @@ async def survey(
         for link in look.connections:
             await link.close()
     where = device.where.rsplit(" unit", 1)[0]
-    return Survey(where, tuple(found), tuple(silent), look.requests, not note, note)
+    unfit = tuple(look.unfit.items())
+    return Survey(where, tuple(found), tuple(silent), look.requests, not note, note, unfit)
 
 
 def _connection(
@@ -211,6 +230,8 @@ async def _answers(look: _Look, link: ModbusConnection) -> bool:
                 raise
             look.progress(str(error), look.requests)
         except LinkError as error:
+            if isinstance(error, ReplyMismatchError):
+                look.unfit[look.unit] = f"{error.what}; {error.remedy}"
             look.progress(str(error), look.requests)
         else:
             return True
@@ -221,6 +242,7 @@ async def _look_at(look: _Look, link: ModbusConnection, table: Table) -> TableSu
     settings = look.settings
     readable: list[int] = []
     sampled: list[int] = []
+    look.put_off.clear()
     first = settings.first
     while first <= settings.last:
         count = min(settings.block, settings.last - first + 1)
@@ -240,7 +262,8 @@ async def _look_at(look: _Look, link: ModbusConnection, table: Table) -> TableSu
             return TableSurvey(table.value, False, (), first)
         first += count
     runs = tuple(_runs(readable))
-    return TableSurvey(table.value, True, runs, settings.last, tuple(_runs(sampled)))
+    put_off = tuple(sorted(look.put_off.items()))
+    return TableSurvey(table.value, True, runs, settings.last, tuple(_runs(sampled)), put_off)
 
 
 async def _has_some(

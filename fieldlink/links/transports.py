@@ -13,6 +13,7 @@ from fieldlink.links.frames import Framing, MbapFraming, RtuFraming
 from fieldlink.links.line import LineSettings
 from fieldlink.links.wire import Wire
 from fieldlink.site import Device, Tls
+from fieldlink.tls_words import tls_words
 
 __all__ = ["TlsFilesError", "client_tls", "line_settings"]
 
@@ -97,10 +98,11 @@ def client_tls(tls: Tls, name: str, resolve: Callable[[str | Path], Path] = Path
         if tls.cert is not None and tls.key is not None:
             context.load_cert_chain(resolve(tls.cert), resolve(tls.key), password=_no_password)
     except (OSError, ValueError) as error:
-        files = ", ".join(str(path) for path in (tls.ca, tls.cert, tls.key) if path is not None)
+        given = [path for path in (tls.ca, tls.cert, tls.key) if path is not None]
+        files = ", ".join(map(str, given))
         raise TlsFilesError(
             name,
-            f"the certificates ({files}) cannot be used: {error}",
+            f"the certificates ({files}) cannot be used: {tls_words(error, map(resolve, given))}",
             "give PEM files that belong together, and a key without a password",
         ) from error
     context.minimum_version = ssl.TLSVersion.TLSv1_2

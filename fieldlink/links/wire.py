@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import ssl
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -23,6 +24,7 @@ from pymodbus.transport import CommParams, CommType, ModbusProtocol
 
 from fieldlink.links.frames import Frame, Framing, FramingError, Request
 from fieldlink.links.names import find_addresses
+from fieldlink.tls_words import tls_words
 
 try:
     from termios import error as TerminalError  # noqa: N812
@@ -273,6 +275,8 @@ _ERRNO = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
 
 
 def _reason(error: Exception) -> str:
+    if isinstance(error, ssl.SSLError):
+        return tls_words(error)
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     if "exclusively lock" in text:
         text = "another program uses the port"

@@ -13,6 +13,7 @@ from fieldlink.notices.notice import Notice
 from fieldlink.notices.web_hook import WebHookReceiver
 from fieldlink.secret import Secret, SecretError
 from fieldlink.site import Site
+from fieldlink.tls_words import tls_words
 
 __all__ = ["Receiver", "receivers_of"]
 
@@ -81,5 +82,5 @@ def _tls(site: Site, key: str, ca: Path | None) -> ssl.SSLContext:
     except (OSError, ssl.SSLError) as error:
         raise NoticeError(
             f"{site.path}: {key}.ca: the certificates cannot be used "
-            f"({getattr(error, 'reason', None) or error}); give a PEM file"
+            f"({tls_words(error, () if ca is None else [site.resolve(ca)])}); give a PEM file"
         ) from error

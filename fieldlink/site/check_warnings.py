@@ -10,6 +10,7 @@ from fieldlink.registers import Apart, ReadRequest, Table, find_apart
 from fieldlink.site.certificate_warnings import find_certificate_warnings
 from fieldlink.site.checked_site import Site
 from fieldlink.site.copied_loops import find_copies
+from fieldlink.site.folded_warnings import Warned, fold, shown
 from fieldlink.site.missing_rows import contradicts_clock
 from fieldlink.site.models import Loop
 from fieldlink.site.recording import read_recording
@@ -32,14 +33,14 @@ LONG_TIMEOUT = 30.0
 """Seconds that no PLC takes to answer; who writes more may mean milliseconds."""
 
 
-NAMED = 5
-"""The most loops that are named where many have the same warning."""
-
-
 def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -> Iterator[str]:
-    """Yield the warnings of devices, serial lines and loops; ``requests`` are by device."""
-    for name in site.devices:
-        yield from _device_warnings(site, name, requests[name])
+    """Yield the warnings of devices, serial lines and loops; ``requests`` are by device.
+
+    What holds for many of them is one warning.
+    """
+    yield from fold(
+        warned for name in site.devices for warned in _device_warnings(site, name, requests[name])
+    )
     yield from _line_warnings(site, requests)
     if why := why_not_writable(site.data_dir):
         yield (
@@ -48,9 +49,11 @@ def find_warnings(site: Site, requests: Mapping[str, tuple[ReadRequest, ...]]) -
         )
     yield from find_certificate_warnings(site)
     yield from _mode_warnings(site)
-    for name, loop in site.loops.items():
-        yield from _loop_warnings(name, loop)
-        yield from _recording_warnings(site, name, loop)
+    yield from fold(
+        warned
+        for name, loop in site.loops.items()
+        for warned in (*_loop_warnings(name, loop), *_recording_warnings(site, name, loop))
+    )
     yield from find_copies(site)
 
 
@@ -69,51 +72,55 @@ def find_apart_tags(
     return {apart.tags: apart for apart in found}
 
 
-def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> list[str]:
-    warnings = []
+def _device_warnings(site: Site, name: str, requests: tuple[ReadRequest, ...]) -> Iterator[Warned]:
     device, loops = site.devices[name], site.loops_of(name)
     if not loops:
-        warnings.append(f"device {name}: no loop uses it")
+        yield Warned("device", name, "no loop uses it")
     if device.timeout > LONG_TIMEOUT:
-        warnings.append(
-            f"device {name}: timeout = {device.timeout:g} is in seconds; without an answer "
-            "nothing is read for so long"
+        yield Warned(
+            "device",
+            name,
+            f"timeout = {device.timeout:g} is in seconds; without an answer nothing is read for so "
+            "long",
         )
     if loops and device.speed != 1.0 and all(loop.plant is None for loop in loops.values()):
-        warnings.append(
-            f"device {name}: speed = {device.speed:g} is for a simulated plant, and no loop of it "
-            "is simulated here: of a real one every period would be wrong, so remove it"
+        yield Warned(
+            "device",
+            name,
+            f"speed = {device.speed:g} is for a simulated plant, and no loop of it is simulated "
+            "here: of a real one every period would be wrong, so remove it",
         )
     groups = {loop_name: _groups(loop) for loop_name, loop in loops.items() if name in site.maps}
     apart = find_apart_tags(site, name, requests, chain.from_iterable(groups.values()))
     for loop_name, of_loop in groups.items():
         for group in of_loop:
             if group in apart:
-                warnings.append(
-                    f"loop {loop_name}: {', '.join(group)} cannot come from one request: "
-                    f"{apart[group].reason.value}"
-                )
+                cannot = f"cannot come from one request: {apart[group].reason.value}"
+                roles = "OP and PV" if len(group) == 2 else "OP, PV and scan"
+                yield Warned("loop", loop_name, f"{', '.join(group)} {cannot}", f"{roles} {cannot}")
                 break
     views: dict[tuple[str, int], list[str]] = {}
     tags = site.maps.get(name, {}).values()
     for table, first in FIRST_IN_MANUALS.items():
         addresses = [tag.address for tag in tags if tag.table is table and not tag.node]
         if addresses and first <= min(addresses) and max(addresses) < first + 9999:
-            warnings.append(
-                f"device {name}: every {table} address is from {first} on, as manuals count: if "
-                f"theirs are meant, subtract {first}, so that {first} becomes 0"
+            yield Warned(
+                "device",
+                name,
+                f"every {table} address is from {first} on, as manuals count: if theirs are "
+                f"meant, subtract {first}, so that {first} becomes 0",
             )
     for tag in tags:
         if tag.bit is not None:
             # Bits of a status word are meant to share it.
             continue
         views.setdefault((tag.table.value, tag.address), []).append(tag.name)
-    warnings.extend(
-        f"device {name}: {', '.join(names)} are the same registers ({table} {address})"
-        for (table, address), names in views.items()
-        if len(names) > 1
-    )
-    return warnings
+    for (table_name, address), names in views.items():
+        if len(names) > 1:
+            same = f"are the same registers ({table_name} {address})"
+            yield Warned(
+                "device", name, f"{shown(names)} {same}", "have tags of the same registers"
+            )
 
 
 def _groups(loop: Loop) -> list[tuple[str, ...]]:
@@ -156,43 +163,47 @@ def _mode_warnings(site: Site) -> Iterator[str]:
     if len(names) == 1:
         yield f"loop {names[0]}: without a mode tag, samples in manual cannot be recognised"
     elif names:
-        more = len(names) - NAMED
-        shown = ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
         yield (
-            f"{len(names)} loops without a mode tag ({shown}): samples in manual cannot be "
+            f"{len(names)} loops without a mode tag ({shown(names)}): samples in manual cannot be "
             "recognised"
         )
 
 
-def _loop_warnings(name: str, loop: Loop) -> list[str]:
-    warnings = []
+def _loop_warnings(name: str, loop: Loop) -> Iterator[Warned]:
     span = loop.window * loop.period
     if loop.estimate_period > span:
-        warnings.append(
-            f"loop {name}: estimate_every = {loop.estimate_period:g} s is longer than the window "
-            f"of {span:g} s: samples between are never judged"
+        yield Warned(
+            "loop",
+            name,
+            f"estimate_every = {loop.estimate_period:g} s is longer than the window of {span:g} s: "
+            "samples between are never judged",
         )
     area = loop.writeback.exchange
     counted = FIRST_IN_MANUALS[Table.HOLDING]
     if area is not None and min(first for _, first, _ in area.spans()) >= counted:
-        warnings.append(
-            f"loop {name}: its exchange area begins at {counted} or later, as manuals count: if "
-            f"their numbers are meant, subtract {counted}, or other registers are written"
+        yield Warned(
+            "loop",
+            name,
+            f"its exchange area begins at {counted} or later, as manuals count: if their numbers "
+            f"are meant, subtract {counted}, or other registers are written",
         )
     if loop.writeback.enabled and loop.writeback.valid_for < 2 * loop.estimate_period:
-        warnings.append(
-            f"loop {name}: a block is valid for {loop.writeback.valid_for} s, less than two "
-            f"estimates take ({2 * loop.estimate_period:g} s): it may expire while all is well"
+        yield Warned(
+            "loop",
+            name,
+            f"a block is valid for {loop.writeback.valid_for} s, less than two estimates take "
+            f"({2 * loop.estimate_period:g} s): it may expire while all is well",
         )
-    return warnings
 
 
-def _recording_warnings(site: Site, name: str, loop: Loop) -> Iterator[str]:
+def _recording_warnings(site: Site, name: str, loop: Loop) -> Iterator[Warned]:
     if loop.plant is None or loop.plant.recording is None:
         return
     recording = read_recording(site.resolve(loop.plant.recording), period=loop.period)
     if contradicts_clock(recording):
-        yield (
-            f"loop {name}: the times in {loop.plant.recording} are not {loop.period:g} s apart: "
-            "correct period, or each row counts as one period"
+        yield Warned(
+            "loop",
+            name,
+            f"the times in {loop.plant.recording} are not {loop.period:g} s apart: correct period, "
+            "or each row counts as one period",
         )

@@ -39,7 +39,8 @@ SIGNAL_WORDS: Mapping[str, tuple[str, ...]] = {
     "auto": ("auto", "automatic automatik automode", "mode betriebsart"),
     "time": (
         "time",
-        "timestamp datetime dateandtime datetimeutc zeitstempel utc ts horodatage",
+        "timestamp datetime dateandtime datetimeutc timestring tstamp zeitstempel utc ts "
+        "horodatage",
         "zeit uhrzeit heure hora t seconds sekunden",
         "date datum day fecha data",
     ),

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 
 from fieldlink.registers import DataType, Tag
 from fieldlink.site.checked_site import Site
+from fieldlink.site.folded_warnings import Warned, fold, shown
 from fieldlink.site.models import Loop
 
 __all__ = ["find_copies"]
@@ -17,40 +18,62 @@ _FLOATS = (DataType.FLOAT32, DataType.FLOAT64)
 
 
 def find_copies(site: Site) -> Iterator[str]:
-    """Yield a sentence for each loop that looks like a copy, and each tag in the wrong place."""
-    pairs: dict[tuple[str, str, str], str] = {}
-    names: dict[str, str] = {}
+    """Yield a sentence for what looks like copies, and for each kind of tag in the wrong place."""
+    pairs: dict[tuple[str, str, str], list[str]] = {}
+    names: dict[str, list[str]] = {}
     for name, loop in site.loops.items():
-        first = pairs.setdefault((loop.device, loop.op, loop.pv), name)
-        if first != name:
+        pairs.setdefault((loop.device, loop.op, loop.pv), []).append(name)
+        names.setdefault(name.casefold(), []).append(name)
+    for (device, op, pv), (first, *copies) in pairs.items():
+        if copies:
+            which = f"{copies[0]} was copied, correct its tags"
+            if len(copies) > 1:
+                which = "they were copied, correct the tags of all but one"
             yield (
-                f"loops {first} and {name}: both have OP {loop.op} and PV {loop.pv} of device "
-                f"{loop.device}: if {name} was copied, correct its tags"
+                f"loops {_listed(first, copies)}: {_all(copies)} have OP {op} and PV {pv} of "
+                f"device {device}: if {which}"
             )
-        like = names.setdefault(name.casefold(), name)
-        if like != name:
+    for first, *others in names.values():
+        if others:
             yield (
-                f"loops {like} and {name}: their names differ in case only, and are easily "
+                f"loops {_listed(first, others)}: their names differ in case only, and are easily "
                 "confused: rename one"
             )
-        yield from _roles(name, loop, site.maps.get(loop.device, {}))
+    yield from fold(
+        warned
+        for name, loop in site.loops.items()
+        for warned in _roles(name, loop, site.maps.get(loop.device, {}))
+    )
 
 
-def _roles(name: str, loop: Loop, tags: Mapping[str, Tag]) -> Iterator[str]:
+def _listed(first: str, others: list[str]) -> str:
+    return f"{first} and {others[0]}" if len(others) == 1 else shown([first, *others])
+
+
+def _all(copies: list[str]) -> str:
+    return "both" if len(copies) == 1 else "all"
+
+
+def _roles(name: str, loop: Loop, tags: Mapping[str, Tag]) -> Iterator[Warned]:
     taken = {loop.op: "OP", loop.pv: "PV"}
     for role in ("sp", "mode", "scan"):
         tag: str | None = getattr(loop, role)
         if tag is None:
             continue
         if tag in taken:
-            yield (
-                f"loop {name}: {role} is {tag}, its {taken[tag]} too: correct {role}, or remove it"
+            remedy = f"correct {role}, or remove it"
+            yield Warned(
+                "loop",
+                name,
+                f"{role} is {tag}, its {taken[tag]} too: {remedy}",
+                f"{role} and {taken[tag]} are one tag: {remedy}",
             )
         elif role == "scan" and _holds_a_float(tags.get(tag)):
-            yield (
-                f"loop {name}: scan is {tag}, a {tags[tag].data_type}: a counter of the PLC's "
-                "cycles is a whole number; correct scan, or remove it"
+            kind = (
+                f"{tags[tag].data_type}: a counter of the PLC's cycles is a whole number; correct "
+                "scan, or remove it"
             )
+            yield Warned("loop", name, f"scan is {tag}, a {kind}", f"scan is a {kind}")
         taken.setdefault(tag, role)
 
 

@@ -17,14 +17,11 @@ from fieldlink.site.numbered_times import find_time_unit, is_plausible
 from fieldlink.site.quality_codes import find_good
 from fieldlink.site.recorded_table import holds_values, is_moment
 from fieldlink.site.row_order import Rows, put_in_order
-from fieldlink.site.times import NoClockError
+from fieldlink.site.times import NoClockError, Times
 from fieldlink.site.timestamps import Sampling, parse_times, sampling_of
 
 __all__ = ["RecordedColumns"]
 
-_TAG_WORDS = frozenset({"tag", "tagname", "tag name", "point", "pointname", "variable", "name"})
-_VALUE_WORDS = frozenset({"value", "val", "wert", "valeur", "valor"})
-"""Headings of a table with a row for each value."""
 _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _OWN_EXPORT = frozenset({"loop", "slot", "quality", "late_ms"})
@@ -171,12 +168,6 @@ class RecordedColumns:
                 remedy = "add a row of column names above it, such as time,op,pv"
                 self.report("", "the first row holds values, no names", remedy, line)
             return
-        folded = {name.lower() for name in header}
-        if not is_named and folded & _TAG_WORDS and folded & _VALUE_WORDS:
-            if not any(problem.line == line for problem in self.problems):
-                remedy = "export it with a column for each signal"
-                self.report("", "has a row for each value, not for each moment", remedy, line)
-            return
         remedy = nearest(wanted, header)
         if not is_named:
             remedy += f", or say which column is {role}"
@@ -306,21 +297,9 @@ class RecordedColumns:
         if column is None:
             return None
         name = self._file.header[column]
-        cells = [row.cells[column] for row in self._file.rows]
-        dated, notes = join_dates(self._file, column, cells)
-        self.notes.extend(notes)
         remedy = "correct it, or give the seconds between rows with --period"
         try:
-            # Where the comma begins decimals, and a semicolon separates, the day is first.
-            day_first = self._file.separator == ";"
-            under = self._file.under_header
-            below = [row.cells[column] for row in under if column < len(row.cells)]
-            times = parse_times(
-                dated,
-                lambda numbers: self._parse(numbers, column),
-                unit=find_time_unit(name, below),
-                day_first=day_first,
-            )
+            times = self.times(column)
             found = put_in_order(times, [row.cells for row in self._file.rows])
             sampling = sampling_of(found.times)
             if gives_period and not (times.is_unit_known or is_plausible(sampling.period)):
@@ -340,6 +319,26 @@ class RecordedColumns:
             self.notes.append(f"{name} {times.note}")
         self.notes.extend(found.notes)
         return found.rows, sampling
+
+    def times(self, column: int) -> Times:
+        """Return the moments of a column of times, in the order of the rows.
+
+        Raises:
+            NoClockError: naming the first row that fits no notation of time.
+        """
+        cells = [row.cells[column] for row in self._file.rows]
+        dated, notes = join_dates(self._file, column, cells)
+        self.notes.extend(notes)
+        # Where the comma begins decimals, and a semicolon separates, the day is first.
+        day_first = self._file.separator == ";"
+        under = self._file.under_header
+        below = [row.cells[column] for row in under if column < len(row.cells)]
+        return parse_times(
+            dated,
+            lambda numbers: self._parse(numbers, column),
+            unit=find_time_unit(self._file.header[column], below),
+            day_first=day_first,
+        )
 
     def _report_more(self, column: int, count: int) -> None:
         name = self._file.header[column]

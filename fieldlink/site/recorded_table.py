@@ -20,6 +20,7 @@ from fieldlink.site.binary_tables import read_binary_table
 from fieldlink.site.column_names import guess_columns
 from fieldlink.site.csv_file import CsvFile, CsvRow, fit_rows, is_comment, parse_rows, read_text
 from fieldlink.site.errors import Problem, RecordingError
+from fieldlink.site.long_columns import find_long_columns
 from fieldlink.site.number_cells import is_bad_value
 
 __all__ = ["RecordedTable", "holds_values", "is_moment", "read_recorded_table"]
@@ -168,6 +169,9 @@ def _agreement(counts: Sequence[int], least: int) -> float:
 
 def _find_header(rows: Sequence[CsvRow], named: Sequence[str]) -> tuple[CsvRow, int]:
     """Return the header and the index of the first sample."""
+    for number, row in enumerate(rows[:_LOOKED_AT]):
+        if find_long_columns(_trimmed(row)) is not None:
+            return row, number + 1
     looked_at = [_trimmed(row) for row in rows[:_LOOKED_AT]]
     width = Counter(map(len, looked_at)).most_common(1)[0][0]
     is_bad = [any(cells) and all(map(is_bad_value, cells)) for cells in looked_at]

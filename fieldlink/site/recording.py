@@ -23,6 +23,8 @@ from fieldlink.file_at import is_pipe_or_device
 from fieldlink.site.column_names import loops_side_by_side
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
+from fieldlink.site.long_columns import find_long_columns
+from fieldlink.site.long_form import LoopTable, tables_by_loop
 from fieldlink.site.recorded_columns import RecordedColumns
 from fieldlink.site.recorded_table import read_recorded_table
 from fieldlink.site.timestamps import Sampling
@@ -154,13 +156,30 @@ def read_recording(
     """
     wanted = {"op": op, "pv": pv, "sp": sp, "auto": auto, "time": time}
     table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
+    long = find_long_columns(table.file.header)
+    if long is not None:
+        tables = tables_by_loop(table.file, long, wanted, needs_pv=needs_pv)
+        if len(tables) > 1:
+            remedy = (
+                "name OP and PV of one (--op, --pv), or judge all of them with fieldlink assess"
+            )
+            raise _several(path, table.file.header[long.tag], list(tables), remedy)
+        (own,) = tables.values()
+        if isinstance(own, RecordingError):
+            raise own
+        notes = (*table.notes, *own.notes)
+        return _recording_of(own.file, own.wanted, period, needs_pv=needs_pv, notes=notes)
     loops = list(_rows_by_loop(table.file))
     if len(loops) > 1:
-        more = ", ..." if len(loops) > 3 else ""
-        what = f"holds {len(loops)} loops: {', '.join(map(repr, loops[:3]))}{more}"
         remedy = "keep the rows of one, or judge all of them with fieldlink assess"
-        raise RecordingError([Problem(str(path), "loop", what, remedy)])
+        raise _several(path, "loop", loops, remedy)
     return _recording_of(table.file, wanted, period, needs_pv=needs_pv, notes=table.notes)
+
+
+def _several(path: str | Path, column: str, loops: list[str], remedy: str) -> RecordingError:
+    more = ", ..." if len(loops) > 3 else ""
+    what = f"holds {len(loops)} loops: {', '.join(map(repr, loops[:3]))}{more}"
+    return RecordingError([Problem(str(path), column, what, remedy)])
 
 
 def read_recordings(
@@ -168,8 +187,8 @@ def read_recordings(
 ) -> Iterator[tuple[str, Recording]]:
     """Read a file that may hold several loops.
 
-    They are told apart by a column ``loop``, or stand side by side (`loops_side_by_side`). What is
-    wrong with one costs the others nothing.
+    They are told apart by a column ``loop`` or by tags (`long_form`), or stand side by side
+    (`loops_side_by_side`). What is wrong with one costs the others nothing.
 
     Args:
         path: as for `read_recording`.
@@ -185,6 +204,10 @@ def read_recordings(
     wanted = {role: columns.get(role) for role in ("op", "pv", "sp", "auto", "time")}
     table = read_recorded_table(Path(path), [name for name in wanted.values() if name is not None])
     file, notes = table.file, table.notes
+    long = find_long_columns(file.header)
+    if long is not None:
+        yield from _long_recordings(tables_by_loop(file, long, wanted), period, notes)
+        return
     loops: dict[str, tuple[CsvFile, Mapping[str, str | None]]] = {
         name: (replace(file, rows=tuple(rows)), wanted)
         for name, rows in _rows_by_loop(file).items()
@@ -200,6 +223,25 @@ def read_recordings(
     for name, (own, named) in loops.items():
         try:
             recording = _recording_of(own, named, period, notes=notes)
+        except RecordingError as error:
+            problems.extend(error.problems)
+        else:
+            yield name, recording
+    if problems:
+        raise RecordingError(problems)
+
+
+def _long_recordings(
+    tables: Mapping[str, LoopTable | RecordingError],
+    period: float | None,
+    notes: tuple[str, ...],
+) -> Iterator[tuple[str, Recording]]:
+    problems: list[Problem] = []
+    for name, own in tables.items():
+        try:
+            if isinstance(own, RecordingError):
+                raise own
+            recording = _recording_of(own.file, own.wanted, period, notes=(*notes, *own.notes))
         except RecordingError as error:
             problems.extend(error.problems)
         else:

@@ -92,7 +92,13 @@ class SiteDraft:
 
 
 def map_path_of(site: Path) -> Path:
-    """Return the file of the register map beside a new site file."""
+    """Return the file of the register map beside a new site file.
+
+    Raises:
+        SiteError: the path has no name of a file, as ``.`` has none.
+    """
+    if site.name in ("", ".."):
+        raise SiteError([Problem(str(site), "", "is a folder", "name a new file with --out")])
     return site.with_name(f"{site.stem}-map.csv")
 
 

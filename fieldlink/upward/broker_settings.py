@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from fieldlink.secret import Secret, SecretError
 from fieldlink.site import Site
+from fieldlink.tls_words import tls_words
 from fieldlink.upward.errors import UpwardError
 
 __all__ = ["BrokerSettings"]
@@ -62,9 +63,11 @@ class BrokerSettings:
                         site.resolve(mqtt.tls.cert), site.resolve(mqtt.tls.key), _no_password
                     )
             except (OSError, ssl.SSLError, ValueError) as error:
+                given = (mqtt.tls.ca, mqtt.tls.cert, mqtt.tls.key)
+                files = [site.resolve(path) for path in given if path is not None]
                 raise UpwardError(
                     f"{site.path}: mqtt.tls: a certificate or key cannot be used "
-                    f"({getattr(error, 'reason', None) or error}); give PEM files, the key "
+                    f"({tls_words(error, files)}); give PEM files, the key "
                     "without a password and belonging to its certificate"
                 ) from error
         name = mqtt.client_id or f"fieldlink-{site.name}"

@@ -116,6 +116,13 @@ def test_nothing_is_overwritten(folder: Path) -> None:
     assert not (folder / "site.toml").exists()
 
 
+@pytest.mark.parametrize("out", [".", "..", "/"])
+def test_a_folder_is_no_new_site(folder: Path, out: str) -> None:
+    said = refusal(run("clear.csv", "--auto-values", "1", "--yes", "--out", out))
+    assert said == f"{out}: is a folder; name a new file with --out"
+    assert not (folder / "site.toml").exists()
+
+
 def test_what_is_not_clear_is_refused_without_a_terminal(folder: Path) -> None:
     said = refusal(run("unclear.csv", "--yes"))
     assert "FC101: OP may be FC101.OUT or FC101.MV" in said

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from fieldlink.assess.errors import AssessError
+from fieldlink.assess.table_files import write_tables
+from fieldlink.cli.app import app
 from fieldlink.unfinished_file import created, write_whole
 
 ROOT = Path(__file__).parents[2]
@@ -112,3 +119,51 @@ def test_nothing_is_left_of_a_new_file_after_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError), created(file):
         pass
     assert file.read_text() == "a person's"
+
+
+def test_the_tables_of_an_assessment_are_whole_or_leave_nothing(tmp_path: Path) -> None:
+    class Full:
+        def ranked_rows(self) -> Iterator[list[Any]]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            yield
+
+    (tmp_path / "loops.csv").write_text("the one before")
+    with pytest.raises(AssessError, match=r"cannot be written \(No space left on device\); check"):
+        write_tables(Full(), tmp_path)  # type: ignore[arg-type]
+    assert os.listdir(tmp_path) == ["loops.csv"]
+    assert (tmp_path / "loops.csv").read_text() == "the one before"
+
+
+@pytest.mark.parametrize("folder", [".", "old"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("report", "FC202.csv", "--out"),
+        ("map", "import", "vendor.csv", "--out"),
+        ("map", "export", "site.toml", "--out"),
+        ("backup", "site.toml"),
+        ("export", "site.toml", "--out"),
+        ("support-bundle", "--out"),
+        ("fmu", "run", "example1", "--stop", "1", "--out"),
+        ("fmu", "run", "example1", "--stop", "1", "--save-state"),
+        ("fmu", "sweep", "example1", "--set", "stick_band=4", "--out"),
+    ],
+    ids=lambda command: " ".join(command[:2]),
+)
+def test_a_folder_is_no_file_to_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], folder: str
+) -> None:
+    (tmp_path / "old").mkdir()
+    for name in ("FC202.csv", "demo.toml", "demo.csv"):
+        shutil.copy(ROOT / "site_configs" / name, tmp_path)
+    (tmp_path / "demo.toml").rename(tmp_path / "site.toml")
+    (tmp_path / "vendor.csv").write_text("name,address,type\nA,0,float\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    before = sorted(os.listdir(tmp_path))
+    done = CliRunner().invoke(app, [*command, folder])
+    assert done.exit_code == 2
+    assert isinstance(done.exception, SystemExit)
+    assert f"{folder} is a folder; name a file" in done.stderr
+    assert sorted(os.listdir(tmp_path)) == before
+    assert os.listdir(tmp_path / "old") == []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+import signal
 from pathlib import Path
 
 import pytest
@@ -42,6 +44,22 @@ def test_what_was_saved_comes_back_less_the_time_that_passed(tmp_path: Path) -> 
     assert gone.given_up == ()
     assert gone.figures == MEMORY.figures
     assert [path.name for path in tmp_path.iterdir()] == ["FC101.compensator.json"]
+
+
+def test_a_full_disk_leaves_the_memory_before(tmp_path: Path) -> None:
+    file = tmp_path / "FC101.compensator.json"
+    save_memory(file, "FC101", MEMORY, period=2.0, now=1000.0)
+    before, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (16, before[1]))
+    try:
+        with pytest.raises(MemoryFileError, match=r"cannot be written \(File too large\)"):
+            save_memory(file, "FC101", LoopMemory(), period=2.0, now=1000.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert [path.name for path in tmp_path.iterdir()] == ["FC101.compensator.json"]
+    assert load_memory(file, "FC101", period=2.0, now=1000.0) == MEMORY
 
 
 def test_without_a_file_nothing_is_remembered(tmp_path: Path) -> None:

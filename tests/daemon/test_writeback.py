@@ -137,6 +137,26 @@ async def test_registers_between_are_read_along_only_where_the_site_allows(
     assert (words.enable, words.ack_commit, words.heartbeat, words.commit) == (100, 104, 106, 107)
 
 
+@pytest.mark.parametrize(
+    ("code", "says"), [(3, "as 94 registers in one request"), (2, "addresses")]
+)
+async def test_a_bank_that_is_refused_gets_advice_that_can_be_followed(
+    layout: ExchangeLayout, code: int, says: str
+) -> None:
+    """`check` refuses a max_registers below a block's length: it is no remedy here."""
+
+    class Registers:
+        async def read_registers(self, address: int, count: int) -> list[int]:
+            raise ExceptionReplyError("plc", f"reading holding {address}, {count}", code)
+
+    exchange = Exchange(Registers(), layout, "big", device="plc")  # type: ignore[arg-type]
+    with pytest.raises(ExceptionReplyError) as caught:
+        await exchange.bank(Bank.A)
+    assert says in str(caught.value)
+    assert "max_registers" not in str(caught.value)
+    assert caught.value.number == code
+
+
 @pytest.mark.parametrize("refused", [1, 2, 10])
 async def test_the_optional_words_are_given_up_only_if_the_plc_really_lacks_them(
     layout: ExchangeLayout, refused: int

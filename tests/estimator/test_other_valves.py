@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator import identify
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
-from estimator.intervals.posterior import sample_posterior
+from estimator.intervals.posterior import EXACT, sample_posterior
 from estimator.processes.poles import Poles, Shape
 from loop_model import ValveModel
 
@@ -94,14 +94,14 @@ def test_all_slip_jumps_that_explain_pv_alike_are_in_the_interval(case: CaseOf) 
             fit = window.fit(other, LAG, 0, (), best.taps, refit_noise=False)
             if fit.likelihood > best.likelihood - 0.5:
                 alike.append(share)
-        posterior = replace(sample_posterior(window, (best,)), blur=(0.0, 0.0), above=None)
+        posterior = replace(sample_posterior(window, (best,)), gaps=(EXACT,))
         found = posterior.interval(0.0, 1.0 / BAND, 0.9)
         held += found.low <= min(alike) + 0.05 and found.high >= max(alike) - 0.05
     assert held >= 16
 
 
 def test_a_lead_is_believed_as_far_as_pv_fits_after_the_stem_s_turns(case: CaseOf) -> None:
-    def spread(seed: int, after_turns: float) -> float:
+    def doubt(seed: int, after_turns: float) -> float:
         valve = Valve(0.5, 0.35, -0.4)
         window, best = _fitted(case, seed, valve, 0.05, after_turns)
         # another law, that moves the stem otherwise and is 60 nats behind
@@ -109,8 +109,10 @@ def test_a_lead_is_believed_as_far_as_pv_fits_after_the_stem_s_turns(case: CaseO
         behind = replace(
             best, valve=sliding, stem=best.stem + 0.5, likelihood=best.likelihood - 60.0
         )
-        found = sample_posterior(window, (best, behind))
-        return (found.above or 0.0) / valve.band
+        sure, doubtful = sample_posterior(window, (best, behind)).gaps
+        assert sure.share + doubtful.share == 1.0
+        assert doubtful.above > 5.0 * sure.above
+        return doubtful.share
 
-    exact, uneven = (np.array([spread(seed, more) for seed in range(10)]) for more in (0.0, 3.0))
+    exact, uneven = (np.array([doubt(seed, more) for seed in range(10)]) for more in (0.0, 3.0))
     assert np.all(uneven > 2.0 * exact)

@@ -14,9 +14,10 @@ from estimator import identify
 from estimator.hypotheses.gain import pole_derivatives
 from estimator.hypotheses.hypothesis import Case, Hypothesis, Valve
 from estimator.hypotheses.linear_fit import fit_linear
-from estimator.intervals.posterior import Posterior, sample_posterior
+from estimator.intervals.posterior import EXACT, Gap, Posterior, gap_of_no_law, sample_posterior
 from estimator.processes.poles import Poles, Shape
 from estimator.search.processes import spread_points
+from estimator.settings import SETTINGS
 from loop_model import ValveModel
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ def _normal(count: int = 4000) -> Posterior:
     band = 1.0 + 0.1 * wide[:, 0]
     jump = 0.5 + 0.06 * wide[:, 0] + 0.08 * wide[:, 1]
     samples = np.column_stack([band, jump, np.zeros(count)])
-    return Posterior(samples, weight / weight.sum(), (0.0, 0.0))
+    return Posterior(samples, weight / weight.sum())
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.9, 0.99])
@@ -55,28 +56,49 @@ def test_an_interval_of_weighted_normal_samples_has_the_normal_law_s_ends(
     np.testing.assert_allclose(ends, expected, atol=0.12 * spread)
 
 
-def test_blur_adds_a_normal_law() -> None:
+def test_a_gap_adds_a_normal_law() -> None:
     plain = _normal()
-    blurred = replace(plain, blur=(0.3, 0.0)).interval(1.0, 0.0, 0.9)
+    wide = replace(plain, gaps=(Gap(1.0, 0.3, 0.3, 0.0),))
+    found = wide.interval(1.0, 0.0, 0.9)
     reach = np.hypot(0.3, 0.1) * norm.ppf(0.95)
-    np.testing.assert_allclose(
-        (blurred.low, blurred.high), (1.0 - reach, 1.0 + reach), atol=0.15 * 0.3
-    )
-    assert replace(plain, blur=(0.3, 0.0)).interval(0.0, 1.0, 0.9) == plain.interval(0.0, 1.0, 0.9)
-    upwards = replace(plain, blur=(0.0, 0.0), above=0.3).interval(1.0, 0.0, 0.9)
-    assert upwards.high == pytest.approx(blurred.high, abs=0.1)
+    np.testing.assert_allclose((found.low, found.high), (1.0 - reach, 1.0 + reach), atol=0.15 * 0.3)
+    assert wide.interval(0.0, 1.0, 0.9) == plain.interval(0.0, 1.0, 0.9)
+    upwards = replace(plain, gaps=(Gap(1.0, 0.0, 0.3, 0.0),)).interval(1.0, 0.0, 0.9)
+    assert upwards.high == pytest.approx(found.high, abs=0.1)
     assert upwards.low > 1.0 - 0.1 * norm.ppf(0.95) - 0.02
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.6])
+def test_an_interval_under_one_of_two_gaps_has_the_ends_of_the_mixture(share: float) -> None:
+    plain, wide = _normal(), 0.5
+    gaps = (Gap(1.0 - share, 0.0, 0.0, 0.0), Gap(share, wide, wide, 0.0))
+    found = replace(plain, gaps=gaps).interval(1.0, 0.0, 0.9)
+    away = np.linspace(0.0, 2.0, 20001)
+    beyond = (1.0 - share) * norm.sf(away / 0.1) + share * norm.sf(away / np.hypot(0.1, wide))
+    reach = away[np.argmax(beyond < 0.05)]
+    assert found.high - 1.0 == pytest.approx(reach, rel=0.15)
+    assert 1.0 - found.low == pytest.approx(reach, rel=0.15)
+
+
+def test_upwards_a_gap_ends_where_op_s_span_does() -> None:
+    # OP that moved the stem both ways moved farther than S
+    spreading = SETTINGS.spreading
+    gaps = [gap_of_no_law(spreading, band, 0.0) for band in (0.1, 0.5, 0.9, 1.1)]
+    room = [gap.above / gap.below for gap in gaps]
+    assert room == sorted(room, reverse=True)
+    assert 0.9 + norm.ppf(0.95) * gaps[2].above < 1.0
+    assert gaps[3].above == 0.0
 
 
 def test_two_likely_valves_are_both_in_the_interval_and_named() -> None:
     samples = np.array([[1.0, 0.2, 0.0], [1.01, 0.2, 0.0], [3.0, 0.4, 0.0]])
-    two = Posterior(samples, np.array([0.3, 0.3, 0.4]), (0.0, 0.0))
+    two = Posterior(samples, np.array([0.3, 0.3, 0.4]))
     found = two.interval(1.0, 0.0, 0.9)
     assert found.low <= 1.01
     assert found.high == 3.0
     assert [(peak.band, peak.jump) for peak in two.peaks()] == [(1.0, 0.2), (3.0, 0.4)]
     assert [peak.share for peak in two.peaks()] == pytest.approx([0.6, 0.4])
-    alone = Posterior(samples, np.array([0.5, 0.49, 0.01]), (0.0, 0.0))
+    alone = Posterior(samples, np.array([0.5, 0.49, 0.01]))
     assert len(alone.peaks()) == 1
 
 
@@ -105,7 +127,7 @@ def test_samples_of_the_posterior_agree_with_plain_integration(known) -> None:
     # uniform in log S, J / S and start / S; gain, columns and poles (to first order) are solved for
     window, best = known
     # without what the law itself leaves open
-    posterior = replace(sample_posterior(window, (best,)), blur=(0.0, 0.0), above=None)
+    posterior = replace(sample_posterior(window, (best,)), gaps=(EXACT,))
     rng, count = np.random.default_rng(1), 6000
     band = 0.3 * np.exp(rng.uniform(-0.25, 0.25, count))
     jump, start = band * rng.random(count), best.valve.start + band * rng.uniform(-1.0, 1.0, count)

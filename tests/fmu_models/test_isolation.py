@@ -164,8 +164,10 @@ def test_files_that_are_no_fmus(tmp_path: Path, isolated: bool) -> None:
         (archive_only, r"without modelDescription\.xml"),
         (tmp_path, "it is a folder"),
     ):
-        with pytest.raises(PlantFileError, match=words):
+        with pytest.raises(PlantFileError, match=words) as caught:
             open_plant(path, isolated=isolated)
+        remedy = str(caught.value).rpartition("; ")[2]
+        assert remedy.startswith(("check the path", "copy or export it", "export it", "an FMU is"))
 
 
 def test_zip_bomb(monkeypatch: pytest.MonkeyPatch) -> None:

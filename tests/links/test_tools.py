@@ -306,6 +306,60 @@ def test_a_survey_finds_units_and_ranges(port: int) -> None:
     }
 
 
+@contextmanager
+def answering(reply: Callable[[bytes], bytes]) -> Iterator[str]:
+    """A device that answers every request frame of MBAP with what ``reply`` makes of it."""
+
+    class Handler(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            while len(request := self.request.recv(300)) > 7:
+                self.request.sendall(reply(request))
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+
+
+def scanned(target: str) -> list[str]:
+    options = ("--units", "1", "--last", "3", "--tables", "holding", "--pause", "0")
+    return run("scan", target, *options, "--timeout", "5").stdout.splitlines()[1:]
+
+
+def test_a_survey_names_answers_that_do_not_fit() -> None:
+    """A device that answers as another unit is not silent: its number is what is looked for."""
+    with answering(lambda asked: asked[:4] + b"\x00\x05\x06\x03\x02\x00\x07") as target:
+        lines = scanned(target)
+    assert lines[0] == "  no unit answers"
+    assert lines[1].startswith("  unit 1, no answer that fits: ")
+    assert "got an answer of unit 6, not 1; set unit = 6 if all its answers are so" in lines[1]
+    assert len(lines) == 2
+
+
+def test_a_survey_does_not_call_a_busy_device_unreadable() -> None:
+    def busy(asked: bytes) -> bytes:
+        return asked[:4] + b"\x00\x03" + asked[6:7] + bytes([asked[7] | 0x80, 6])
+
+    with answering(busy) as target:
+        lines = scanned(target)
+    assert lines == [
+        "  unit 1 answers",
+        "    holding  nothing readable up to 3 (exception 6 to 7 requests: the device is busy: "
+        "poll it less often)",
+    ]
+
+
+def test_a_survey_without_any_answer_says_what_to_try() -> None:
+    with answering(lambda _: b"") as target:
+        options = ("--units", "1,2", "--last", "3", "--pause", "0")
+        lines = run("scan", target, *options, "--timeout", "0.05").stdout.splitlines()[1:]
+    assert lines == [
+        "  no unit answers",
+        "  silent: 1, 2",
+        "  name other ids with --units, or wait longer with --timeout",
+    ]
+
+
 def test_a_survey_stops_at_its_limit(port: int) -> None:
     result = run(
         *("scan", f"127.0.0.1:{port}", "--units", "1", "--max-requests", "9", "--timeout", "5"),

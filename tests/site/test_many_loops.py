@@ -36,6 +36,36 @@ def test_one_warning_tells_of_all_loops_without_a_mode_tag(tmp_path: Path) -> No
     )
 
 
+def test_a_warning_of_many_loops_is_one_line(tmp_path: Path) -> None:
+    site = write(tmp_path, 50, [400 + 204 * n for n in range(50)])
+    lines = (
+        "min_windows = 1\nenabled = true\nvalid_for = 60\n"
+        "limits = { stick_band = [0.5, 20.0], slip_jump = [0.0, 20.0] }\nloop_id"
+    )
+    site.write_text(site.read_text().replace("loop_id", lines))
+    warnings = check(load_site(site)).warnings
+    (said,) = [warning for warning in warnings if "a block is valid for 60 s" in warning]
+    assert said.startswith("50 loops (L0, L1, L2, L3, L4 and 45 more): a block is valid for 60 s, ")
+    assert len(warnings) == 2
+
+
+def test_many_copies_of_a_loop_are_one_line_and_other_loops_keep_theirs(tmp_path: Path) -> None:
+    site = write(tmp_path, 9)
+    text = site.read_text()
+    for n in range(1, 7):
+        text = text.replace(f'"OP{n}"', '"OP0"').replace(f'"PV{n}"', '"PV0"')
+    for n in (7, 8):
+        text = text.replace(f'pv = "PV{n}"', f'pv = "PV{n}"\nsp = "PV{n}"')
+    site.write_text(text)
+    warnings = check(load_site(site)).warnings
+    assert (
+        "loops L0, L1, L2, L3, L4 and 2 more: all have OP OP0 and PV PV0 of device plc: if they "
+        "were copied, correct the tags of all but one"
+    ) in warnings
+    assert "2 loops (L7, L8): sp and PV are one tag: correct sp, or remove it" in warnings
+    assert len(warnings) == 3
+
+
 def test_a_device_is_looked_through_as_often_with_many_loops(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

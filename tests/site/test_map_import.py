@@ -156,6 +156,15 @@ def test_the_commands(tmp_path: Path) -> None:
     taken = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out), "--skip-bad"])
     assert taken.exit_code == 0
     assert list(read_register_map(out)) == ["A"]
+    # By now somebody may have worked on it.
+    out.write_text(out.read_text() + "MINE,holding,9,int16,\n")
+    again = CliRunner().invoke(app, ["map", "import", str(bad), "--out", str(out), "--skip-bad"])
+    assert again.exit_code == 2
+    assert "replace it with --force" in again.stderr
+    assert "MINE" in out.read_text()
+    command = ["map", "import", str(bad), "--out", str(out), "--skip-bad", "--force"]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    assert "MINE" not in out.read_text()
     site = Path(__file__).parents[2] / "site_configs" / "demo.toml"
     shown = CliRunner().invoke(app, ["map", "export", str(site)])
     assert shown.stdout.startswith("tag,table,address,type,order,unit,low,high,writable,comment\n")

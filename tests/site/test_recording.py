@@ -206,7 +206,7 @@ def test_a_cut_keeps_what_belongs_to_its_rows(write: Write) -> None:
         ("op,pv\n" + '1,"1,234"\n' * 60, {}, "'1,234' may be a decimal comma or grouped digits"),
         ("op,pv\n" + "1,inf\n" * 60, {}, "pv: holds no number at all"),
         ("time,op,pv\n" + "1,4,1,2,3\n" * 60, {}, "5 cells where the header has 3, as in 60 rows"),
-        ("Time,Tag,Value\n" + "1,OP,2\n" * 60, {}, "has a row for each value"),
+        ("Time,Tag,Value\n" + "1,OP,2\n" * 60, {}, "pv: no tag of that name; use one of: OP"),
         ("2026-03-29 10:00,1,2\n" * 60, {}, "the first row holds values, no names"),
         ("op,pv,pv\n" + "1,2,3\n" * 60, {}, "they differ, so rename one of them"),
         ("op,pv\n" + "1,1_000\n" * 60, {}, "'1_000' is not a number"),

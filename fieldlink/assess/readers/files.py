@@ -15,6 +15,7 @@ from fieldlink.assess.readers.base import Named, Opening
 from fieldlink.errors import FieldlinkError
 from fieldlink.file_at import is_pipe_or_device
 from fieldlink.printable import as_text
+from fieldlink.site.long_columns import find_long_columns
 from fieldlink.sqlite_url import sqlite_url
 
 __all__ = ["ENDINGS", "FileReader"]
@@ -103,7 +104,16 @@ def _kind(path: str) -> tuple[_Pieces, _Windows]:
 
         if holds_one_loop(Path(path)):
             return _csv()
+    if path.lower().endswith(".parquet") and _has_a_row_for_each_value(path):
+        return _csv()
     return ENDINGS.get(Path(path).suffix.lower(), _csv)()
+
+
+def _has_a_row_for_each_value(path: str) -> bool:
+    """Whether a Parquet file is in long form, which is read as a whole."""
+    import pyarrow.parquet as pq
+
+    return find_long_columns(pq.read_schema(path).names) is not None
 
 
 def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:

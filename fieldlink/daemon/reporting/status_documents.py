@@ -129,7 +129,9 @@ def stored_status(site: Site) -> Document:
                 "reason": "" if last is None else str(last["message"]),
             }
         )
-    since = None if events.empty else events["time"].iloc[-1].timestamp()
+    # A daemon that nothing happens to stores judgements and counts, and no events.
+    tables = (events, slots, estimates, blocks)
+    since = max((t["time"].max().timestamp() for t in tables if not t.empty), default=None)
     with FleetReader(url) as store:
         for loop in loops:
             diagnosis = store.diagnosis(loop["name"])

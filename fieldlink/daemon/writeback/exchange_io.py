@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fieldlink.links import ExceptionReplyError, LinkError, RegisterAccess
+from fieldlink.links import ExceptionCode, ExceptionReplyError, LinkError, RegisterAccess
 from fieldlink.registers import (
     ACCEPTED,
     BLOCK_REGISTERS,
@@ -222,7 +222,19 @@ class Exchange:
 
     async def _read(self, address: int, count: int) -> list[int]:
         self.requests += 1
-        return await self._access.read_registers(address, count)
+        try:
+            return await self._access.read_registers(address, count)
+        except ExceptionReplyError as error:
+            if error.code is not ExceptionCode.ILLEGAL_VALUE or count < BLOCK_REGISTERS:
+                raise
+            # A bank is compared as a whole: it cannot be read in parts.
+            advice = (
+                f"a block is read back as {count} registers in one request: check that they exist; "
+                "if the device refuses so many, remove the loop's writeback"
+            )
+            raise ExceptionReplyError(
+                error.device, error.request, error.number, advice=advice
+            ) from error
 
 
 def _plan(

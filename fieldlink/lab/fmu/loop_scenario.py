@@ -75,7 +75,9 @@ def write_scenario(fmu: FmuSummary, wish: LoopWish, response: StepResponse, file
     except FileExistsError as error:
         raise FmuError(f"{file}: it exists; remove it, or name another with --output") from error
     except OSError as error:
-        raise FmuError(f"{file}: it cannot be written: {error.strerror}") from error
+        raise FmuError(
+            f"{file}: it cannot be written ({error.strerror}); check the folder and the free space"
+        ) from error
 
 
 def _as_toml(value: StartValue) -> str:

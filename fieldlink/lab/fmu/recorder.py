@@ -135,7 +135,10 @@ class TableFile:
             frame.to_csv(self._stream, index=False, header=first, lineterminator="\n")
             self._stream.flush()
         except OSError as error:
-            raise FmuError(f"{self.growing}: it cannot be written: {error.strerror}") from error
+            raise FmuError(
+                f"{self.growing}: it cannot be written ({error.strerror}); "
+                "check the folder and the free space"
+            ) from error
 
     def finish(self, result: RunResult) -> None:
         """Close the file; write the Parquet table, where that is wanted.
@@ -181,4 +184,7 @@ def write_frame(frame: pd.DataFrame, file: Path) -> None:
             f"{file}: Parquet needs pyarrow; pip install 'fieldlink[parquet]', or name a .csv file"
         ) from error
     except OSError as error:
-        raise FmuError(f"{file}: it cannot be written: {error.strerror or error}") from error
+        raise FmuError(
+            f"{file}: it cannot be written ({error.strerror or error}); "
+            "check the folder and the free space"
+        ) from error

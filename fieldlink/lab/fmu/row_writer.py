@@ -88,5 +88,8 @@ class RowWriter:
         try:
             table.to_csv(target, index=False, header=first, mode="w" if first else "a")
         except OSError as error:
-            raise FmuError(f"{target}: it cannot be written: {error.strerror}") from error
+            raise FmuError(
+                f"{target}: it cannot be written ({error.strerror}); "
+                "check the folder and the free space"
+            ) from error
         self._began = True

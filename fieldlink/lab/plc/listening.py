@@ -28,6 +28,7 @@ from pymodbus.simulator import SimDevice
 
 from fieldlink.errors import FieldlinkError
 from fieldlink.lab.plc.modbus_device import CHECKED_REQUESTS
+from fieldlink.tls_words import tls_words
 
 __all__ = ["LOOPBACK", "Listening", "PortError", "listen"]
 
@@ -213,9 +214,10 @@ def _server_tls(place: Listening) -> ssl.SSLContext:
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=place.ca)
         context.load_cert_chain(place.cert, place.key)
     except (OSError, ValueError) as error:
+        files = (place.cert, place.key, place.ca)
         raise PortError(
-            f"{place.where}: the certificates ({place.cert}, {place.key}, {place.ca}) cannot be "
-            f"used: {error}; give PEM files that belong together"
+            f"{place.where}: the certificates ({', '.join(map(str, files))}) cannot be "
+            f"used: {tls_words(error, files)}; give PEM files that belong together"
         ) from error
     context.verify_mode = ssl.CERT_REQUIRED
     context.minimum_version = ssl.TLSVersion.TLSv1_2
