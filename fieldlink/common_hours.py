@@ -31,20 +31,15 @@ def clock_notes(signals: Mapping[str, LoopSignals]) -> tuple[str, ...]:
             f"they do not, who swings together is not to be trusted: export with times.",
         )
     hours = {
-        name: (one.start_s, one.start_s + one.period * one.op.size)
-        for name, one in signals.items()
+        name: (one.start_s, one.start_s + one.period * one.op.size) for name, one in signals.items()
     }
     apart = {
         pair
         for pair in combinations(hours, 2)
         if max(hours[name][0] for name in pair) >= min(hours[name][1] for name in pair)
     }
-    alone = [
-        name for name in hours if sum(name in pair for pair in apart) == len(hours) - 1
-    ]
-    rest = [
-        f"{one} and {other}" for one, other in sorted(apart) if not {one, other} & set(alone)
-    ]
+    alone = [name for name in hours if sum(name in pair for pair in apart) == len(hours) - 1]
+    rest = [f"{one} and {other}" for one, other in sorted(apart) if not {one, other} & set(alone)]
     notes = []
     if len(alone) == len(hours):
         notes.append(

@@ -2,8 +2,8 @@
 
 Noise that keeps exciting a resonance makes an amplitude that wanders: it is distributed as Rayleigh
 has it (1880), with a deviation of 0.52 of its mean. A wave from a machine or from another loop's
-limit cycle has one amplitude, or changes its size and keeps its phase, or changes its phase and keeps
-its size. Noise changes both alike.
+limit cycle has one amplitude, or changes its size and keeps its phase, or changes its phase and
+keeps its size. Noise changes both alike.
 """
 
 from __future__ import annotations
@@ -74,9 +74,9 @@ def evidence_against_noise(amplitudes: Complex, apart: int, *, stepped: bool = F
 
     What noise adds to an oscillation has no direction: beside the even course of the loop's own
     swing the amplitude moves along itself (the size changes) as far as across itself (the phase
-    changes), whatever excites the loop. A machine of changing load moves along, one of changing speed across. So two
-    variances of moves stand against one, with Schwarz's price of the second (1978, "Estimating the
-    dimension of a model", Annals of Statistics 6, 461-464).
+    changes), whatever excites the loop. A machine of changing load moves along, one of changing
+    speed across. So two variances of moves stand against one, with Schwarz's price of the second
+    (1978, "Estimating the dimension of a model", Annals of Statistics 6, 461-464).
 
     The swing after a step of the load dies along itself as well: the few moves that are far larger
     than the usual ones are left out, in whatever direction they go. Steps of the set-point come in
@@ -94,7 +94,8 @@ def evidence_against_noise(amplitudes: Complex, apart: int, *, stepped: bool = F
             continue
         # it turns evenly off the band's middle, and a loop near its limit dies or grows evenly
         power = float(np.sum(np.abs(values[:-1]) ** 2))
-        before = values[:-1] * (np.sum(values[1:] * np.conj(values[:-1])) / max(power, _TINY))
+        course = np.sum(values[1:] * np.conj(values[:-1])) / max(power, _TINY)
+        before = values[:-1] * course
         size = np.abs(before)
         used = size > 0.0
         moves = (values[1:] - before)[used] * np.conj(before[used]) / size[used]

@@ -45,7 +45,7 @@ def _outside(found: Gathered, settings: DiagnosisSettings) -> float:
     """
     assert found.explained is not None
     judging = settings.judging
-    if found.unlike_noise < judging.unsure or found.limits.share > settings.facts.least_limit:
+    if found.unlike_noise < judging.threshold or found.limits.share > settings.facts.least_limit:
         return found.explained.outside
     return max(found.explained.outside, found.unlike_noise)
 
@@ -63,7 +63,7 @@ def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
     judging = settings.judging
     if found.swing.cycles < judging.lasting_periods or found.in_phase >= judging.in_phase:
         return False
-    if found.unlike_noise >= judging.unsure:
+    if found.unlike_noise >= judging.threshold:
         return False
     return found.amplitude > judging.wanders
 
@@ -194,7 +194,7 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         if one.outside > 0.0
         else "neither valve nor tuning makes this oscillation",
     ]
-    if found.unlike_noise >= judging.unsure and outside > one.outside:
+    if found.unlike_noise >= judging.threshold and outside > one.outside:
         evidence = [
             f"a wave of {swing.period_s:.4g} s comes from outside: its size and its phase change "
             f"unlike each other, which noise in a tight loop does not do (log Bayes factor "
