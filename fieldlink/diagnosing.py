@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldlink.common_hours import clock_notes
 from fieldlink.diagnosis import Diagnosis, Group, LoopSignals, diagnose, find_groups
 from fieldlink.errors import FieldlinkError
 from fieldlink.site.missing_rows import fill_missing_rows
@@ -68,13 +69,15 @@ class Columns:
 class Plant:
     """Diagnoses of many loops and the groups among them.
 
-    ``refused`` names what was not read, and why; ``signals`` are those by which groups were found.
+    ``refused`` names what was not read, and why; ``signals`` are those by which groups were found;
+    ``notes`` say what limits the search for groups, in sentences.
     """
 
     loops: Mapping[str, Diagnosis]
     groups: tuple[Group, ...]
     refused: Mapping[str, str]
     signals: Mapping[str, LoopSignals]
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of ``fieldlink diagnose --json`` for several loops."""
@@ -82,6 +85,7 @@ class Plant:
             "loops": {name: found.to_dict() for name, found in self.loops.items()},
             "groups": [group.to_dict() for group in self.groups],
             "refused": dict(self.refused),
+            "notes": list(self.notes),
         }
 
 
@@ -183,9 +187,10 @@ def _diagnose_all(places: Mapping[str, Any], work: Callable[[Any], _Answer]) -> 
             loops[name], signals[name] = answer
     if not loops:
         raise DiagnosisError("\n".join(refused.values()) or "no loop given; name a file or folder")
+    notes = clock_notes(signals)
     signals = _aligned(signals)
     groups = find_groups(signals, loops) if len(loops) > 1 else ()
-    return Plant(loops, groups, refused, signals)
+    return Plant(loops, groups, refused, signals, notes)
 
 
 def _one_file(path: Path, columns: Columns) -> _Answer:

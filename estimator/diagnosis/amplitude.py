@@ -2,7 +2,8 @@
 
 Noise that keeps exciting a resonance makes an amplitude that wanders: it is distributed as Rayleigh
 has it (1880), with a deviation of 0.52 of its mean. A wave from a machine or from another loop's
-limit cycle has one amplitude.
+limit cycle has one amplitude, or changes its size and keeps its phase, or changes its phase and
+keeps its size. Noise changes both alike.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from estimator.diagnosis.settings import DiagnosisSettings
 __all__ = [
     "amplitude_variation",
     "amplitudes_of",
+    "evidence_against_noise",
     "phase_kept_by",
     "swing_amplitude",
     "variation_of",
@@ -67,16 +69,81 @@ def phase_kept_by(amplitudes: Complex) -> float:
     return float(np.abs(fft.fft(square, fft.next_fast_len(_BETWEEN * square.size))).max()) / whole
 
 
+def evidence_against_noise(amplitudes: Complex, apart: int, *, stepped: bool = False) -> float:
+    """Log Bayes factor of size and phase that change unlike each other, nats; 0 where too short.
+
+    What noise adds to an oscillation has no direction: beside the even course of the loop's own
+    swing the amplitude moves along itself (the size changes) as far as across itself (the phase
+    changes), whatever excites the loop. A machine of changing load moves along, one of changing
+    speed across. So two variances of moves stand against one, with Schwarz's price of the second
+    (1978, "Estimating the dimension of a model", Annals of Statistics 6, 461-464).
+
+    The swing after a step of the load dies along itself as well: the few moves that are far larger
+    than the usual ones are left out, in whatever direction they go. Steps of the set-point come in
+    numbers; beside them a size that changes is no evidence.
+
+    Args:
+        amplitudes: along a record, ``(m,)``.
+        apart: places between two values that are hardly alike in a band of noise.
+        stepped: whether steps of the set-point excite the loop.
+    """
+    along, across, count, starts = 0.0, 0.0, 0.0, 0
+    for first in range(apart):
+        values = amplitudes[first::apart]
+        if values.size < _FEWEST:
+            continue
+        # it turns evenly off the band's middle, and a loop near its limit dies or grows evenly
+        power = float(np.sum(np.abs(values[:-1]) ** 2))
+        course = np.sum(values[1:] * np.conj(values[:-1])) / max(power, _TINY)
+        before = values[:-1] * course
+        size = np.abs(before)
+        used = size > 0.0
+        moves = (values[1:] - before)[used] * np.conj(before[used]) / size[used]
+        if moves.size < _FEWEST:
+            continue
+        far = np.abs(moves)
+        moves = moves[far <= _FAR * float(np.median(far)) / _RAYLEIGH_MEDIAN]
+        along += float(np.mean(moves.real**2))
+        across += float(np.mean(moves.imag**2))
+        count += moves.size
+        starts += 1
+    if not (starts and along > 0.0 and across > 0.0) or (stepped and along > across):
+        return 0.0
+    ratio = 0.5 * (along + across) / math.sqrt(along * across)
+    count /= starts
+    return count * math.log(ratio) - 0.5 * math.log(count)
+
+
+_TINY = float(np.finfo(np.float64).tiny)
+_FEWEST = 5
+"""Values without which two variances cannot be compared."""
+_FAR = 4.0
+"""Deviations beyond which a move is no usual one: one of 3,000 of two normal parts."""
+_RAYLEIGH_MEDIAN = math.sqrt(2.0 * math.log(2.0))
+"""Median size of moves with two normal parts of deviation one."""
+
+
 def swing_amplitude(
     record: LoopRecord, swing: Oscillation, settings: DiagnosisSettings
-) -> tuple[float, float]:
-    """How much the amplitude of the main oscillation wanders in the error, and the share in phase.
+) -> tuple[float, float, float]:
+    """How the amplitude of the main oscillation changes in the error.
 
-    See `amplitude_variation` and `phase_kept_by`; NaN without an oscillation.
+    Returns:
+        How much it wanders, the share in phase, and the evidence that no noise does it: see
+        `amplitude_variation`, `phase_kept_by`, `evidence_against_noise`. Without an oscillation
+        NaN, NaN and 0.
     """
     if not swing.present or record.error is None:
-        return math.nan, math.nan
+        return math.nan, math.nan, 0.0
     calm = without_setpoint_steps(record.error, record.sp)
     spectrum = spectrum_of(LoopSignals(calm, None, None, record.period))
-    found = amplitudes_of(spectrum, swing.period_s, settings.grouping.width)
-    return amplitude_variation(found), phase_kept_by(found)
+    width = settings.grouping.width
+    found = amplitudes_of(spectrum, swing.period_s, width)
+    times, _ = spectrum.amplitudes(1.0 / swing.period_s, width / swing.period_s)
+    apart = 1
+    if times.size > 1:
+        # white noise in the band is alike by a half so far apart, and not at all twice as far
+        apart = max(1, round(0.5 * swing.period_s / width / (times[1] - times[0])))
+    stepped = record.sp is not None and bool(np.ptp(record.sp) > 0.0)
+    unlike = evidence_against_noise(found, apart, stepped=stepped)
+    return amplitude_variation(found), phase_kept_by(found), unlike

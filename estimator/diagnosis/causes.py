@@ -84,7 +84,7 @@ def _sensor(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         evidence.append(
             f"PV moves in steps of {sensor.step:.2g} standard deviations of the control error"
         )
-    if sensor.spike_cost > judging.spikes:
+    if sensor.spike_cost >= judging.told:
         weight = max(weight, sensor.spike_cost)
         evidence.append(
             f"{sensor.spikes:.2%} of the samples are spikes; they hold {sensor.spike_cost:.0%} of "
@@ -254,7 +254,11 @@ def _is_surely_slow(found: Gathered, settings: DiagnosisSettings) -> bool:
     that grows with the error) is another one.
     """
     little = found.removable_where_known(settings) <= settings.judging.lasting
-    if little or found.has_gap or _may_stick(found, settings) or not _is_read(found, settings):
+    one, unsure = found.explained, settings.judging.unsure
+    # the room for gain is that of a healthy valve
+    if little or found.has_gap or (one is not None and one.sticking >= unsure):
+        return False
+    if not _is_read(found, settings):
         return False
     return found.headroom >= settings.judging.surely
 
@@ -334,7 +338,10 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if found.drawn is not None:
             text = "nothing oscillates; whether the loop is slow or tight does not show"
             return Cause(CauseName.UNDETERMINED, 0.0, (text, found.drawn.text), found.drawn.advice)
-        if found.controller is None:
+        if found.controller is None or not (
+            found.controller.integral_rate or _is_read(found, settings)
+        ):
+            # a gain alone that explains little of OP's moves is no controller that was read
             text = (
                 "nothing oscillates, and OP does not answer the control error: a hand moves it, or "
                 "it is not of the controller of this PV"

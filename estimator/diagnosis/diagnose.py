@@ -145,10 +145,10 @@ def diagnose(
     predictable = predictable_shares(record, swing, controller, limits, settings)
     calm = without_steady_wave(error, swing, period, settings)
     known = _known_process(explained, swing, settings)
-    size, in_phase = swing_amplitude(record, swing, settings)
+    size, in_phase, unlike = swing_amplitude(record, swing, settings)
     if sensor.frozen > settings.judging.frozen:
         # a PV that stands still changes the size and no phase
-        in_phase = math.nan
+        in_phase, unlike = math.nan, 0.0
     removable = removable_share(calm, known, controller, period, settings)
     gathered = Gathered(
         swing=swing,
@@ -175,6 +175,7 @@ def diagnose(
         swing_share=share_around(error, swing.period_s / period) if swing.present else 0.0,
         amplitude=size,
         in_phase=in_phase,
+        unlike_noise=unlike,
         open_swing=standing,
         open_share=0.0 if standing is None else share_around(error, standing.period_s / period),
         removable=removable,

@@ -162,10 +162,9 @@ def limits_of(
         is_limit = any(at[start:stop].all() for start, stop in runs)
         if in_steps and not is_limit:
             stays &= False
-        if controller is not None and controller.integral_rate:
+        if controller is not None:
             # held with the error pushing outwards for most of the time
-            push = side * math.copysign(1.0, controller.integral_rate) * error
-            outward = stays & (push > 0.0)
+            outward = stays & (side * _push(op, error, controller, at) > 0.0)
             is_limit |= bool(outward.sum() > settings.pushed * stays.sum())
         held = stays if is_limit and stays.mean() > settings.least_limit else np.zeros_like(stays)
         sides.append(bool(held.any()))
@@ -174,6 +173,21 @@ def limits_of(
     cost = float(np.sum(error[found] ** 2)) / whole if whole > 0.0 else 0.0
     value = float(np.median(op[found])) if found.any() else math.nan
     return Limits(float(found.mean()), cost, sides[0], sides[1], value, found)
+
+
+def _push(op: Array, error: Array, controller: Controller, at: Mask) -> Array:
+    """Which way the error pushes an OP that is at an extreme, ``(n,)``: above zero upwards.
+
+    A controller that integrates moves OP as long as there is an error; without integral action OP
+    has one place for every error, known from where it is free.
+    """
+    if controller.integral_rate:
+        return math.copysign(1.0, controller.integral_rate) * error
+    if at.all():
+        return np.zeros(op.size)
+    wanted = controller.gain * error
+    place: Array = wanted + float(np.median((op - wanted)[~at])) - op
+    return place
 
 
 def sensor_of(

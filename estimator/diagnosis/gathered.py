@@ -55,7 +55,8 @@ class Gathered:
             sticky valve.
         swing_share: share of the error's variance around the period of the main oscillation.
         amplitude: deviation of the main oscillation's amplitude over its mean, NaN without one;
-            in_phase: share of its squared amplitude that keeps one phase.
+            in_phase: share of its squared amplitude that keeps one phase; unlike_noise: evidence
+            (nats) that its size and phase change as those of no swing that noise keeps going.
         open_swing, open_share: the oscillation of the longest time in which OP stands still, in
             manual or at a limit, and its share of the error's variance; None without one.
         removable: share of the squared error that robust settings would remove, by the identified
@@ -85,6 +86,7 @@ class Gathered:
     swing_share: float = 0.0
     amplitude: float = math.nan
     in_phase: float = math.nan
+    unlike_noise: float = 0.0
     open_swing: Oscillation | None = None
     open_share: float = 0.0
     removable: float = math.nan

@@ -265,7 +265,6 @@ class Judging:
             shows, for a tuning to be slow; lasting: the same where the record is too short for its
             integral time, so that nothing else tells.
         step: resolution over the error's deviation from which quantisation makes the error.
-        spikes: share of the squared error in spikes.
         shaken: share of OP's range by which noise moves the valve every sample: 0.5 % is what a
             positioner resolves.
         swung: factor on it where the loop swings: a gain at the limit of stability is up to four
@@ -306,7 +305,6 @@ class Judging:
     removable: float = 0.25
     lasting: float = 0.5
     step: float = 0.7
-    spikes: float = 0.2
     shaken: float = 0.005
     swung: float = 4.0
     noisy: float = 0.5

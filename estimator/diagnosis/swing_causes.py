@@ -32,7 +32,22 @@ def is_aperiodic(found: Gathered, settings: DiagnosisSettings) -> bool:
         return False
     # regular periods alone may be chance: they need evidence against a wave
     limit = judging.unsure if found.swing.regularity < judging.steady else -judging.unsure
-    return one.outside < limit
+    return _outside(found, settings) < limit
+
+
+def _outside(found: Gathered, settings: DiagnosisSettings) -> float:
+    """Evidence that something outside makes the oscillation, nats.
+
+    It is the likelihood of a wave of steady size, or of a resonance, over that of the loop with its
+    noise. That hardly sees a machine whose size changes, which the process takes for a resonance of
+    its own; but no noise changes the size and keeps the phase, nor the other way round. At a limit
+    of OP a loop that swings by itself keeps its size as well.
+    """
+    assert found.explained is not None
+    judging = settings.judging
+    if found.unlike_noise < judging.threshold or found.limits.share > settings.facts.least_limit:
+        return found.explained.outside
+    return max(found.explained.outside, found.unlike_noise)
 
 
 def _keeps_phase(found: Gathered, settings: DiagnosisSettings) -> bool:
@@ -48,13 +63,15 @@ def _wanders(found: Gathered, settings: DiagnosisSettings) -> bool:
     judging = settings.judging
     if found.swing.cycles < judging.lasting_periods or found.in_phase >= judging.in_phase:
         return False
+    if found.unlike_noise >= judging.threshold:
+        return False
     return found.amplitude > judging.wanders
 
 
 def _is_noise(found: Gathered, settings: DiagnosisSettings) -> bool:
     """Whether noise makes the oscillation, by its amplitude and by what the likelihood says."""
     one = found.explained
-    against = one is not None and one.outside < -settings.judging.unsure
+    against = one is not None and _outside(found, settings) < -settings.judging.unsure
     return against and _wanders(found, settings)
 
 
@@ -72,7 +89,7 @@ def _rings(found: Gathered, settings: DiagnosisSettings) -> bool:
         return _is_noise(found, settings)
     # what shows beside the oscillation amplifies it as well: a wave needs positive evidence
     unsure = judging.unsure if beside > judging.tight else -judging.unsure
-    if found.explained.outside >= unsure:
+    if _outside(found, settings) >= unsure:
         return False
     # a swing that dies out more slowly than the record is long looks like a wave from outside
     _, damping = found.loop.swing()
@@ -161,13 +178,14 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
     judging = settings.judging
     # a process that is fitted to a steady wave takes it for its own resonance
     is_swung = here > judging.tight and beside <= judging.well and not _is_noise(found, settings)
+    outside = _outside(found, settings)
     if not is_swung:
-        if one.outside < judging.unsure and (here > judging.tight or found.loop is None):
+        if outside < judging.unsure and (here > judging.tight or found.loop is None):
             return None
         if found.amplification_at_steepest() > judging.tight and one.curved >= judging.threshold:
             # where the characteristic is steepest the loop swings by itself
             return None
-        if one.outside < -judging.unsure and not _keeps_phase(found, settings):
+        if outside < -judging.unsure and not _keeps_phase(found, settings):
             # the loop and smooth noise explain the hump: nothing steady is outside
             return None
     evidence = [
@@ -176,11 +194,17 @@ def find_outside(found: Gathered, settings: DiagnosisSettings) -> Cause | None:
         if one.outside > 0.0
         else "neither valve nor tuning makes this oscillation",
     ]
+    if found.unlike_noise >= judging.threshold and outside > one.outside:
+        evidence = [
+            f"a wave of {swing.period_s:.4g} s comes from outside: its size and its phase change "
+            f"unlike each other, which noise in a tight loop does not do (log Bayes factor "
+            f"{found.unlike_noise:.0f})",
+        ]
     if is_swung:
         evidence.append(
             f"by what the record shows beside the oscillation the loop amplifies disturbances of "
             f"this period only {beside:.2g} times"
         )
-    elif math.isfinite(here):
+    elif here <= judging.tight:
         evidence.append(f"the loop amplifies disturbances of this period only {here:.2g} times")
     return Cause(CauseName.EXTERNAL_OSCILLATION, swing.share, tuple(evidence))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from fieldlink.diagnosing import Plant
-    from fieldlink.diagnosis import Diagnosis
+    from fieldlink.diagnosis import Cause, Diagnosis
 
 __all__ = ["diagnose"]
 
@@ -104,12 +105,16 @@ def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:
         typer.echo(f"picture: {plot}")
 
 
-_COUNTED = dict.fromkeys(
-    ("op_travel_per_day", "op_reversals_per_day"),
-    "turns within two of OP's usual moves left out; the work list: within 0.2 % of OP's span",
+_COUNTED = ("op_travel_per_day", "op_reversals_per_day")
+"""Figures that other commands count in another way, by what they leave out."""
+_COUNTED_NOTE = (
+    "OP's travel and reversals: turns within two of its usual moves are left out; the work list "
+    "leaves out those within 0.2 % of its span"
 )
-"""What figures that other commands count in another way leave out."""
 _SIGNALS = {"error": "the control error", "pv": "PV", "op": "OP"}
+_UNITS = {"s": "s", "deg": "degrees", "share": "", "per_day": "a day", "per_hour": "an hour"}
+"""Ends of a figure's name, and what a reader sees behind its value."""
+_CAPITALS = {"op": "OP", "pv": "PV", "iae": "IAE", "ms": "Ms", "harris": "Harris", "bayes": "Bayes"}
 
 
 def _print_one(name: str, found: Diagnosis) -> None:
@@ -119,18 +124,22 @@ def _print_one(name: str, found: Diagnosis) -> None:
     from fieldlink.cli.tables import data_console, format_bullet, labelled
 
     console = data_console()
-    first = found.first
-    found_first = f"{first.name.words} ({first.weight:.0%})"
-    console.print(Panel(found_first, title=Text(name), expand=False))
+    console.print(Panel(found.first.name.words, title=Text(name), expand=False))
     for cause in found.causes:
-        weight = f", weight {cause.weight:.2f}"
-        console.print(Text.assemble((cause.name.words, "bold"), weight))
+        console.print(Text.assemble((cause.name.words, "bold"), _part_of(cause)))
         for sentence in cause.evidence:
             console.print(format_bullet(sentence))
         console.print(format_bullet(cause.action, "→"))
     console.print(_figures(found))
-    for note in found.notes:
+    for note in (*found.notes, *([_COUNTED_NOTE] if _COUNTED[0] in found.indices else [])):
         console.print(labelled("note", note))
+
+
+def _part_of(cause: Cause) -> str:
+    """How much of the loop's trouble a cause makes; nothing where none is known to make any."""
+    if cause.name.value in ("quiet", "undetermined"):
+        return ""
+    return f": {cause.weight:.0%} of the trouble"
 
 
 def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
@@ -139,19 +148,20 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
 
     table = Table("figure", "value", box=None)
     swing = found.oscillation
-    signal = f"of {_SIGNALS.get(found.oscillating, found.oscillating)}"
     if swing.present:
         table.add_row(
             "oscillation",
-            f"{swing.period_s:.4g} s, amplitude {swing.amplitude:.3g}, regularity "
-            f"{swing.regularity:.3g}, {swing.cycles:.0f} periods",
+            f"{swing.period_s:.4g} s in {_SIGNALS.get(found.oscillating, found.oscillating)}, "
+            f"amplitude {swing.amplitude:.3g}, regularity {swing.regularity:.3g}, "
+            f"{swing.cycles:.0f} periods",
         )
     if (one := found.controller) is not None:
-        table.add_row(
-            "controller",
-            f"{one.structure}, gain {one.gain:.4g}, integral time {one.integral_time_s:.4g} s, "
-            f"derivative time {one.derivative_time_s:.3g} s, {one.action} acting",
-        )
+        terms = [f"{one.structure}", f"gain {one.gain:.4g}"]
+        if math.isfinite(one.integral_time_s):
+            terms.append(f"integral time {one.integral_time_s:.4g} s")
+        if one.derivative_time_s:
+            terms.append(f"derivative time {one.derivative_time_s:.3g} s")
+        table.add_row("controller", ", ".join([*terms, f"{one.action} acting"]))
     if (tuning := found.tuning) is not None:
         for label, one in (
             ("proposed", tuning),
@@ -161,10 +171,20 @@ def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
         if tuning["note"]:
             table.add_row("", tuning["note"])
     for name, value in found.indices.items():
-        if value == value:
-            hint = signal if name == "oscillation_period_s" else _COUNTED.get(name, "")
-            table.add_row(name, f"{value:.4g} ({hint})" if hint else f"{value:.4g}")
+        # the row of the oscillation has its figures, or there is none
+        if math.isfinite(value) and not name.startswith("oscillation_"):
+            table.add_row(*_figure_in_words(name, value))
     return table
+
+
+def _figure_in_words(name: str, value: float) -> tuple[str, str]:
+    """A figure's name and value for a reader: the unit, which ends the name, behind the value."""
+    end = next((one for one in _UNITS if name.endswith(f"_{one}")), None)
+    words = name if end is None else name.removesuffix(f"_{end}")
+    label = " ".join(_CAPITALS.get(word, word) for word in words.split("_"))
+    if end == "share":
+        return label, f"{value:.1%}"
+    return label, f"{value:.4g} {'' if end is None else _UNITS[end]}".rstrip()
 
 
 def _settings_in_words(one: Mapping[str, Any], all_of_it: Mapping[str, Any]) -> str:
@@ -193,22 +213,34 @@ def _print_plant(plant: Plant) -> None:
     from fieldlink.cli.tables import data_console, labelled
 
     console = data_console()
-    table = Table("loop", "cause", "weight", "period / s", "evidence")
-    for name, found in plant.loops.items():
-        swing = found.oscillation
+    table = Table("loop", "cause", "of its trouble", "period / s", "why, and what to do")
+    for name, found in sorted(plant.loops.items(), key=lambda one: _urgency(one[1])):
+        swing, first = found.oscillation, found.first
+        todo = "" if first.name.value == "quiet" else f"\n→ {first.action}"
         table.add_row(
             name,
-            found.first.name.words,
-            f"{found.first.weight:.2f}",
+            first.name.words,
+            _part_of(first).removeprefix(": ").removesuffix(" of the trouble"),
             f"{swing.period_s:.4g}" if swing.present else "",
-            found.first.evidence[0],
+            first.evidence[0] + todo,
         )
     console.print(table)
     for group in plant.groups:
         together = f" swing together, {group.period_s:.4g} s"
         console.print(Text.assemble((", ".join(group.loops), "bold"), together))
-        for one in group.candidates[:3]:
+        for place, one in enumerate(group.candidates[:3]):
+            label = "likeliest source" if place == 0 else "or"
             who = one.loop or "outside of these loops"
-            console.print(f"  candidate {who} ({one.weight:.0%}): {'; '.join(one.evidence)}")
+            console.print(f"  {label}: {who} ({one.weight:.0%}): {'; '.join(one.evidence)}")
+    if not plant.groups and len(plant.loops) > 1:
+        console.print("no loops were found to swing together")
+    for note in plant.notes:
+        console.print(labelled("note", note))
     for name, reason in plant.refused.items():
         console.print(labelled(name, f"not read: {reason}"))
+
+
+def _urgency(found: Diagnosis) -> tuple[int, float]:
+    """Loops with a cause first, the heaviest on top; then what is open, then what is quiet."""
+    rank = {"undetermined": 1, "quiet": 2}.get(found.first.name.value, 0)
+    return rank, -found.first.weight

@@ -44,8 +44,24 @@ def test_a_person_reads_the_cause_and_what_to_do(recording: Path) -> None:
     assert "sticky valve" in result.stdout
     assert "packing" in result.stdout
     text = " ".join(result.stdout.split())
-    assert "(of the control error)" in text
-    assert "turns within two of OP's usual moves left out" in text
+    assert "turns within two of its usual moves are left out" in text
+    assert "op_travel_per_day" not in text
+
+
+def test_a_folder_says_what_to_do_and_that_hours_differ(tmp_path: Path) -> None:
+    wave = np.sin(np.arange(600) / 7.0)
+    for day in (1, 2):
+        rows = "\n".join(
+            f"2026-03-0{day}T{k // 60:02d}:{k % 60:02d}:00,{value:.6f}"
+            for k, value in enumerate(wave)
+        )
+        (tmp_path / f"FC{day}.csv").write_text(f"time,op\n{rows}\n")
+    result = CliRunner().invoke(app, ["diagnose", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.stdout.split())
+    assert "no two loops share any hours" in text
+    assert "no loops were found to swing together" in text
+    assert "→ Give PV" in text
 
 
 def test_an_empty_folder_is_one_sentence(fieldlink: Run, tmp_path: Path) -> None:

@@ -8,7 +8,12 @@ from scipy.signal import lfilter
 
 from benchmarks.diagnosis_families.tuning import singles
 from benchmarks.diagnosis_families.tuning.singles import draw_loop
-from estimator.diagnosis.amplitude import amplitudes_of, phase_kept_by, variation_of
+from estimator.diagnosis.amplitude import (
+    amplitudes_of,
+    evidence_against_noise,
+    phase_kept_by,
+    variation_of,
+)
 from estimator.diagnosis.coherence import LoopSignals, LoopSpectrum, spectrum_of
 from fieldlink.diagnosis import diagnose
 
@@ -55,3 +60,37 @@ def test_a_swing_that_outlasts_the_record_is_no_wave_for_its_steadiness(
     loop = draw_loop(("tight_tuning",), seed)
     answer = diagnose(loop.op, loop.pv, loop.sp, period=loop.period, advice=False)
     assert answer.first.name != "external_oscillation"
+
+
+def places_apart(signal: LoopSpectrum) -> int:
+    times, _ = signal.amplitudes(1.0 / 40.0, 0.2 / 40.0)
+    return round(0.5 * 40.0 / 0.2 / (times[1] - times[0]))
+
+
+def against_noise(signal: np.ndarray, **more: bool) -> float:
+    found = spectrum(signal)
+    return evidence_against_noise(amplitudes_of(found, 40.0, 0.2), places_apart(found), **more)
+
+
+def test_noise_changes_size_and_phase_alike_and_a_machine_one_of_them() -> None:
+    k = np.arange(4000)
+    noise = np.random.default_rng(3)
+    slow = lfilter([1.0], [1.0, -0.99], noise.standard_normal(k.size))
+    slow = slow / slow.std()
+    floor = 0.1 * noise.standard_normal(k.size)
+    of_load = (1.0 + 0.3 * slow) * np.sin(2.0 * np.pi * k / 40.0) + floor
+    of_speed = np.sin(2.0 * np.pi * k / 40.0 + 0.7 * slow) + floor
+    assert against_noise(of_load) > 10.0
+    assert against_noise(of_speed) > 10.0
+    assert max(against_noise(resonance(k.size, seed)) for seed in range(20)) < 10.0
+
+
+def test_beside_steps_of_the_set_point_a_size_that_changes_is_no_evidence() -> None:
+    # a resonance that nothing but steps excites dies along itself after each of them
+    steps = np.zeros(4000)
+    steps[::400] = 1.0
+    pole = 0.98 * np.exp(2j * np.pi / 40.0)
+    rings = np.asarray(lfilter([1.0], np.poly([pole, np.conj(pole)]).real, steps))
+    rings += 0.01 * rings.std() * np.random.default_rng(1).standard_normal(steps.size)
+    assert against_noise(rings) > 10.0
+    assert against_noise(rings, stepped=True) == 0.0

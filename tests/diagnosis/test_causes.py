@@ -87,6 +87,29 @@ def test_a_frozen_sensor() -> None:
     assert whole.first.evidence == ("PV stands still for 100% of the record",)
 
 
+def test_spikes_that_make_a_tenth_of_the_error_are_told() -> None:
+    faults = np.zeros(1500)
+    calm = run()
+    size = float(np.std(calm.sp - calm.pv))
+    faults[np.arange(50, 1500, 150)] = 4.0 * size
+    answer = found(run(faults=faults), advice=False)
+    named = {cause.name.value: cause.weight for cause in answer.causes}
+    assert 0.05 < named["sensor"] < 0.2
+    assert "quiet" not in named
+
+
+def test_a_controller_without_integral_action_is_seen_at_its_limit() -> None:
+    rng = np.random.default_rng(4)
+    op, pv, level = np.empty(1500), np.empty(1500), 0.0
+    load = 6.0 * np.sin(np.arange(1500) / 60.0)
+    for k in range(op.size):
+        pv[k] = 50.0 + level + 0.02 * rng.standard_normal()
+        op[k] = np.clip(50.0 + 3.0 * (50.0 - pv[k]), 0.0, 52.0)
+        level += 0.05 * (op[k] - 50.0 + load[k] - level)
+    answer = diagnose(op, pv, np.full(op.size, 50.0), period=1.0, advice=False)
+    assert "saturation" in [cause.name.value for cause in answer.causes]
+
+
 def test_nothing_is_proposed_while_the_sensor_is_faulty() -> None:
     # the same loop has a proposal with a sound sensor, see above
     loop = run(gain=3.4, integral_time=10.0)

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.diagnosis_families.tuning.hands import KINDS, HandRecord, draw_hand
-from estimator.diagnosis.facts import by_hand_of, limits_of
+from estimator.controller.reading import Controller
+from estimator.diagnosis.causes import rank_causes
+from estimator.diagnosis.facts import Limits, by_hand_of, limits_of
+from estimator.diagnosis.gathered import Gathered
 from estimator.diagnosis.loop_record import loop_record
+from estimator.diagnosis.oscillation import detect_oscillation
 from estimator.diagnosis.settings import DIAGNOSIS
 from fieldlink.diagnosis import CauseName, diagnose, read_controller
 from tests.closed_loop import run
@@ -95,3 +99,17 @@ def test_values_that_a_hand_sets_one_after_the_other_are_no_limits() -> None:
         pv += 0.05 * np.random.default_rng(seed).standard_normal(n)
         found = diagnose(op, pv, loop.sp, period=1.0, advice=False)
         assert [cause.name for cause in found.causes] == ["manual"]
+
+
+@pytest.mark.parametrize(("explained", "name"), [(0.4, "undetermined"), (0.99, "quiet")])
+def test_a_gain_that_explains_little_of_op_is_no_controller_of_a_quiet_loop(
+    explained: float, name: str
+) -> None:
+    rng = np.random.default_rng(5)
+    values = rng.standard_normal(600)
+    gain = Controller("P", 1.0, np.inf, 0.0, 0.0, 0.0, "error", 0, explained, False)
+    still = Limits(0.0, 0.0, False, False, np.nan, np.zeros(600, dtype=bool))
+    swing = detect_oscillation(values, period=1.0)
+    assert not swing.present
+    facts = Gathered(swing=swing, signal="error", limits=still, has_pv=True, controller=gain)
+    assert rank_causes(facts, DIAGNOSIS)[0].name == name

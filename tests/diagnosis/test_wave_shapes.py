@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.diagnosis import Diagnosis, diagnose
+from fieldlink.diagnosis import CauseName, Diagnosis, diagnose
 from tests.closed_loop import Loop, run
 
 K = np.arange(1500)
@@ -34,6 +34,18 @@ def test_a_wave_whose_size_changes_is_no_tight_tuning() -> None:
     wave = 5.0 * np.sin(2.0 * np.pi * K / 50.0) * (1.0 + 0.4 * drift(2, 0.99))
     answer = found(run(load=wave, gain=0.25, integral_time=7.0, lag=6.0, dead=8, seed=2))
     assert answer.first.name == "external_oscillation"
+
+
+def test_a_machine_whose_load_changes_all_the_time_is_no_tight_tuning() -> None:
+    named = []
+    for seed in range(4):
+        k = np.arange(2400)
+        size = 1.0 + 0.45 * drift(seed, 0.99, k.size)
+        wave = 4.0 * size * np.sin(2.0 * np.pi * k / 30.0)
+        answer = found(run(load=wave, gain=1.2, n=k.size, seed=seed))
+        named.append(answer.first.name)
+    assert named.count(CauseName.EXTERNAL_OSCILLATION) >= 3
+    assert CauseName.TIGHT_TUNING not in named
 
 
 def test_an_undetermined_oscillation_says_what_does_not_show() -> None:
