@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.evidence.growing import add_best, fit_waves
-from estimator.evidence.periodic_loads import fit_periodic_load
+from estimator.evidence.growing import add_best, fit_repeating, fit_waves
+from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.noise import DRIFT, WHITE
@@ -33,6 +33,8 @@ _CLEAR = -8.0
 _BEYOND_DOUBT = 150.0
 """Evidence (nats) from which no rectangular load is looked for, which saves its time: simulated
 healthy valves under one reach 63; 108 of 250 sticky ones of the tuning family lie beyond."""
+_HOPE = 150.0
+"""Nats that the process may still gain beside a wave of any shape."""
 _CLOSE = -2.0
 """Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
 this and `_CLEAR` that were swept, none became a sticky valve)."""
@@ -99,9 +101,27 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         loaded = fit_periodic_load(case, (healthy, sticky), square=True)
         if loaded is not None and _rivals(case, loaded, sticky):
             healthy, sticky = _beside_load(case, healthy, sticky, loaded)
+    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
+        loaded = _repeating(case, healthy, sticky)
+        if loaded is not None and _rivals(case, loaded, sticky):
+            healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
+
+
+def _repeating(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
+    """The healthy valve with a load that repeats itself and may enter elsewhere than at the valve.
+
+    A triangular one through its own lag, or one of any shape: where few harmonics tell it, the
+    first is likelier, where it has another shape the second.
+    """
+    found = [
+        fit_entering_load(case, healthy),
+        fit_repeating(case, healthy, sticky.likelihood - _HOPE),
+    ]
+    loaded = [one for one in found if one is not None]
+    return max(loaded, key=lambda one: one.likelihood, default=None)
 
 
 def _beside_load(
