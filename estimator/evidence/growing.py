@@ -40,7 +40,8 @@ _ORDERS = (6, 10, 16)
 """Highest harmonics of a wave of any shape, of which the likeliest is taken: what a saw-tooth or a
 wave with rests leaves beside them is as small as the noise."""
 _MORE = 100.0
-"""Nats by which a wave may be behind before a higher order is tried."""
+"""Nats by which the first order may be further behind than the best one: of simulated healthy
+valves that a higher order clears, it is at most 153 behind the sticky one, 250 are allowed."""
 _REPEATED = 3.0
 """Cycles below which such a wave is not looked for: of fewer, all of PV repeats itself."""
 _HOPE = 3.0
@@ -116,7 +117,7 @@ def fit_repeating(case: Case, healthy: Hypothesis, least: float) -> Hypothesis |
 
     most = _RESOLVED * case.rows.size / cycles
     best: Hypothesis | None = None
-    rough = _ROUGH_STEPS
+    rough: tuple[float, ...] = _ROUGH_STEPS
     for order in _ORDERS:
         if order > most:
             break
