@@ -23,7 +23,7 @@ from estimator.hypotheses.nuisances import (
 )
 from estimator.search.processes import polish
 
-__all__ = ["add_best", "fit_waves"]
+__all__ = ["add_best", "fit_repeating", "fit_waves"]
 
 _STEPS = (0.4, 0.2, 0.1, 0.05)
 """Cycles by which a frequency is moved while it is refined."""
@@ -36,6 +36,14 @@ _RESOLVED = 0.4
 _SHARPENED, _FOLLOWED = 3, 2
 """Waves of PV's own oscillation, of five, whose frequency is refined, and whose process then is
 fitted once more."""
+_ORDERS = (6, 10, 16)
+"""Highest harmonics of a wave of any shape, of which the likeliest is taken: what a saw-tooth or a
+wave with rests leaves beside them is as small as the noise."""
+_MORE = 100.0
+"""Nats by which the first order may be further behind than the best one: of simulated healthy
+valves that a higher order clears, it is at most 153 behind the sticky one, 250 are allowed."""
+_REPEATED = 3.0
+"""Cycles below which such a wave is not looked for: of fewer, all of PV repeats itself."""
 _HOPE = 3.0
 """Nats a harmonic by which a wave may be behind before its frequency is sharpened."""
 
@@ -92,6 +100,36 @@ def fit_waves(case: Case, healthy: Hypothesis) -> Hypothesis | None:
     found.sort(key=lambda one: -round(one.likelihood, 6))
     ends = [polish(case, None, one, one.nuisances, one.taps) for one in found[:_FOLLOWED]]
     return max(ends, key=lambda one: one.likelihood)
+
+
+def fit_repeating(case: Case, healthy: Hypothesis, least: float) -> Hypothesis | None:
+    """The healthy valve with PV's own oscillation from outside, of any shape, wherever it enters.
+
+    Every harmonic has a size of its own, up to one of several orders. None where PV does not
+    oscillate, or where that is not as likely as ``least`` before its process is fitted.
+    """
+    cycles = case.own_cycles
+    if cycles is None or cycles < _REPEATED:
+        return None
+
+    def tried(nuisance: Nuisance, taps: Array | None = None) -> Hypothesis:
+        return _with(case, healthy, (nuisance,), taps)
+
+    most = _RESOLVED * case.rows.size / cycles
+    best: Hypothesis | None = None
+    rough: tuple[float, ...] = _ROUGH_STEPS
+    for order in _ORDERS:
+        if order > most:
+            break
+        wave = Sinusoid(cycles, tuple(range(1, order + 1)))
+        found = _sharpened(tried, wave, -math.inf, rough)
+        cycles, rough = found.waves[0].cycles, ()
+        best = found if best is None else likelier(best, found)
+        if best.likelihood < least - _MORE:
+            return None
+    if best is None or best.likelihood < least:
+        return None
+    return polish(case, None, best, best.nuisances, best.taps)
 
 
 def _waves_of(case: Case, cycles: float) -> list[Sinusoid]:

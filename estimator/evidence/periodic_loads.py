@@ -7,6 +7,7 @@ without it is wrong, so that it is looked for with several.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,11 +19,11 @@ from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.linear_fit import delay
 from estimator.hypotheses.nuisances import spectral_peaks
-from estimator.hypotheses.periodic_load import PeriodicLoad, periodic_response
-from estimator.processes.poles import Poles, Shape
+from estimator.hypotheses.periodic_load import PeriodicLoad, cycle_of, periodic_response
+from estimator.processes.poles import SHAPE_NUMBERS, Poles, Shape, coefficients_of
 from estimator.search.processes import polish
 
-__all__ = ["fit_periodic_load"]
+__all__ = ["fit_entering_load", "fit_periodic_load"]
 
 _FEWEST_CYCLES = 2.0
 """Cycles in the window below which it is not looked for: what is not seen twice fits the strokes of
@@ -49,6 +50,10 @@ _ROUGHLY = _STEPS[:1]
 """The same where only processes are compared."""
 _LAGS, _DEAD_TIMES = (3.0, 8.0, 20.0), (0, 4, 8, 12)
 """Lags and dead times, in samples, with which it is looked for beside those of the starts."""
+_OWN_LAGS = np.array([0.0, 1.0, 1.6, 2.5, 4.0, 6.3, 10.0, 16.0, 25.0, 40.0, 63.0, 100.0])
+"""Lags in samples through which a load may enter of its own; none is a load on PV itself."""
+_EVERY = 3
+"""Of these, every third is started from; the search then moves to those beside."""
 _SHARES = np.array([1.0, 0.4, 1.0])
 _MOST_MOVES = 6
 """Moves with one step."""
@@ -75,6 +80,17 @@ def fit_periodic_load(
             found = _fitted(case, start, cycles, square)
             best = found if best is None else likelier(best, found)
     return best
+
+
+def fit_entering_load(case: Case, start: Hypothesis) -> Hypothesis | None:
+    """The healthy valve with a triangular load that enters through a lag of its own, or on PV.
+
+    At PV's own period, from the process of ``start``. None where PV does not swing so many cycles.
+    """
+    cycles = case.own_cycles
+    if cycles is None or cycles < _FEWEST_CYCLES:
+        return None
+    return _fitted(case, start, cycles, square=False, own=True)
 
 
 def _lag_beside_wave(case: Case, near: Hypothesis, cycles: float, square: bool) -> Hypothesis:
@@ -118,12 +134,14 @@ def _periods(case: Case, starts: tuple[Hypothesis, ...], square: bool) -> list[f
     return found[: _SQUARE_PERIODS if square else _PERIODS]
 
 
-def _fitted(case: Case, start: Hypothesis, cycles: float, square: bool) -> Hypothesis:
+def _fitted(
+    case: Case, start: Hypothesis, cycles: float, square: bool, own: bool = False
+) -> Hypothesis:
     """Load and process fitted in turn from the process of one hypothesis."""
     at = replace(start, valve=None, stem=case.rows.u)
     best: Hypothesis | None = None
     for turn in range(_TURNS):
-        load = _best_load(case, at, cycles, square)
+        load = _best_load(case, at, cycles, square, own=own)
         found = polish(case, None, at, (load,), at.taps, wide=turn == 0)
         if best is not None and found.likelihood <= best.likelihood + _GAINED:
             break
@@ -133,7 +151,12 @@ def _fitted(case: Case, start: Hypothesis, cycles: float, square: bool) -> Hypot
 
 
 def _best_load(
-    case: Case, of: Hypothesis, cycles: float, square: bool, steps: Array = _STEPS
+    case: Case,
+    of: Hypothesis,
+    cycles: float,
+    square: bool,
+    steps: Array = _STEPS,
+    own: bool = False,
 ) -> PeriodicLoad:
     """The load that takes most from PV with this process and noise model."""
     rows = case.rows
@@ -146,34 +169,55 @@ def _best_load(
     )
     basis = orthonormal(filter_rows(known, of.taps, rows.weight))
     left = project_out(filter_rows(rows.y[None], of.taps, rows.weight)[0], basis)
-    process = of.poles.coefficients
-    wave = _best_wave(cycles, process, of.taps, rows.weight, basis, left, steps, square)
+    lags, before = np.zeros(1), 0
+    entries = np.array(of.poles.coefficients)[:, None]
+    if own:
+        lags, before = _OWN_LAGS, cycle_of(cycles, rows.size)
+        entries = coefficients_of(SHAPE_NUMBERS[Shape.LAGS], _lag_table())
+    wave, entry = _best_wave(
+        cycles, entries, lags, of.taps, rows.weight, basis, left, steps, square, before
+    )
     cycles, begin, rise = (float(one) for one in wave)
-    return PeriodicLoad(cycles, begin, rise, of.poles, square)
+    through = Poles(Shape.LAGS, float(lags[entry])) if own else of.poles
+    return PeriodicLoad(cycles, begin, rise, through, square, own)
+
+
+def _lag_table() -> Array:
+    """The own lags as processes, ``(m, 3)``."""
+    table = np.zeros((_OWN_LAGS.size, 3))
+    table[:, 0] = _OWN_LAGS
+    return table
 
 
 @kernel
 def _best_wave(
     cycles: float,
-    process: tuple[float, float, float, float],
+    entries: Array,
+    lags: Array,
     taps: Array,
     weight: Array,
     basis: Array,
     left: Array,
     steps: Array,
     square: bool,
-) -> Array:
-    """Cycles, begin and rise ``(3,)`` of the wave that takes most; see `_taken`."""
-    best, most = np.array([cycles, 0.0, 0.5]), 0.0
-    for rise in _RISES:
-        for i in range(_BEGINS // 2 if rise == 0.5 else _BEGINS):
-            tried = np.array([cycles, i / _BEGINS, rise])
-            more = _taken(tried, process, taps, weight, basis, left, square)
-            if more > most * (1.0 + _TIE):
-                best, most = tried, more
+    before: int,
+) -> tuple[Array, int]:
+    """Cycles, begin and rise ``(3,)`` of the wave that takes most, and its entry; see `_taken`.
+
+    ``entries`` ``(4, m)`` are the processes that it may go through; where they are several, they
+    are the ``lags`` ``(m,)``.
+    """
+    best, at, most = np.array([cycles, 0.0, 0.5]), 0, 0.0
+    for entry in range(0, lags.size, _EVERY):
+        for rise in _RISES:
+            for i in range(_BEGINS // 2 if rise == 0.5 else _BEGINS):
+                tried = np.array([cycles, i / _BEGINS, rise])
+                more = _taken(tried, entries[:, entry], taps, weight, basis, left, square, before)
+                if more > most * (1.0 + _TIE):
+                    best, at, most = tried, entry, more
     for step in steps:
         for _ in range(_MOST_MOVES):
-            before = most
+            reached = most
             for c in range(3):
                 for side in (-1.0, 1.0):
                     tried = best.copy()
@@ -182,23 +226,36 @@ def _best_wave(
                         # the middle of the window keeps its place in the cycle
                         tried[1] -= 0.5 * side * step
                     tried[2] = min(max(tried[2], _LEAST_RISE), 1.0 - _LEAST_RISE)
-                    more = _taken(tried, process, taps, weight, basis, left, square)
+                    more = _taken(tried, entries[:, at], taps, weight, basis, left, square, before)
                     if more > most * (1.0 + _TIE):
                         best, most = tried, more
-            if most == before:
+            for entry in (at - 1, at + 1):
+                if 0 <= entry < lags.size:
+                    tried = best.copy()
+                    # what the wave is late behind a longer lag, it begins earlier
+                    angle = 2.0 * math.pi * best[0] / left.size
+                    late = math.atan(angle * lags[entry]) - math.atan(angle * lags[at])
+                    tried[1] += late / (2.0 * math.pi)
+                    more = _taken(
+                        tried, entries[:, entry], taps, weight, basis, left, square, before
+                    )
+                    if more > most * (1.0 + _TIE):
+                        best, at, most = tried, entry, more
+            if most == reached:
                 break
-    return best
+    return best, at
 
 
 @kernel
 def _taken(
     wave: Array,
-    process: tuple[float, float, float, float],
+    process: Array,
     taps: Array,
     weight: Array,
     basis: Array,
     left: Array,
     square: bool,
+    before: int,
 ) -> float:
     """Sum of squares that a load takes away.
 
@@ -206,7 +263,9 @@ def _taken(
     noise model of ``taps``.
     """
     signal = np.empty((1, left.size))
-    signal[0] = periodic_response((wave[0], wave[1], wave[2]), process, left.size, square)
+    through = process[0], process[1], process[2], process[3]
+    shape = wave[0], wave[1], wave[2]
+    signal[0] = periodic_response(shape, through, left.size, square, before)
     mine = project_out(filter_rows(signal, taps, weight)[0], basis)
     size = dot(mine, mine)
     return dot(mine, left) ** 2 / size if size > 0.0 else 0.0

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.evidence.growing import add_best, fit_repeating, fit_waves
+from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.growing import add_best, fit_waves
 from estimator.evidence.periodic_loads import fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
@@ -32,10 +34,14 @@ _PAYS = 0.5
 _CLEAR = -8.0
 """Evidence (nats) below which a sticky valve is given up at once if nothing from outside pays."""
 _BEYOND_DOUBT = 150.0
-"""Evidence (nats) from which no rectangular load is looked for, which saves its time: simulated
-healthy valves under one reach 63; 108 of 250 sticky ones of the tuning family lie beyond."""
+"""Evidence (nats) from which no rectangular load is looked for, nor one that enters elsewhere: it
+saves their time. Simulated healthy valves under a rectangular one reach 63; 108 of 250 sticky ones
+of the tuning family lie beyond."""
 _BEYOND_ANY_LOAD = 400.0
 """The same for a load of steps and straight lines."""
+_HOPE = 150.0
+"""Nats that the process may still gain beside a wave of any shape: simulated healthy valves under
+one gain up to 100."""
 _CLOSE = -2.0
 """Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
 this and `_CLEAR` that were swept, none became a sticky valve)."""
@@ -102,11 +108,29 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         loaded = fit_periodic_load(case, (healthy, sticky), square=True)
         if loaded is not None and _rivals(case, loaded, sticky):
             healthy, sticky = _beside_load(case, healthy, sticky, loaded)
+    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
+        loaded = _repeating(case, healthy, sticky)
+        if loaded is not None and _rivals(case, loaded, sticky):
+            healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if _CLEAR < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
         healthy, sticky = _beside_lines(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
+
+
+def _repeating(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
+    """The healthy valve with a load that repeats itself and may enter elsewhere than at the valve.
+
+    A triangular one through its own lag, or one of any shape: where few harmonics tell it, the
+    first is likelier, where it has another shape the second.
+    """
+    found = [
+        fit_entering_load(case, healthy),
+        fit_repeating(case, healthy, sticky.likelihood - _HOPE),
+    ]
+    loaded = [one for one in found if one is not None]
+    return max(loaded, key=lambda one: one.likelihood, default=None)
 
 
 def _beside_lines(
@@ -117,9 +141,16 @@ def _beside_lines(
     loaded = next((one for one in found if _rivals(case, one, sticky)), None)
     if loaded is None or loaded.likelihood <= healthy.likelihood + _PAYS:
         return healthy, sticky
+    sticky = _with_own_lines(case, sticky)
+    healthy, sticky = _beside_load(case, healthy, sticky, loaded)
+    return healthy, _with_own_lines(case, sticky)
+
+
+def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
+    """The sticky valve with a load of its own in place of what was found beside a healthy one."""
     for own in fit_piecewise_loads(case, (sticky,), valve=True):
         sticky = likelier(sticky, refine_valve(case, own))
-    return _beside_load(case, healthy, sticky, loaded)
+    return sticky
 
 
 def _beside_load(
