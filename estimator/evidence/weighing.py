@@ -12,8 +12,6 @@ import numpy as np
 
 from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
-from estimator.evidence.growing import add_best, fit_waves
-from estimator.evidence.periodic_loads import fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
