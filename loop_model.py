@@ -115,14 +115,14 @@ class ProcessModel:
 
         A third-order process sampled a hundred times faster than its lags has ``A(1)`` near 1e-6.
         """
-        return abs(1.0 + sum(self.a)) < 1e-10 * (1.0 + sum(map(abs, self.a)))
+        return abs(1.0 + math.fsum(self.a)) < 1e-10 * (1.0 + math.fsum(map(abs, self.a)))
 
     @property
     def gain(self) -> float:
         """Steady-state gain ``B(1)/A(1)`` in PV per OP; infinite (signed) when integrating."""
         if self.is_integrating:
-            return math.copysign(math.inf, sum(self.b))
-        return sum(self.b) / (1.0 + sum(self.a))
+            return math.copysign(math.inf, math.fsum(self.b))
+        return math.fsum(self.b) / (1.0 + math.fsum(self.a))
 
     def as_controlled(self) -> ProcessModel:
         """Return the process as a controller meets it, which reads PV before it moves OP.
@@ -152,7 +152,7 @@ class ProcessModel:
         past = np.asarray(pv0, dtype=np.float64)
         rest = 0.0
         if not self.is_integrating:
-            rest = (sum(self.b) * float(x[0]) + self.offset) / (1.0 + sum(self.a))
+            rest = (math.fsum(self.b) * float(x[0]) + self.offset) / (1.0 + math.fsum(self.a))
         y = np.full(na + x.size, rest)
         kept = min(na, past.size)
         if kept:

@@ -134,7 +134,9 @@ class Prediction:
                 f"it again or correct a={process.a}",
                 RefusalKind.UNSTABLE,
             )
-        if abs(sum(process.b)) <= 1e-12 * sum(map(abs, process.b)) or not any(process.b):
+        if abs(math.fsum(process.b)) <= 1e-12 * math.fsum(map(abs, process.b)) or not any(
+            process.b
+        ):
             raise CompensatorError(f"the process model has no steady gain: b={process.b}")
         if integrating and disturbance == "output":
             raise CompensatorError(
@@ -142,9 +144,9 @@ class Prediction:
                 "be told from its state; use disturbance='auto'"
             )
         at_input = integrating or disturbance == "input"
-        rest = process.offset / sum(process.b) if at_input else 0.0
+        rest = process.offset / math.fsum(process.b) if at_input else 0.0
         if not at_input:
-            rest = process.offset / (1.0 + sum(process.a))
+            rest = process.offset / (1.0 + math.fsum(process.a))
         return cls(process, A, b, at_input, rest, -a, dead_time)
 
     @property
@@ -179,7 +181,7 @@ class Prediction:
     def _rest_at_one(self) -> tuple[Array, float]:
         """State and input at which the process rests at 1."""
         p, n = self.process, self.order
-        drive = (1.0 + sum(p.a)) / sum(p.b)
+        drive = (1.0 + math.fsum(p.a)) / math.fsum(p.b)
         state = np.zeros(n)
         after = 0.0
         for i in range(n - 1, 0, -1):

@@ -204,7 +204,7 @@ class MovePlanner:
         )
         times = (int(self.times[i]), int(self.times[j]))[:count]
         effects = (self._effects[i, -1] * p, self._effects[j, -1] * (q - p))[:count]
-        final = float(error[-1] + sum(effects))
+        final = float(error[-1] + math.fsum(effects))
         return MovePlan(times, (p, q)[:count], hold + gain, hold, final)
 
 

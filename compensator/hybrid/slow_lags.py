@@ -38,7 +38,7 @@ def as_planned(process: ProcessModel, longest: float) -> ProcessModel:
     # Multiplied by z - 1 instead of z - slowest.
     pairs = zip(others, [*others[1:], 0.0], strict=True)
     a = tuple(after - before for before, after in pairs)
-    return replace(process, a=a, offset=-50.0 * sum(process.b))
+    return replace(process, a=a, offset=-50.0 * math.fsum(process.b))
 
 
 def _slowest_pole(a: tuple[float, ...]) -> float:

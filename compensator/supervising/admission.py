@@ -43,7 +43,7 @@ class Admission:
                 "identify with the scan's",
                 RefusalKind.PERIOD,
             )
-        if s.gain_sign * sum(process.b) < 0.0:  # A(1) is above zero in every stable process
+        if s.gain_sign * math.fsum(process.b) < 0.0:  # A(1) is above zero in every stable process
             raise CompensatorError(
                 "the model's gain has the other sign than the loop's own controller counts on; "
                 "check the signs of OP and PV",
@@ -73,7 +73,7 @@ class Admission:
         """Raise `CompensatorError` if the record of the loop, also one from before a restart,
         contradicts the sign of the model's gain.
         """
-        sign = 1 if sum(model.process.b) > 0.0 else -1
+        sign = 1 if math.fsum(model.process.b) > 0.0 else -1
         agrees = seen_agreement(
             model, [s.op for s in seen], [s.pv for s in seen], self._settings.check
         )
@@ -100,7 +100,7 @@ class Admission:
             return
         s = self._settings.hybrid
         least = valve.slip_jump + s.slip_margin * valve.static_friction
-        shift = least * max(1, s.dwell) * abs(sum(process.b))
+        shift = least * max(1, s.dwell) * abs(math.fsum(process.b))
         known = math.sqrt(before.mean_square)
         if shift > known:
             raise CompensatorError(

@@ -67,7 +67,7 @@ def oscillation_period(errors: Sequence[float], otherwise: float) -> float:
 
     Its sign has changed once it is `FiguresSettings.turned` root mean squares beyond zero.
     """
-    level = SETTINGS.turned * math.sqrt(sum(e * e for e in errors) / max(1, len(errors)))
+    level = SETTINGS.turned * math.sqrt(math.fsum(e * e for e in errors) / max(1, len(errors)))
     side, turns = 0.0, []
     for k, error in enumerate(errors):
         if abs(error) > level and math.copysign(1.0, error) != side:

@@ -132,5 +132,5 @@ def _gains_alike(one: LoopModel, other: LoopModel, within: float) -> bool:
     a, b = one.process, other.process
     if a.is_integrating != b.is_integrating:
         return False
-    gains = [sum(p.b) if p.is_integrating else p.gain for p in (a, b)]
+    gains = [math.fsum(p.b) if p.is_integrating else p.gain for p in (a, b)]
     return math.isclose(gains[0], gains[1], rel_tol=within)

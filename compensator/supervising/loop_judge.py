@@ -88,7 +88,7 @@ class LoopJudge:
         asked = abs(change) / compensator.prediction.scale
         process = compensator.prediction.process
         if process.is_integrating:  # a ramp asks for another slope once, where it begins or turns
-            asked = min(asked, abs(change - self._slope) / abs(sum(process.b)))
+            asked = min(asked, abs(change - self._slope) / abs(math.fsum(process.b)))
         self._slope = change
         # A set-point that moves by little each scan is to be followed inside the known range.
         if abs(change) > self._settings.watch.stepped * self._watch.before.largest:

@@ -109,7 +109,7 @@ def _stays(sizes: deque[float], size: float, beyond: bool, factor: float) -> boo
     if len(sizes) < (sizes.maxlen or 0):
         return False
     seen, half = list(sizes), len(sizes) // 2
-    return sum(seen[half:]) / (len(seen) - half) >= factor * sum(seen[:half]) / half
+    return math.fsum(seen[half:]) / (len(seen) - half) >= factor * math.fsum(seen[:half]) / half
 
 
 class LoopWatch:

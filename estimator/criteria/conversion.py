@@ -71,6 +71,6 @@ def describe_process(window: Window, poles: Poles, model: ProcessModel, gain: In
         gain = Interval(math.copysign(math.inf, gain.value), math.nan, math.nan)
     parameters["offset"] = model.offset
     # two coefficients of the stem are a dead time between two samples
-    late = model.dead_time + (model.b[1] / sum(model.b) if len(model.b) == 2 else 0.0)
+    late = model.dead_time + (model.b[1] / math.fsum(model.b) if len(model.b) == 2 else 0.0)
     parameters["dead_time"] = late * period
     return Process(name, MappingProxyType(parameters), round(late), gain)

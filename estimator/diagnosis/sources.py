@@ -111,7 +111,7 @@ def rank_candidates(group: GroupMembers, settings: DiagnosisSettings) -> tuple[C
     ]  # fmt: skip
     everyone.sort(key=lambda one: -one[0])
     first = everyone[0][0]
-    total = sum(math.exp(score - first) for score, *_ in everyone)
+    total = math.fsum(math.exp(score - first) for score, *_ in everyone)
     return tuple(
         Candidate(name, math.exp(score - first) / total, evidence, against)
         for score, name, evidence, against in everyone

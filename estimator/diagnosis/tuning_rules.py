@@ -46,7 +46,7 @@ def largest_integral_gain(
     response = probe.process_response(_GRID)
     if not np.isfinite(response).all() or not np.median(np.abs(response)) > 0.0:
         return None
-    side = math.copysign(1.0, sum(process.b))
+    side = math.copysign(1.0, math.fsum(process.b))
     q = np.exp(-2j * math.pi * _GRID)
     times = np.geomspace(0.7, 0.25 / _GRID[0], _TIMES)
     shapes = side * response * (1.0 + 1.0 / (times[:, None] * (1.0 - q)))
@@ -125,11 +125,11 @@ def simc(process: ProcessModel, running: Controller) -> tuple[Controller, ...]:
     if not integrates and len(lags) < real.size:
         return ()
     # two coefficients are a dead time between two samples
-    between = process.b[1] / sum(process.b) if len(process.b) == 2 else 0.0
+    between = process.b[1] / math.fsum(process.b) if len(process.b) == 2 else 0.0
     dead = (running.samples_late(process.dead_time) - HOLD + between) * h
     if integrates:
         rest = float(np.polyval(np.polydiv(np.array([1.0, *process.a]), [1.0, -1.0])[0], 1.0))
-        return _simc_integrating(running, sum(process.b) / rest / h, lags, dead)
+        return _simc_integrating(running, math.fsum(process.b) / rest / h, lags, dead)
     first, *others = lags
     found = []
     second, third = [*others, 0.0, 0.0][:2]

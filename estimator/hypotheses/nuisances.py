@@ -156,7 +156,7 @@ def columns_of(
 
 def price_of(nuisances: tuple[Nuisance, ...], rows: float) -> float:
     """What all of them cost, in nats."""
-    return sum(one.price(rows) for one in nuisances)
+    return math.fsum(one.price(rows) for one in nuisances)
 
 
 def spectral_peaks(signal: Array, count: int) -> list[float]:

@@ -106,7 +106,7 @@ class ArmaxFit:
         process = self.process
         if process.is_integrating:
             return math.nan
-        rest = 1.0 + sum(self.a)
+        rest = 1.0 + math.fsum(self.a)
         na, nb = len(self.a), len(self.b)
         slope = np.zeros(self.orders.coefficients)
         slope[:na] = -process.gain / rest
