@@ -58,12 +58,13 @@ _SLOPE, _STEP = 0, 1
 
 
 def fit_piecewise_loads(
-    case: Case, starts: tuple[Hypothesis, ...], *, valve: bool = False
+    case: Case, starts: tuple[Hypothesis, ...], least: float, *, valve: bool = False
 ) -> list[Hypothesis]:
     """The valve with a load of steps and lines, found from some processes, the likeliest first.
 
     ``starts`` are hypotheses whose processes it begins from. With ``valve`` each keeps its sticky
-    valve and what else is beside it, otherwise the valve is healthy.
+    valve and what else is beside it, otherwise the valve is healthy. Those that are not as likely
+    as ``least`` before their process is fitted are left out.
     """
     found: list[Hypothesis] = []
     for start, taps in _starts(case, starts, valve):
@@ -72,7 +73,7 @@ def fit_piecewise_loads(
             if load is not None:
                 found.append(_with(case, start, load, taps))
     found.sort(key=lambda one: -round(one.likelihood, 6))
-    ends = [_in_turn(case, one) for one in found[:_FOLLOWED]]
+    ends = [_in_turn(case, one) for one in found[:_FOLLOWED] if one.likelihood > least]
     return sorted(ends, key=lambda one: -round(one.likelihood, 6))
 
 

@@ -40,6 +40,9 @@ _BEYOND_ANY_LOAD = 400.0
 _HOPE = 150.0
 """Nats that the process may still gain beside a wave of any shape: simulated healthy valves under
 one gain up to 100."""
+_NEAR = 50.0
+"""Nats that process and corners may still gain, fitted in turn with a load of steps and lines:
+simulated healthy valves under one gain up to 60, and the load is then far likelier anyway."""
 _CLOSE = -2.0
 """Evidence (nats) from which a valve is swept for once more (tuning family: of 59 windows between
 this and `_CLEAR` that were swept, none became a sticky valve)."""
@@ -110,7 +113,7 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
         loaded = _repeating(case, healthy, sticky)
         if loaded is not None and _rivals(case, loaded, sticky):
             healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    if _CLEAR < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
+    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
         healthy, sticky = _beside_lines(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
@@ -135,7 +138,7 @@ def _beside_lines(
     case: Case, healthy: Hypothesis, sticky: Hypothesis
 ) -> tuple[Hypothesis, Hypothesis]:
     """Both hypotheses with a load of steps and straight lines, where one pays."""
-    found = fit_piecewise_loads(case, (healthy, sticky))
+    found = fit_piecewise_loads(case, (healthy, sticky), sticky.likelihood - _NEAR)
     loaded = next((one for one in found if _rivals(case, one, sticky)), None)
     if loaded is None or loaded.likelihood <= healthy.likelihood + _PAYS:
         return healthy, sticky
@@ -146,7 +149,7 @@ def _beside_lines(
 
 def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
     """The sticky valve with a load of its own in place of what was found beside a healthy one."""
-    for own in fit_piecewise_loads(case, (sticky,), valve=True):
+    for own in fit_piecewise_loads(case, (sticky,), sticky.likelihood - _NEAR, valve=True):
         sticky = likelier(sticky, refine_valve(case, own))
     return sticky
 

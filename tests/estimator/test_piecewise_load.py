@@ -68,7 +68,7 @@ def test_it_is_found_with_the_process_behind_a_healthy_valve(case, at_valve: boo
         pv = lfilter(late, [1.0, -pole], op) + load
     window: Case = case(op, pv + 0.02 * rng.normal(size=n), signed=False)
     wrong = window.fit(None, Poles(Shape.LAGS, 15.0), 0, (), np.zeros(0))
-    found = fit_piecewise_loads(window, (wrong,))[0]
+    found = fit_piecewise_loads(window, (wrong,), -np.inf)[0]
     (load_found,) = found.nuisances
     assert isinstance(load_found, PiecewiseLoad)
     assert (load_found.through is not None) == at_valve
