@@ -35,7 +35,7 @@ _BEYOND_DOUBT = 150.0
 """Evidence (nats) from which no rectangular load is looked for, nor one that enters elsewhere: it
 saves their time. Simulated healthy valves under a rectangular one reach 63; 108 of 250 sticky ones
 of the tuning family lie beyond."""
-_BEYOND_ANY_LOAD = 400.0
+_BEYOND_ANY_LOAD = 250.0
 """The same for a load of steps and straight lines."""
 _HOPE = 150.0
 """Nats that the process may still gain beside a wave of any shape: simulated healthy valves under

@@ -19,15 +19,6 @@ Array = NDArray[np.float64]
 LAG = Poles(Shape.LAGS, 6.0)
 
 
-def uneven_wave(n: int, period: float, seed: int) -> Array:
-    """Up and down along lines, period and height a little different from cycle to cycle."""
-    rng = np.random.default_rng(seed)
-    corners = np.cumsum(0.5 * period * (1.0 + 0.12 * rng.standard_normal(4 * n // int(period))))
-    heights = np.where(np.arange(corners.size) % 2 == 0, 1.0, -1.0)
-    heights *= 1.0 + 0.1 * rng.standard_normal(corners.size)
-    return np.interp(np.arange(n), corners - corners[0] - 0.3 * period, heights)
-
-
 def load_steps(n: int, gap: float, seed: int) -> Array:
     """Steps at random times, ``gap`` samples apart on average."""
     rng = np.random.default_rng(seed)
@@ -81,17 +72,7 @@ def test_it_is_found_with_the_process_behind_a_healthy_valve(case, at_valve: boo
     assert sorted(sorted(sizes, key=lambda row: -sizes[row])[:2]) == [200, 500]
 
 
-@pytest.mark.parametrize("seed", range(1, 7))
-@pytest.mark.parametrize("at_valve", [True, False])
-def test_a_healthy_valve_under_an_uneven_wave_is_not_accused(seed: int, at_valve: bool) -> None:
-    wave = uneven_wave(900, 80.0, seed)
-    where = {"load": 5.0 * wave} if at_valve else {"faults": 3.0 * wave}
-    record = run(n=900, dead=4, noise=0.03, seed=seed, gain=0.5, **where)
-    result = identify(record.op, record.pv, sp=record.sp)
-    assert result.verdict is not Verdict.STICTION
-
-
-@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seed", range(1, 11))
 @pytest.mark.parametrize("at_valve", [True, False])
 def test_a_healthy_valve_under_load_steps_is_not_accused(seed: int, at_valve: bool) -> None:
     steps = load_steps(900, 70.0, seed)
@@ -112,7 +93,7 @@ def test_a_sticky_valve_under_load_steps_is_found(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_a_sticky_valve_alone_is_not_taken_for_one(seed: int) -> None:
-    record = run(n=700, band=5.0, jump=2.0, noise=0.05, seed=seed)
+    record = run(n=1200, band=5.0, jump=2.0, noise=0.05, seed=seed)
     result = identify(record.op, record.pv, sp=record.sp)
     assert result.verdict is Verdict.STICTION
     assert not result.uncertain
