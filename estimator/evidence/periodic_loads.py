@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.algebra import dot, filter_rows, project_out
 from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
-from estimator.hypotheses.linear_fit import delay
+from estimator.hypotheses.linear_fit import left_of_pv
 from estimator.hypotheses.nuisances import spectral_peaks
 from estimator.hypotheses.periodic_load import PeriodicLoad, cycle_of, periodic_response
 from estimator.processes.poles import SHAPE_NUMBERS, Poles, Shape, coefficients_of
@@ -160,15 +160,9 @@ def _best_load(
 ) -> PeriodicLoad:
     """The load that takes most from PV with this process and noise model."""
     rows = case.rows
+    columns = case.columns((), of.stem, of.poles, of.dead_time)
     response = of.poles.response(of.stem)
-    known = np.vstack(
-        [
-            case.columns((), of.stem, of.poles, of.dead_time),
-            *(delay(response, of.dead_time + late)[None] for late in (0, 1)),
-        ]
-    )
-    basis = orthonormal(filter_rows(known, of.taps, rows.weight))
-    left = project_out(filter_rows(rows.y[None], of.taps, rows.weight)[0], basis)
+    basis, left = left_of_pv(rows, response, of.dead_time, columns, of.taps)
     lags, before = np.zeros(1), 0
     entries = np.array(of.poles.coefficients)[:, None]
     if own:

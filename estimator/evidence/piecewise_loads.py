@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from compiled import kernel
-from estimator.algebra import dot, filter_rows, orthonormal, project_out
+from estimator.algebra import dot, filter_rows
 from estimator.arrays import Array, Index
 from estimator.hypotheses.hypothesis import Case, Hypothesis
-from estimator.hypotheses.linear_fit import delay
+from estimator.hypotheses.linear_fit import left_of_pv
 from estimator.hypotheses.noise import DRIFT_AND_NOISE
 from estimator.hypotheses.nuisances import Nuisance
 from estimator.hypotheses.piecewise_load import (
@@ -129,16 +129,9 @@ def _without_load(of: Hypothesis) -> tuple[Nuisance, ...]:
 def _best_load(case: Case, of: Hypothesis, taps: Array, at_valve: bool) -> PiecewiseLoad | None:
     """The load that takes most from PV for its price, with this process and noise model."""
     rows = case.rows
-    response = of.poles.response(of.stem)
-    known = np.vstack(
-        [
-            case.columns(_without_load(of), of.stem, of.poles, of.dead_time),
-            *(delay(response, of.dead_time + late)[None] for late in (0, 1)),
-        ]
-    )
-    taps = np.ascontiguousarray(taps)
-    basis = orthonormal(filter_rows(known, taps, rows.weight))
-    left = project_out(filter_rows(rows.y[None], taps, rows.weight)[0], basis)
+    columns = case.columns(_without_load(of), of.stem, of.poles, of.dead_time)
+    taps, response = np.ascontiguousarray(taps), of.poles.response(of.stem)
+    basis, left = left_of_pv(rows, response, of.dead_time, columns, taps)
     process = of.poles.coefficients if at_valve else NO_PROCESS
     price = CORNER_PRICE * math.log(rows.count)
     places, sizes = _pursue(left, basis, taps, rows.weight, process, price, rows.count)

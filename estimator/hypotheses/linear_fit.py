@@ -20,7 +20,7 @@ from estimator.arrays import Array
 from estimator.lane_costs import Judged, costs_of_processes, costs_of_stems
 from estimator.rows import Rows, judged_rows
 
-__all__ = ["Design", "LinearFit", "delay", "fit_linear", "fit_rows"]
+__all__ = ["Design", "LinearFit", "delay", "fit_linear", "fit_rows", "left_of_pv"]
 
 
 def delay(signal: Array, samples: int) -> Array:
@@ -106,6 +106,25 @@ def _whitened(columns: Array, y: Array, taps: Array, weight: Array) -> tuple[Arr
         for c in range(basis.shape[0]):
             found[k, 1 + c] = basis[c, k]
     return found, dot(target, target)
+
+
+def left_of_pv(
+    rows: Rows, response: Array, dead_time: int, columns: Array, taps: Array
+) -> tuple[Array, Array]:
+    """An orthonormal basis of process and columns, ``(k, n)``, and what it leaves of PV, ``(n,)``.
+
+    Both whitened.
+
+    Args:
+        rows: the window's rows.
+        response: of the process without its dead time, ``(n,)``; it takes both samples of it.
+        dead_time: in samples.
+        columns: what else is known, ``(m, n)``.
+        taps: the noise model, ``(p,)``.
+    """
+    late = [delay(response, dead_time + more)[None] for more in (0, 1)]
+    basis = orthonormal(filter_rows(np.vstack([columns, *late]), taps, rows.weight))
+    return basis, project_out(filter_rows(rows.y[None], taps, rows.weight)[0], basis)
 
 
 def fit_linear(

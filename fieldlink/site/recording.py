@@ -12,8 +12,9 @@ column is an error that names its row. Rows are put in the order of time (`row_o
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -219,10 +220,24 @@ def read_recordings(
             notes = (*notes, f"one of {len(beside)} loops side by side")
     if not loops:
         yield "", _recording_of(file, wanted, period, notes=notes)
+    yield from _each_or_problems(
+        (name, partial(_recording_of, own, named, period, notes=notes))
+        for name, (own, named) in loops.items()
+    )
+
+
+def _each_or_problems(
+    readings: Iterable[tuple[str, Callable[[], Recording]]],
+) -> Iterator[tuple[str, Recording]]:
+    """Yield what can be read, with its name; what is wrong with the others is told at the end.
+
+    Raises:
+        RecordingError: with the problems of all that cannot be read.
+    """
     problems: list[Problem] = []
-    for name, (own, named) in loops.items():
+    for name, read in readings:
         try:
-            recording = _recording_of(own, named, period, notes=notes)
+            recording = read()
         except RecordingError as error:
             problems.extend(error.problems)
         else:
@@ -236,18 +251,12 @@ def _long_recordings(
     period: float | None,
     notes: tuple[str, ...],
 ) -> Iterator[tuple[str, Recording]]:
-    problems: list[Problem] = []
-    for name, own in tables.items():
-        try:
-            if isinstance(own, RecordingError):
-                raise own
-            recording = _recording_of(own.file, own.wanted, period, notes=(*notes, *own.notes))
-        except RecordingError as error:
-            problems.extend(error.problems)
-        else:
-            yield name, recording
-    if problems:
-        raise RecordingError(problems)
+    def read(own: LoopTable | RecordingError) -> Recording:
+        if isinstance(own, RecordingError):
+            raise own
+        return _recording_of(own.file, own.wanted, period, notes=(*notes, *own.notes))
+
+    return _each_or_problems((name, partial(read, own)) for name, own in tables.items())
 
 
 def _rows_by_loop(file: CsvFile) -> dict[str, list[CsvRow]]:
