@@ -341,7 +341,7 @@ def _none(found: Gathered, settings: DiagnosisSettings) -> Cause:
         if found.controller is None or not (
             found.controller.integral_rate or _is_read(found, settings)
         ):
-            # a gain alone that explains little of OP's moves is no controller that was read
+            # a gain that explains little of OP's moves tells no controller
             text = (
                 "nothing oscillates, and OP does not answer the control error: a hand moves it, or "
                 "it is not of the controller of this PV"
