@@ -105,19 +105,21 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
     if sticky.likelihood - healthy.likelihood > _CLEAR:
         loaded = fit_periodic_load(case, (healthy, sticky, alone))
         healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
-        loaded = fit_periodic_load(case, (healthy, sticky), square=True)
-        if loaded is not None and _rivals(case, loaded, sticky):
-            healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
-        loaded = _repeating(case, healthy, sticky)
-        if loaded is not None and _rivals(case, loaded, sticky):
-            healthy, sticky = _beside_load(case, healthy, sticky, loaded)
+    for fit in (_rectangular, _repeating):
+        if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_DOUBT:
+            loaded = fit(case, healthy, sticky)
+            if loaded is not None and _rivals(case, loaded, sticky):
+                healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
         healthy, sticky = _beside_lines(case, healthy, sticky)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
+
+
+def _rectangular(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
+    """The healthy valve with a rectangular load."""
+    return fit_periodic_load(case, (healthy, sticky), square=True)
 
 
 def _repeating(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesis | None:
@@ -157,7 +159,7 @@ def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
 def _beside_load(
     case: Case, healthy: Hypothesis, sticky: Hypothesis, loaded: Hypothesis | None
 ) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses, with a periodic load that was found beside a healthy valve if it pays."""
+    """Both hypotheses, with a load that was found beside a healthy valve if it pays."""
     if loaded is None or loaded.likelihood <= healthy.likelihood + _PAYS:
         return healthy, sticky
     loaded = _grown(case, loaded, sticky)
@@ -168,7 +170,7 @@ def _beside_load(
 
 
 def _rivals(case: Case, loaded: Hypothesis, sticky: Hypothesis) -> bool:
-    """Whether a rectangular load beside a healthy valve may be what a sticky valve looks like.
+    """Whether a load beside a healthy valve may be what a sticky valve looks like.
 
     The stem of a sticky valve is nearly such a load itself, beside which PV follows OP no more; and
     a load that leaves the sticky valve as clear as it was explains something else.
