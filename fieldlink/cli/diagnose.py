@@ -126,7 +126,9 @@ def _print_one(name: str, found: Diagnosis) -> None:
     console = data_console()
     console.print(Panel(found.first.name.words, title=Text(name), expand=False))
     for cause in found.causes:
-        console.print(Text.assemble((cause.name.words, "bold"), _part_of(cause)))
+        part = _part_of(cause)
+        of_trouble = f": {part} of the trouble" if part else ""
+        console.print(Text.assemble((cause.name.words, "bold"), of_trouble))
         for sentence in cause.evidence:
             console.print(format_bullet(sentence))
         console.print(format_bullet(cause.action, "→"))
@@ -139,7 +141,7 @@ def _part_of(cause: Cause) -> str:
     """How much of the loop's trouble a cause makes; nothing where none is known to make any."""
     if cause.name.value in ("quiet", "undetermined"):
         return ""
-    return f": {cause.weight:.0%} of the trouble"
+    return f"{cause.weight:.0%}"
 
 
 def _figures(found: Diagnosis):  # type: ignore[no-untyped-def]
@@ -220,7 +222,7 @@ def _print_plant(plant: Plant) -> None:
         table.add_row(
             name,
             first.name.words,
-            _part_of(first).removeprefix(": ").removesuffix(" of the trouble"),
+            _part_of(first),
             f"{swing.period_s:.4g}" if swing.present else "",
             first.evidence[0] + todo,
         )
