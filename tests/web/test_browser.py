@@ -310,15 +310,42 @@ def test_hours_of_samples_are_zoomed_without_losing_an_extreme(store_page: str, 
     page.locator("[data-range='28800']").click()
     note = page.locator("#trend-note")
     expect(note).to_contain_text("12000 samples, least and greatest")
+    zoom(page)
+    expect(note).to_contain_text("double-click to go back")
+    expect(note).not_to_contain_text("12000")
+    assert "least" not in note.inner_text()
+
+
+def test_an_answer_that_comes_late_does_not_replace_what_was_asked_after_it(
+    store_page: str, page: Any
+) -> None:
+    page.goto(f"{store_page}/loops/LIC-0001")
+    page.locator("[data-range='28800']").click()
+    note = page.locator("#trend-note")
+    expect(note).to_contain_text("12000 samples")
+    held: list[Any] = []
+    page.route("**/samples?last=28800*", lambda route: held.append(route))
+    page.locator("[data-range='28800']").click()
+    zoom(page)
+    expect(note).to_contain_text("double-click to go back")
+    expect(note).not_to_contain_text("12000")
+    assert held
+    for route in held:
+        with page.expect_response("**/samples?last=28800*") as late:
+            route.continue_()
+        late.value.finished()
+    page.wait_for_timeout(200)
+    assert "12000" not in note.inner_text()
+
+
+def zoom(page: Any) -> None:
+    """Drag over a twentieth of the trend."""
     box = page.locator("#trend-op .u-over").bounding_box()
     middle = box["y"] + box["height"] / 2
     page.mouse.move(box["x"] + box["width"] * 0.90, middle)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] * 0.95, middle, steps=4)
     page.mouse.up()
-    expect(note).to_contain_text("double-click to go back")
-    expect(note).not_to_contain_text("12000")
-    assert "least" not in note.inner_text()
 
 
 def test_the_judged_window_is_shown_on_a_phone_too(store_page: str, browser: Any) -> None:

@@ -42,6 +42,7 @@ class Trend {
     this.range = null;
     this.zoom = null;
     this.paused = false;
+    this.asked = 0;
     this.note = document.getElementById("trend-note");
     this.values = document.getElementById("trend-values");
     const sync = uPlot.sync("trend");
@@ -110,12 +111,14 @@ class Trend {
   async look(forced = false) {
     if (!forced && (this.paused || this.zoom !== null || this.busy)) return;
     this.busy = true;
+    // Answers may overtake each other: only the one to the last question is shown.
+    const asked = ++this.asked;
     try {
       const wide = 4 * Math.max(1000, Math.min(2500, document.getElementById("trend-op").clientWidth));
       const found = await ask(api(this.name, `/samples?${this.span()}&points=${wide}`));
-      this.show(found);
+      if (asked === this.asked) this.show(found);
     } finally {
-      this.busy = false;
+      if (asked === this.asked) this.busy = false;
     }
   }
 
