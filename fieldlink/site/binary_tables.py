@@ -20,11 +20,15 @@ import numpy as np
 from fieldlink.site.column_names import PANDAS_INDEX, guess_columns
 from fieldlink.site.csv_file import CsvRow
 from fieldlink.site.errors import Problem, RecordingError
+from fieldlink.site.workbooks import OLE, explained_workbook, why_no_xlsx
 
 __all__ = ["read_binary_table"]
 
 _PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "sampling_period")
 """Names of a MATLAB scalar that is the seconds between samples."""
+
+_FEW_ROWS = 50
+"""Rows of a sheet below which it holds no recording: `recording.MIN_ROWS`."""
 
 
 def read_binary_table(path: Path) -> list[CsvRow] | None:
@@ -47,35 +51,42 @@ def read_binary_table(path: Path) -> list[CsvRow] | None:
         return _parquet(path)
     if begin.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
         return _matlab(path)
-    if begin.startswith(b"\xd0\xcf\x11\xe0"):
-        raise _refusal(path, "is a workbook of Excel 97-2003", "save it as .xlsx or CSV")
+    if begin.startswith(OLE) and (found := why_no_xlsx(path)) is not None:
+        raise _refusal(path, *found)
     return None
 
 
 def _excel(path: Path) -> list[CsvRow]:
     try:
         from openpyxl import load_workbook
-        from openpyxl.utils.exceptions import InvalidFileException
     except ImportError as error:
         remedy = "pip install 'fieldlink[excel]', or save it as CSV"
         raise _refusal(path, "is a workbook, which openpyxl reads", remedy) from error
-    from zipfile import BadZipFile, is_zipfile
-
-    try:
+    with explained_workbook(path, RecordingError):
         book = load_workbook(path, read_only=True, data_only=True)
-    except (BadZipFile, InvalidFileException, KeyError, OSError, ValueError) as error:
-        if is_zipfile(path):
-            raise _refusal(path, "is a ZIP file and no workbook", "unpack it first") from error
-        raise _refusal(
-            path, "is a binary file and no workbook", "save it as .xlsx or CSV"
-        ) from error
-    try:
-        if not book.worksheets:
-            raise _refusal(path, "has no sheet of cells", "put the samples on the first sheet")
-        rows = book.worksheets[0].iter_rows(values_only=True)
-        return [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
-    finally:
-        book.close()
+        try:
+            if not book.worksheets:
+                raise _refusal(path, "has no sheet of cells", "put the samples on the first sheet")
+            first, *others = book.worksheets
+            rows = first.iter_rows(values_only=True)
+            found = [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
+            if len(found) < _FEW_ROWS:
+                _refuse_cover(path, first.title, len(found), others)
+            return found
+        finally:
+            book.close()
+
+
+def _refuse_cover(path: Path, first: str, rows: int, others: Iterable[Any]) -> None:
+    """Raise where the first sheet is a cover, and the samples are on another one."""
+    for sheet in others:
+        count = sum(1 for _ in sheet.iter_rows(values_only=True))
+        if count >= _FEW_ROWS:
+            what = (
+                f"its first sheet, {first!r}, which is read, has {rows} rows, and {sheet.title!r} "
+                f"has {count}"
+            )
+            raise _refusal(path, what, f"make {sheet.title!r} the first sheet, or save it as CSV")
 
 
 def _parquet(path: Path) -> list[CsvRow]:
