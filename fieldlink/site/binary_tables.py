@@ -120,13 +120,13 @@ def _matlab(path: Path) -> list[CsvRow]:
         raise _refusal(path, what, "save it again in MATLAB with -v7") from error
     except (ValueError, TypeError, LookupError, OSError, MatReadError, zlib.error) as error:
         raise _refusal(path, "is not a MATLAB file that can be read", "save it again") from error
-    named = {name: value for name, value in found.items() if not name.startswith("__")}
+    named = {name: _full(value) for name, value in found.items() if not name.startswith("__")}
     if "cdata" in named:
         what = "is the International Stiction Data Base, which holds many loops"
         raise _refusal(path, what, "judge all of them with fieldlink assess")
     structures = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structures) == 1 and len(named) == 1:
-        named = dict(structures[0])
+        named = {name: _full(value) for name, value in structures[0].items()}
     vectors = {name: np.ravel(value) for name, value in named.items() if _is_vector(value)}
     matrices = [np.asarray(value) for value in named.values() if _is_matrix(value)]
     if not vectors and len(matrices) == 1:
@@ -136,6 +136,17 @@ def _matlab(path: Path) -> list[CsvRow]:
     columns: dict[str, Iterable[Any]] = {
         name: vector.tolist() for name, vector in vectors.items() if vector.size == longest
     }
+    odd = [
+        f"{name} is {_words_of(value)}"
+        for name, value in named.items()
+        if name.lower() in ("op", "pv") and name not in columns
+    ]
+    if odd:
+        what = f"{' and '.join(odd)}{f', and other signals have {longest}' if columns else ''}"
+        raise _refusal(path, what, "save op and pv as vectors of real numbers, of one length")
+    if len(structures) > 1 and not columns:
+        what = f"holds {len(structures)} structures, {', '.join(named)}"
+        raise _refusal(path, what, "save one in a file, with the vectors op and pv")
     if longest < 2:
         what = f"has no vectors of samples (it holds {', '.join(named) or 'nothing'})"
         remedy = "save vectors op and pv or one matrix, and the seconds between samples as Ts"
@@ -149,6 +160,25 @@ def _matlab(path: Path) -> list[CsvRow]:
 def _is_vector(value: Any) -> bool:
     array = np.asarray(value)
     return array.dtype.kind in "bfiu" and array.size > 1 and array.size == max(array.shape)
+
+
+def _full(value: Any) -> Any:
+    """A value as an array where MATLAB has stored it sparse."""
+    return value.toarray() if hasattr(value, "toarray") else value
+
+
+def _words_of(value: Any) -> str:
+    """What a signal is that is not a vector of samples."""
+    array = np.asarray(value)
+    if array.dtype.kind == "c":
+        return "complex"
+    if array.dtype.kind not in "bfiu":
+        return "no array of numbers"
+    if array.size <= 1:
+        return "one number" if array.size else "empty"
+    if _is_vector(value):
+        return f"a vector of {array.size} samples"
+    return f"an array of {' x '.join(map(str, array.shape))}"
 
 
 def _is_matrix(value: Any) -> bool:
