@@ -44,7 +44,7 @@ async def test_op_and_pv_come_with_their_status(
         )
         scan = await link.scan()
         assert [scan[f"L{n}.OP"].value for n in range(LOOPS)] == [40.0, 41.0, 42.0]
-        assert scan["TEXT"].quality is Quality.BAD_STATUS
+        assert scan["TEXT"].quality is Quality.NO_SCALAR
         assert scan["NONE"].quality is Quality.QUARANTINED
         assert link.state is LinkState.DEGRADED
         assert link.quarantined == ("NONE",)
@@ -56,6 +56,8 @@ async def test_op_and_pv_come_with_their_status(
             link, lambda s: s["L2.PV"].quality is Quality.NOT_A_NUMBER, "bad values"
         )
         assert [scan[f"L{n}.PV"].quality for n in (0, 1)] == [Quality.BAD_STATUS] * 2
+        assert scan["L0.PV"].status == "BadSensorFailure"
+        assert scan["L1.PV"].status == "UncertainLastUsableValue"
         assert all(math.isnan(scan[f"L{n}.PV"].value) for n in range(LOOPS))
         assert scan["L0.OP"].value == 40.0
     finally:
