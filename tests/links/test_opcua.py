@@ -16,7 +16,7 @@ from fieldlink.links import LinkState, Quality, SystemClock, open_link
 from fieldlink.links.errors import AccessRefusedError, LinkError
 from fieldlink.links.single_values import Point, read_points
 from fieldlink.site import Site, check
-from tests.links.opcua_server import OpcuaServer, scan_until
+from tests.links.opcua_server import OpcuaServer, scan_until, write_site
 
 LOOPS = 3
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -62,6 +62,36 @@ async def test_op_and_pv_come_with_their_status(
         assert scan["L0.OP"].value == 40.0
     finally:
         await link.close()
+
+
+@pytest.mark.parametrize("mode", ["read", "subscribe"])
+async def test_a_namespace_that_the_server_has_not_costs_its_node_alone(
+    server: OpcuaServer, make_opcua_site: Callable[..., Site], mode: str
+) -> None:
+    rows = "LOST,nsu=urn:other;s=L0.PV\n"
+    link = open_link(make_opcua_site(server.port, opcua=f'mode = "{mode}"', rows=rows), "plc")
+    try:
+        await server.tell(step=40)
+        scan = await scan_until(link, lambda s: s["L2.PV"].value == -42.0, "values")
+        assert scan["LOST"].quality is Quality.QUARANTINED
+        assert "because the server has no namespace urn:other" in str(scan.failures[0])
+        assert link.state is LinkState.DEGRADED
+        assert link.connects == 1
+    finally:
+        await link.close()
+
+
+async def test_a_password_file_that_is_gone_is_named(tmp_path: Path) -> None:
+    (tmp_path / "pw").write_text("secret")
+    site = write_site(tmp_path, 1, opcua='username = "me"\npassword_file = "pw"')
+    (tmp_path / "pw").unlink()
+    link = open_link(site, "plc")
+    try:
+        scan = await link.scan()
+    finally:
+        await link.close()
+    assert "the file" in str(scan.failures[0])
+    assert "pw cannot be read: No such file or directory; check its path" in str(scan.failures[0])
 
 
 async def test_one_request_has_op_and_pv_and_slow_loops_rest(
