@@ -82,8 +82,11 @@ async def test_a_namespace_that_the_server_has_not_costs_its_node_alone(
 
 
 async def test_a_password_file_that_is_gone_is_named(tmp_path: Path) -> None:
-    (tmp_path / "pw").write_text("secret")
-    site = write_site(tmp_path, 1, opcua='username = "me"\npassword_file = "pw"')
+    for name in ("pw", "cert.pem", "key.pem", "server.pem"):
+        (tmp_path / name).write_text("secret")
+    files = 'cert = "cert.pem"\nkey = "key.pem"\nserver_cert = "server.pem"\npassword_file = "pw"'
+    security = 'security = "Basic256Sha256"\nusername = "me"'
+    site = write_site(tmp_path, 1, opcua=f"{security}\n{files}")
     (tmp_path / "pw").unlink()
     link = open_link(site, "plc")
     try:
