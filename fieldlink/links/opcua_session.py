@@ -134,10 +134,10 @@ class OpcuaSession:
         except UaError as error:
             raise self._unreachable(status_of(error)) from error
         except (OSError, ValueError) as error:
-            if (file := getattr(error, "filename", None)) is not None:
+            if isinstance(error, OSError) and error.filename is not None:
                 raise LinkUnreachableError(
                     self._name,
-                    f"the file {file} cannot be read: {error.strerror}",
+                    f"the file {error.filename} cannot be read: {error.strerror}",
                     "check its path and its permissions",
                 ) from error
             raise self._unreachable(getattr(error, "strerror", None) or str(error)) from error

@@ -202,7 +202,9 @@ def test_a_parquet_file_of_a_historians_texts_is_read(tmp_path: Path, sticky) ->
         np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.pv)), [7, 9])
     texts[11] = "hello"
     pq.write_table(pa.table({"op": sticky.op, "pv": pa.array(texts)}), tmp_path / "y.parquet")
-    with pytest.raises(ReadingError, match="column pv holds the text 'hello', which is no number"):
+    with pytest.raises(
+        ReadingError, match="column pv holds the text 'hello', which is not a number"
+    ):
         windows(place_of(str(tmp_path / "y.parquet")), Cut())
 
 

@@ -1,4 +1,4 @@
-"""What is said of a bad sample."""
+"""The words for a bad sample."""
 
 from __future__ import annotations
 

@@ -356,7 +356,7 @@ def _numbers_in_text(column: Any, name: str) -> Floats:
     odd = next((cells[index] for index in found.wrong), found.ambiguous)
     if odd is not None:
         raise ReadingError(
-            f"its column {name} holds the text {odd!r}, which is no number; store numbers, and "
+            f"its column {name} holds the text {odd!r}, which is not a number; store numbers, and "
             "null for a bad value"
         )
     return found.values
