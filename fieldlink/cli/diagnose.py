@@ -70,16 +70,17 @@ def diagnose(
     else:
         _one(paths[0], columns, plot, as_json)
         return
+    # The picture comes last: one that cannot be written must not cost the result.
+    if as_json:
+        typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
+    else:
+        _print_plant(plant)
     if plot is not None and plant.groups:
         from fieldlink.diagnosis_pictures import group_figure
         from fieldlink.pictures import save
 
         save(group_figure(plant, plant.groups[0], title=paths[0].name), plot)
-    if as_json:
-        typer.echo(json.dumps(plant.to_dict(), allow_nan=False))
-        return
-    _print_plant(plant)
-    if plot is not None:
+    if plot is not None and not as_json:
         said = f"picture: {plot}" if plant.groups else "no picture: no loops swing together"
         typer.echo(said)
 
@@ -90,19 +91,19 @@ def _one(path: Path, columns: object, plot: Path | None, as_json: bool) -> None:
     assert isinstance(columns, diagnosing.Columns)
     recording = diagnosing.read(path, columns)
     found = diagnosing.diagnose_recording(recording)
+    if as_json:
+        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
+    else:
+        _print_one(path.name, found)
+        for note in recording.notes:
+            typer.echo(f"note: {note}")
     if plot is not None:
         from fieldlink.diagnosis_pictures import diagnosis_figure
         from fieldlink.pictures import save
 
         save(diagnosis_figure(recording, found, title=path.name), plot)
-    if as_json:
-        typer.echo(json.dumps(found.to_dict(), allow_nan=False))
-        return
-    _print_one(path.name, found)
-    for note in recording.notes:
-        typer.echo(f"note: {note}")
-    if plot is not None:
-        typer.echo(f"picture: {plot}")
+        if not as_json:
+            typer.echo(f"picture: {plot}")
 
 
 _COUNTED = ("op_travel_per_day", "op_reversals_per_day")

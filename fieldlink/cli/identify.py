@@ -95,14 +95,17 @@ def identify(
             confidence=confidence,
             surface=plot is not None,
         )
+    # The picture comes last: one that cannot be written must not cost the result.
+    if as_json:
+        typer.echo(json.dumps({**result.to_dict(), **_origin()}, allow_nan=False))
+    else:
+        _print_summary(file.name, cut, result)
     if plot is not None:
         from fieldlink.pictures import identification_figure, save
 
         save(identification_figure(cut.op, cut.pv, cut.sp, result, title=file.name), plot)
-    if as_json:
-        typer.echo(json.dumps({**result.to_dict(), **_origin()}, allow_nan=False))
-        return
-    _print_summary(file.name, cut, result, plot)
+        if not as_json:
+            typer.echo(f"picture: {plot}")
 
 
 def _origin() -> dict[str, object]:
@@ -122,9 +125,7 @@ def _origin() -> dict[str, object]:
     }
 
 
-def _print_summary(
-    name: str, recording: Recording, result: Identification, plot: Path | None
-) -> None:
+def _print_summary(name: str, recording: Recording, result: Identification) -> None:
     from rich.panel import Panel
     from rich.text import Text
 
@@ -144,8 +145,6 @@ def _print_summary(
     console.print(identification_table(result))
     for reason in result.reasons:
         console.print(format_bullet(f"{reason}. {reason.advice}"))
-    if plot is not None:
-        console.print(f"picture: {plot}")
 
 
 def warm_up() -> None:

@@ -82,6 +82,7 @@ class LoopRunner:
         self.pipeline = LoopPipeline(spec.name, spec.loop, counter, spec.speed, watch)
         self._journal = journal
         self._now = 0.0
+        self._fault = ""
         self._silence = SilenceWatch(spec.name, spec.loop.period, journal)
         self._asked = 0
         self._estimate: Estimate | None = None
@@ -122,7 +123,9 @@ class LoopRunner:
         record = self.pipeline.take(scan, now, due)
         if record is not None:
             self._journal.sample(record)
-        fault = fault_of(record, self.spec.loop)
+        fault = fault_of(record, self.spec.loop, scan)
+        if record is not None:
+            self._fault = fault
         self._silence.look(now, sampled=record is not None, answers=answers, fault=fault)
         return record
 
@@ -211,7 +214,7 @@ class LoopRunner:
             filled=self.pipeline.filled,
             samples_until_estimate=self.pipeline.samples_until_estimate,
             latest=self.pipeline.latest,
-            fault=fault_of(self.pipeline.latest, self.spec.loop),
+            fault=self._fault,
             estimates=self._estimates,
             last_estimate=self._estimate,
             attempts=self._outcomes.total(),
@@ -242,6 +245,7 @@ class LoopRunner:
         self.pipeline = old.pipeline
         self.pipeline.name = self.name
         self.pipeline.resettle(self.spec.loop, again=old._asked > 0)
+        self._fault = old._fault
         self._silence.carry_over(old._silence)
         self._estimate, self._estimates = old._estimate, old._estimates
         self._attempt, self._accepted = old._attempt, old._accepted

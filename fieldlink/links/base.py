@@ -61,6 +61,10 @@ class Quality(Enum):
         "metric",
     )
     BAD_STATUS = (11, "the server gives no good status with the value: look at its diagnostics")
+    NO_SCALAR = (
+        13,
+        "the node holds a text, an array or nothing at all: name one that holds a single number",
+    )
     UNKNOWN_TAG = (6, "the link has no such tag: check the register map")
 
     def __init__(self, code: int, advice: str) -> None:
@@ -77,6 +81,7 @@ class Reading(NamedTuple):
         monotonic: seconds of the link's clock when the reply arrived.
         utc: seconds since 1970 when the reply arrived.
         text: what a string holds; its ``value`` is NaN.
+        status: name of the server's status code, where that is why the value is bad.
     """
 
     value: float
@@ -84,6 +89,7 @@ class Reading(NamedTuple):
     monotonic: float
     utc: float
     text: str | None = None
+    status: str = ""
 
     @property
     def good(self) -> bool:

@@ -259,7 +259,8 @@ class OpcuaLink:
         now, utc = self._clock.monotonic(), self._clock.utc()
         for tag, found in zip(request.tags, values, strict=True):
             value, quality = _reading(tag, found)
-            readings[tag.name] = Reading(value, quality, now, utc)
+            status = "" if found is None or found.good else found.status
+            readings[tag.name] = Reading(value, quality, now, utc, status=status)
             if quality is Quality.QUARANTINED and found is not None:
                 if not refused:
                     failures.append(
@@ -304,8 +305,10 @@ def _reading(tag: Tag, found: NodeValue | None) -> tuple[float, Quality]:
         return math.nan, Quality.QUARANTINED
     if found.late:
         return math.nan, Quality.LATE
-    if not found.good or not isinstance(found.value, bool | int | float):
+    if not found.good:
         return math.nan, Quality.BAD_STATUS
+    if not isinstance(found.value, bool | int | float):
+        return math.nan, Quality.NO_SCALAR
     raw = float(found.value)
     if not math.isfinite(raw):
         return math.nan, Quality.NOT_A_NUMBER

@@ -28,8 +28,10 @@ from fieldlink.links.opcua_values import (
     help_for,
     index_range,
     node_value,
+    not_there,
     status_of,
     status_of_words,
+    uri_of,
 )
 
 if TYPE_CHECKING:
@@ -132,23 +134,35 @@ class OpcuaSession:
         except UaError as error:
             raise self._unreachable(status_of(error)) from error
         except (OSError, ValueError) as error:
+            if isinstance(error, OSError) and error.filename is not None:
+                raise LinkUnreachableError(
+                    self._name,
+                    f"the file {error.filename} cannot be read: {error.strerror}",
+                    "check its path and its permissions",
+                ) from error
             raise self._unreachable(getattr(error, "strerror", None) or str(error)) from error
 
     async def read(self, nodes: Sequence[str]) -> list[NodeValue]:
         """Read values in one request."""
-        values = await self._ask(
-            "reading",
-            self._client.uaclient.read_attributes(
-                [self._node(node).nodeid for node in nodes], ua.AttributeIds.Value
-            ),
+        known = [node for node in nodes if self._has_namespace(node)]
+        values = (
+            await self._ask(
+                "reading",
+                self._client.uaclient.read_attributes(
+                    [self._node(node).nodeid for node in known], ua.AttributeIds.Value
+                ),
+            )
+            if known
+            else []
         )
-        if len(values) != len(nodes):
+        if len(values) != len(known):
             raise LinkUnreachableError(
                 self._name,
-                f"{self._device.where} gave {len(values)} values for {len(nodes)} nodes",
+                f"{self._device.where} gave {len(values)} values for {len(known)} nodes",
                 "look at the server",
             )
-        return [node_value(value) for value in values]
+        found = {node: node_value(value) for node, value in zip(known, values, strict=True)}
+        return [found[node] if node in found else not_there(node) for node in nodes]
 
     async def subscribe(self, nodes: Sequence[str], period: float) -> None:
         """Have the server report values when they change.
@@ -160,12 +174,15 @@ class OpcuaSession:
         self._period, self._reports = period, Reports(period)
         self._looks.begin(nodes, self._clock.monotonic())
         await self._ask("subscribing", self._begin_reports(nodes, 1000.0 * SHARE * period))
+        for node in nodes:
+            if not self._has_namespace(node):
+                self._reports.refuse(node, not_there(node).status, refused=True)
         await self._wait_for_first(nodes)
 
     async def _begin_reports(self, nodes: Sequence[str], milliseconds: float) -> None:
         await begin_reports(
             self._client.uaclient.session,
-            {node: self._node(node).nodeid for node in nodes},
+            {node: self._node(node).nodeid for node in nodes if self._has_namespace(node)},
             self._reports,
             milliseconds,
             LIFE_SHARE * SESSION_LIFE,
@@ -347,11 +364,15 @@ class OpcuaSession:
             node = self._nodes[text] = self._client.get_node(self._numbered(text))
         return node
 
+    def _has_namespace(self, node: str) -> bool:
+        """Whether the server has the namespace that a node id names."""
+        return not node.startswith("nsu=") or uri_of(node) in self._namespaces
+
     def _numbered(self, text: str) -> str:
         """Return a node id with the server's number for a namespace that is given by its URI."""
         if not text.startswith("nsu="):
             return text
-        uri, _, rest = text.removeprefix("nsu=").partition(";")
+        uri, rest = uri_of(text), text.partition(";")[2]
         if uri not in self._namespaces:
             raise LinkUnreachableError(
                 self._name, f"the server has no namespace {uri}", "correct the node map"

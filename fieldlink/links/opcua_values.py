@@ -16,10 +16,12 @@ __all__ = [
     "help_for",
     "index_range",
     "node_value",
+    "not_there",
     "second_of",
     "stamp_of",
     "status_of",
     "status_of_words",
+    "uri_of",
 ]
 
 _HELP = {
@@ -93,6 +95,17 @@ def node_value(data: Any) -> NodeValue:
     name = str(status.name)
     value = None if data.Value is None else data.Value.Value
     return NodeValue(value, name, bool(status.is_good()), name in NOT_THERE)
+
+
+def uri_of(node: str) -> str:
+    """Return the namespace of a node id such as ``nsu=urn:plc;s=FC101.PV``."""
+    return node.removeprefix("nsu=").partition(";")[0]
+
+
+def not_there(node: str) -> NodeValue:
+    """Return what is known of a node whose namespace the server has not."""
+    status = f"BadNodeIdUnknown, because the server has no namespace {uri_of(node)}"
+    return NodeValue(None, status, good=False, refused=True)
 
 
 def help_for(status: str) -> str:

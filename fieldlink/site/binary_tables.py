@@ -20,11 +20,15 @@ import numpy as np
 from fieldlink.site.column_names import PANDAS_INDEX, guess_columns
 from fieldlink.site.csv_file import CsvRow
 from fieldlink.site.errors import Problem, RecordingError
+from fieldlink.site.workbooks import OLE, explained_workbook, why_no_xlsx
 
 __all__ = ["read_binary_table"]
 
 _PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "sampling_period")
 """Names of a MATLAB scalar that is the seconds between samples."""
+
+_FEW_ROWS = 50
+"""Rows of a sheet below which it holds no recording: `recording.MIN_ROWS`."""
 
 
 def read_binary_table(path: Path) -> list[CsvRow] | None:
@@ -47,35 +51,42 @@ def read_binary_table(path: Path) -> list[CsvRow] | None:
         return _parquet(path)
     if begin.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
         return _matlab(path)
-    if begin.startswith(b"\xd0\xcf\x11\xe0"):
-        raise _refusal(path, "is a workbook of Excel 97-2003", "save it as .xlsx or CSV")
+    if begin.startswith(OLE) and (found := why_no_xlsx(path)) is not None:
+        raise _refusal(path, *found)
     return None
 
 
 def _excel(path: Path) -> list[CsvRow]:
     try:
         from openpyxl import load_workbook
-        from openpyxl.utils.exceptions import InvalidFileException
     except ImportError as error:
         remedy = "pip install 'fieldlink[excel]', or save it as CSV"
         raise _refusal(path, "is a workbook, which openpyxl reads", remedy) from error
-    from zipfile import BadZipFile, is_zipfile
-
-    try:
+    with explained_workbook(path, RecordingError):
         book = load_workbook(path, read_only=True, data_only=True)
-    except (BadZipFile, InvalidFileException, KeyError, OSError, ValueError) as error:
-        if is_zipfile(path):
-            raise _refusal(path, "is a ZIP file and no workbook", "unpack it first") from error
-        raise _refusal(
-            path, "is a binary file and no workbook", "save it as .xlsx or CSV"
-        ) from error
-    try:
-        if not book.worksheets:
-            raise _refusal(path, "has no sheet of cells", "put the samples on the first sheet")
-        rows = book.worksheets[0].iter_rows(values_only=True)
-        return [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
-    finally:
-        book.close()
+        try:
+            if not book.worksheets:
+                raise _refusal(path, "has no sheet of cells", "put the samples on the first sheet")
+            first, *others = book.worksheets
+            rows = first.iter_rows(values_only=True)
+            found = [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
+            if len(found) < _FEW_ROWS:
+                _refuse_cover(path, first.title, len(found), others)
+            return found
+        finally:
+            book.close()
+
+
+def _refuse_cover(path: Path, first: str, rows: int, others: Iterable[Any]) -> None:
+    """Raise where the first sheet is a cover, and the samples are on another one."""
+    for sheet in others:
+        count = sum(1 for _ in sheet.iter_rows(values_only=True))
+        if count >= _FEW_ROWS:
+            what = (
+                f"its first sheet, {first!r}, which is read, has {rows} rows, and {sheet.title!r} "
+                f"has {count}"
+            )
+            raise _refusal(path, what, f"make {sheet.title!r} the first sheet, or save it as CSV")
 
 
 def _parquet(path: Path) -> list[CsvRow]:
@@ -109,13 +120,13 @@ def _matlab(path: Path) -> list[CsvRow]:
         raise _refusal(path, what, "save it again in MATLAB with -v7") from error
     except (ValueError, TypeError, LookupError, OSError, MatReadError, zlib.error) as error:
         raise _refusal(path, "is not a MATLAB file that can be read", "save it again") from error
-    named = {name: value for name, value in found.items() if not name.startswith("__")}
+    named = {name: _full(value) for name, value in found.items() if not name.startswith("__")}
     if "cdata" in named:
         what = "is the International Stiction Data Base, which holds many loops"
         raise _refusal(path, what, "judge all of them with fieldlink assess")
     structures = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structures) == 1 and len(named) == 1:
-        named = dict(structures[0])
+        named = {name: _full(value) for name, value in structures[0].items()}
     vectors = {name: np.ravel(value) for name, value in named.items() if _is_vector(value)}
     matrices = [np.asarray(value) for value in named.values() if _is_matrix(value)]
     if not vectors and len(matrices) == 1:
@@ -125,6 +136,17 @@ def _matlab(path: Path) -> list[CsvRow]:
     columns: dict[str, Iterable[Any]] = {
         name: vector.tolist() for name, vector in vectors.items() if vector.size == longest
     }
+    odd = [
+        f"{name} is {_words_of(value)}"
+        for name, value in named.items()
+        if name.lower() in ("op", "pv") and name not in columns
+    ]
+    if odd:
+        what = f"{' and '.join(odd)}{f', and other signals have {longest}' if columns else ''}"
+        raise _refusal(path, what, "save op and pv as vectors of real numbers, of one length")
+    if len(structures) > 1 and not columns:
+        what = f"holds {len(structures)} structures, {', '.join(named)}"
+        raise _refusal(path, what, "save one in a file, with the vectors op and pv")
     if longest < 2:
         what = f"has no vectors of samples (it holds {', '.join(named) or 'nothing'})"
         remedy = "save vectors op and pv or one matrix, and the seconds between samples as Ts"
@@ -138,6 +160,25 @@ def _matlab(path: Path) -> list[CsvRow]:
 def _is_vector(value: Any) -> bool:
     array = np.asarray(value)
     return array.dtype.kind in "bfiu" and array.size > 1 and array.size == max(array.shape)
+
+
+def _full(value: Any) -> Any:
+    """A value as an array where MATLAB has stored it sparse."""
+    return value.toarray() if hasattr(value, "toarray") else value
+
+
+def _words_of(value: Any) -> str:
+    """What a signal is that is not a vector of samples."""
+    array = np.asarray(value)
+    if array.dtype.kind == "c":
+        return "complex"
+    if array.dtype.kind not in "bfiu":
+        return "no array of numbers"
+    if array.size <= 1:
+        return "one number" if array.size else "empty"
+    if _is_vector(value):
+        return f"a vector of {array.size} samples"
+    return f"an array of {' x '.join(map(str, array.shape))}"
 
 
 def _is_matrix(value: Any) -> bool:

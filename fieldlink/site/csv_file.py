@@ -230,6 +230,10 @@ def parse_rows(
     return rows
 
 
+_QUOTES = {"unexpected end of data": "a quote begins there that is never closed"}
+"""What the csv module says of quotes, in words."""
+
+
 def _parse(text: str, separator: str) -> list[CsvRow]:
     comments: frozenset[int] = frozenset()
     # A large file without comments is not taken apart a second time.
@@ -242,9 +246,14 @@ def _parse(text: str, separator: str) -> list[CsvRow]:
     is_padded = _BLANK.search(text) is not None
     rows: list[CsvRow] = []
     last_line = 0
-    for cells in reader:
+    while True:
+        try:
+            cells = next(reader)
+        except StopIteration:
+            return rows
+        except csv.Error as error:
+            raise csv.Error(f"line {last_line + 1}: {_QUOTES.get(str(error), error)}") from error
         first_line, last_line = last_line + 1, reader.line_num
         if first_line in comments or (not rows and not any(cells)):
             continue
         rows.append(CsvRow(first_line, tuple(map(str.strip, cells) if is_padded else cells)))
-    return rows

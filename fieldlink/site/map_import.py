@@ -22,6 +22,7 @@ from fieldlink.site.map_scaling import LIST_COLUMNS, limits, scale_cell
 from fieldlink.site.map_words import column_of, meaning_of, says_hexadecimal
 from fieldlink.site.number_cells import may_group
 from fieldlink.site.register_map import COLUMNS, collect_tags
+from fieldlink.site.workbooks import explained_workbook
 from fieldlink.spreadsheet import from_cell
 
 __all__ = ["ImportedMap", "import_map"]
@@ -149,24 +150,21 @@ def _read_workbook(path: Path, sheet: str | None, headings: Mapping[str, str]) -
                 )
             ]
         ) from error
-    from zipfile import BadZipFile
-
     import pandas as pd
-    from openpyxl.utils.exceptions import InvalidFileException
 
     assert openpyxl is not None
-    try:
+    with explained_workbook(path, SiteError), pd.ExcelFile(path, engine="openpyxl") as book:
+        if sheet is not None and sheet not in book.sheet_names:
+            message = f"has no sheet {sheet!r}"
+            remedy = nearest(sheet, [str(name) for name in book.sheet_names])
+            raise SiteError([Problem(str(path), "", message, remedy)])
         frame = pd.read_excel(
-            path,
+            book,
             sheet_name=0 if sheet is None else sheet,
             header=None,
             dtype=str,
             keep_default_na=False,
-            engine="openpyxl",
         )
-    except (OSError, ValueError, KeyError, BadZipFile, InvalidFileException) as error:
-        remedy = "check the path, the sheet's name, and that it is an .xlsx workbook"
-        raise SiteError([Problem(str(path), "", f"cannot be read ({error})", remedy)]) from error
     lines = [
         (number, tuple(str(cell).strip() for cell in row))
         for number, row in enumerate(frame.itertuples(index=False), start=1)

@@ -26,6 +26,7 @@ _TRUE = frozenset({"true", "yes", "on", "auto", "automatic", "cas", "cascade"})
 _FALSE = frozenset({"false", "no", "off", "man", "manual"})
 _OWN_EXPORT = frozenset({"loop", "slot", "quality", "late_ms"})
 _MAX_PROBLEMS = 10
+_WORDS_SHOWN = 3
 _LOOKED_AT = 20
 """First rows from which a column of moments is known."""
 
@@ -199,7 +200,9 @@ class RecordedColumns:
             self.report(name, f"{wrong} more cells are wrong", "is it the right column?")
         elif not found.wrong and found.ambiguous is None:
             if found.values.size and np.isnan(found.values).all():
-                self.report(name, "holds no number at all", "choose another column")
+                words = ", ".join(map(repr, list(found.bad_words)[:_WORDS_SHOWN]))
+                of_words = f", only {words} and the like" if words else ""
+                self.report(name, f"holds no number at all{of_words}", "choose another column")
             if found.bad_words:
                 words = ", ".join(
                     f"{word!r} in {count} rows" for word, count in found.bad_words.items()

@@ -133,7 +133,7 @@ def is_away(engine: Engine, error: SQLAlchemyError) -> bool:
 def _address(url: str) -> URL:
     try:
         address = make_url(url)
-    except ArgumentError as error:
+    except (ArgumentError, ValueError) as error:  # also for a port of letters
         # Not the text itself: a password may be in it.
         raise StoreError(
             "historian.url is not a database address; write sqlite:///history.sqlite or "

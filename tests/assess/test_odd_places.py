@@ -187,6 +187,33 @@ def test_a_parquet_file_of_numbers_has_loops_and_moments(
     np.testing.assert_array_equal(second[1].op, sticky.op[200:350])
 
 
+def test_a_parquet_file_of_a_historians_texts_is_read(tmp_path: Path, sticky) -> None:
+    """As ``identify`` reads it: text with words for bad values, durations, loops of any type."""
+    texts = [repr(float(value)) for value in sticky.pv]
+    texts[7], texts[9] = "I/O Timeout", None
+    for folder, loops in (("flag", [True] * 400), ("bytes", [b"true"] * 400)):
+        times = pa.array(np.arange(400) * 10**6, pa.duration("us"))
+        pv = pa.array(texts).dictionary_encode()
+        table = pa.table({"loop": loops, "time": times, "op": sticky.op, "pv": pv})
+        (tmp_path / folder).mkdir()
+        pq.write_table(table, tmp_path / folder / "x.parquet")
+        ((name, found),) = windows(place_of(str(tmp_path / folder)), Cut())
+        assert (name, found.period) == ("true", 1.0)
+        np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.pv)), [7, 9])
+    texts[11] = "hello"
+    pq.write_table(pa.table({"op": sticky.op, "pv": pa.array(texts)}), tmp_path / "y.parquet")
+    with pytest.raises(
+        ReadingError, match="column pv holds the text 'hello', which is not a number"
+    ):
+        windows(place_of(str(tmp_path / "y.parquet")), Cut())
+
+
+def test_half_a_parquet_file_is_no_defect_of_ours(tmp_path: Path) -> None:
+    (tmp_path / "x.parquet").write_bytes(b"PAR1" + bytes(100))
+    with pytest.raises(ReadingError, match=r"cannot be read as Parquet .*; export it again"):
+        windows(place_of(str(tmp_path)), Cut())
+
+
 def test_a_parquet_file_with_two_columns_of_one_name_is_one_sentence(tmp_path: Path) -> None:
     zeros = pa.array(np.zeros(60))
     table = pa.Table.from_arrays([zeros, zeros, zeros], names=["op", "pv", "pv"])

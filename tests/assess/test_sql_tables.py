@@ -15,6 +15,7 @@ from fieldlink.assess.errors import ReadingError
 from fieldlink.assess.places import place_of
 from fieldlink.assess.readers.registry import reader_of
 from fieldlink.assess.series import Series
+from fieldlink.site import SiteError
 
 MOMENTS = 'time = "ts"\nloop = "name"\n'
 TAGS = 'time = "ts"\ntag = "name"\nvalue = "val"\ntags = { op = "{loop}.OP", pv = "{loop}.PV" }\n'
@@ -114,3 +115,28 @@ def test_a_table_that_is_described_wrongly_is_refused_at_the_door(tmp_path: Path
     table = Table(tmp_path / "b", "ts INTEGER, name TEXT, val REAL", rows, MOMENTS)
     with pytest.raises(ReadingError, match="has no column 'op'"):
         table.pieces()
+
+
+@pytest.mark.parametrize(
+    ("url", "said"),
+    [
+        ("plant", "is not a database address; write sqlite:///"),
+        ("postgresql://reader:secret@host:54x/plant", "is not a database address; write sqlite"),
+        ("sqlite:///nothing.db", r"there is no file .*nothing.db \(.*\); check the path"),
+    ],
+)
+def test_an_address_that_is_none_is_named_by_its_key(url: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "x.toml").write_text(f'[sql]\nurl = "{url}"\ntable = "hist"\n{MOMENTS}')
+    with pytest.raises(SiteError, match=f"x.toml:2: sql.url: {said}") as refused:
+        place_of(str(tmp_path / "x.toml"))
+    assert "secret" not in str(refused.value)
+
+
+@pytest.mark.parametrize("about", [MOMENTS, TAGS])
+def test_a_quality_that_no_row_has_is_named(about: str, tmp_path: Path) -> None:
+    rows = [(i, tag, 50.0, 40.0, 45.0, 192) for i in ROWS for tag in ("A.OP", "A.PV")]
+    columns = "ts INTEGER, name TEXT, op REAL, pv REAL, val REAL, q INTEGER"
+    more = 'quality = "q"\ngood = [0, "Good"]\n'
+    table = Table(tmp_path, columns, rows, about + more)
+    with pytest.raises(ReadingError, match=r"\(q is never 0, 'Good'\); check sql.good"):
+        table.windows(table.pieces()[0])

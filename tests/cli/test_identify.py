@@ -87,6 +87,16 @@ def test_columns_window_and_period_can_be_named(
     assert (document["samples"], document["period_s"]) == (400, 5.0)
 
 
+@pytest.mark.parametrize("command", ["identify", "diagnose"])
+def test_a_picture_that_cannot_be_written_costs_no_result(
+    command: str, fieldlink: Run, tmp_path: Path, recording: Path
+) -> None:
+    result = fieldlink(command, recording, "--json", "--plot", tmp_path / "not there" / "x.png")
+    assert result.returncode == 2
+    assert "the picture cannot be written" in result.stderr
+    assert json.loads(result.stdout)
+
+
 def test_plot_is_a_picture(fieldlink: Run, tmp_path: Path, recording: Path) -> None:
     result = fieldlink("identify", recording, "--plot", "out.png")
     assert result.returncode == 0, result.stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
@@ -280,3 +281,57 @@ async def test_banks_that_do_not_answer_are_asked_for_now_and_then(
     assert "the attempt before: unreachable" in str(b.writeback.waiting)
     # The heartbeat goes on meanwhile.
     assert sum(address == layout.heartbeat for _, address, _ in device.writes) >= 30
+
+
+@pytest.mark.parametrize(
+    ("function", "code", "said"),
+    [
+        (16, 3, f"a block is written as {BLOCK_REGISTERS} registers in one request (FC16)"),
+        (16, 1, f"a block is written as {BLOCK_REGISTERS} registers in one request (FC16)"),
+        (6, 1, "heartbeat, writer and commit are written one register at a time (FC6)"),
+    ],
+)
+async def test_a_function_that_the_plc_does_not_take_is_named(
+    bench: Callable[..., Bench], findings: Make, device: Any, function: int, code: int, said: str
+) -> None:
+    b = bench(min_interval=0.0)
+    real = device._answer
+    device._answer = lambda body: (
+        bytes([function | 0x80, code]) if body[0] == function else real(body)
+    )
+    b.submit(findings())
+    await b.seconds(10)
+    assert any(said in one.reason for one in b.said)
+    assert WritebackOutcome.COMMITTED not in b.outcomes
+    device._answer = real
+    await b.seconds(40)
+    assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+
+
+async def test_a_block_that_waits_for_a_silent_plc_says_so(
+    bench: Callable[..., Bench], findings: Make, device: Any
+) -> None:
+    receipt: Future[bool] = Future()
+    b = bench(min_interval=0.0, keep=lambda _: receipt)
+    b.submit(findings())
+    await b.seconds(1)
+    assert b.writeback.waiting == "its row is being stored"
+    receipt.set_result(True)
+    device.exception = 6
+    await b.seconds(4)
+    assert b.writeback.waiting.startswith("it is written when the device answers again: reading")
+    device.exception = None
+    await b.seconds(10)
+    assert b.outcomes[-1] is WritebackOutcome.ACCEPTED
+
+
+async def test_a_refusal_of_another_release_is_named_by_its_number(
+    bench: Callable[..., Bench], findings: Make, device: Any, layout: ExchangeLayout
+) -> None:
+    b = bench()
+    await b.write(findings())
+    device.words[layout.ack_refusal] = 99
+    await b.seconds(4, scanning=False)
+    ((kind, message),) = b.told
+    assert kind == "writeback.refused"
+    assert "refusal code 99, which is not one of ours" in message

@@ -16,7 +16,7 @@ from fieldlink.links import LinkState, Quality, SystemClock, open_link
 from fieldlink.links.errors import AccessRefusedError, LinkError
 from fieldlink.links.single_values import Point, read_points
 from fieldlink.site import Site, check
-from tests.links.opcua_server import OpcuaServer, scan_until
+from tests.links.opcua_server import OpcuaServer, scan_until, write_site
 
 LOOPS = 3
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -44,7 +44,7 @@ async def test_op_and_pv_come_with_their_status(
         )
         scan = await link.scan()
         assert [scan[f"L{n}.OP"].value for n in range(LOOPS)] == [40.0, 41.0, 42.0]
-        assert scan["TEXT"].quality is Quality.BAD_STATUS
+        assert scan["TEXT"].quality is Quality.NO_SCALAR
         assert scan["NONE"].quality is Quality.QUARANTINED
         assert link.state is LinkState.DEGRADED
         assert link.quarantined == ("NONE",)
@@ -56,10 +56,45 @@ async def test_op_and_pv_come_with_their_status(
             link, lambda s: s["L2.PV"].quality is Quality.NOT_A_NUMBER, "bad values"
         )
         assert [scan[f"L{n}.PV"].quality for n in (0, 1)] == [Quality.BAD_STATUS] * 2
+        assert scan["L0.PV"].status == "BadSensorFailure"
+        assert scan["L1.PV"].status == "UncertainLastUsableValue"
         assert all(math.isnan(scan[f"L{n}.PV"].value) for n in range(LOOPS))
         assert scan["L0.OP"].value == 40.0
     finally:
         await link.close()
+
+
+@pytest.mark.parametrize("mode", ["read", "subscribe"])
+async def test_a_namespace_that_the_server_has_not_costs_its_node_alone(
+    server: OpcuaServer, make_opcua_site: Callable[..., Site], mode: str
+) -> None:
+    rows = "LOST,nsu=urn:other;s=L0.PV\n"
+    link = open_link(make_opcua_site(server.port, opcua=f'mode = "{mode}"', rows=rows), "plc")
+    try:
+        await server.tell(step=40)
+        scan = await scan_until(link, lambda s: s["L2.PV"].value == -42.0, "values")
+        assert scan["LOST"].quality is Quality.QUARANTINED
+        assert "because the server has no namespace urn:other" in str(scan.failures[0])
+        assert link.state is LinkState.DEGRADED
+        assert link.connects == 1
+    finally:
+        await link.close()
+
+
+async def test_a_password_file_that_is_gone_is_named(tmp_path: Path) -> None:
+    for name in ("pw", "cert.pem", "key.pem", "server.pem"):
+        (tmp_path / name).write_text("secret")
+    files = 'cert = "cert.pem"\nkey = "key.pem"\nserver_cert = "server.pem"\npassword_file = "pw"'
+    security = 'security = "Basic256Sha256"\nusername = "me"'
+    site = write_site(tmp_path, 1, opcua=f"{security}\n{files}")
+    (tmp_path / "pw").unlink()
+    link = open_link(site, "plc")
+    try:
+        scan = await link.scan()
+    finally:
+        await link.close()
+    assert "the file" in str(scan.failures[0])
+    assert "pw cannot be read: No such file or directory; check its path" in str(scan.failures[0])
 
 
 async def test_one_request_has_op_and_pv_and_slow_loops_rest(

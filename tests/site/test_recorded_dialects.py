@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
 from scipy.io import savemat
+from scipy.sparse import csc_matrix
 
 from fieldlink.site import Recording, RecordingError, read_recording
 
@@ -277,6 +279,44 @@ def test_matlab_excel_and_parquet(tmp_path: Path) -> None:
         parquet.write_table(table, tmp_path / f"{unit}.parquet")
     for path in sorted(tmp_path.iterdir()):
         check(read_recording(path))
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"op": OP, "pv": PV[:-3]}, f"pv is a vector of {N - 3} samples, and other signals have"),
+        ({"op": np.zeros((N, 2)), "pv": PV}, f"op is an array of {N} x 2"),
+        ({"op": np.array(OP) + 1j, "pv": PV}, "op is complex"),
+        ({"op": 3.0, "pv": PV}, "op is one number"),
+        ({"A": {"op": OP, "pv": PV}, "B": {"op": OP, "pv": PV}}, "holds 2 structures, A, B; save"),
+    ],
+)
+def test_signals_of_matlab_that_are_no_vectors_of_one_length(
+    values: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    savemat(tmp_path / "loop.mat", values)
+    with pytest.raises(RecordingError, match=said):
+        read_recording(tmp_path / "loop.mat")
+
+
+def test_a_quote_that_is_never_closed_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("time,op,pv", lambda k: ('"' if k == 7 else "") + plain(k)))
+    with pytest.raises(RecordingError, match="line 9: a quote begins there that is never closed"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("word", ["I/O Timeout", "1e200"])
+def test_a_column_without_a_number_says_what_it_holds(word: str, tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text(lines("op,pv", lambda k: f"{OP[k]},{word}"))
+    with pytest.raises(RecordingError, match=f"pv: holds no number at all, only '{word}' and the"):
+        read_recording(path)
+
+
+def test_a_sparse_vector_of_matlab(tmp_path: Path) -> None:
+    savemat(tmp_path / "loop.mat", {"op": csc_matrix(np.array([OP]).T), "pv": PV, "Ts": 2.0})
+    check(read_recording(tmp_path / "loop.mat"))
 
 
 def test_the_columns_of_a_matrix_of_matlab_can_be_named(tmp_path: Path) -> None:

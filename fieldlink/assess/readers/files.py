@@ -111,9 +111,15 @@ def _kind(path: str) -> tuple[_Pieces, _Windows]:
 
 def _has_a_row_for_each_value(path: str) -> bool:
     """Whether a Parquet file is in long form, which is read as a whole."""
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    return find_long_columns(pq.read_schema(path).names) is not None
+    try:
+        names = pq.read_schema(path).names
+    except (OSError, pa.ArrowException):
+        # Reading it says why.
+        return False
+    return find_long_columns(names) is not None
 
 
 def _files(where: str, shown: str) -> Iterator[tuple[str, str]]:

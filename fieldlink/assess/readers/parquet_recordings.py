@@ -24,6 +24,7 @@ from fieldlink.assess.series import Recorded, Series
 from fieldlink.printable import as_text
 from fieldlink.site.column_names import PANDAS_INDEX, guess_columns, loops_side_by_side
 from fieldlink.site.errors import nearest
+from fieldlink.site.number_cells import parse_numbers
 from fieldlink.site.numbered_times import (
     TIME_UNITS,
     counts_a_second,
@@ -215,7 +216,7 @@ def _seconds(column: Any, unit: float) -> Floats:
     """A time column as seconds; since 1970 when it holds moments.
 
     Args:
-        column: timestamps, dates or numbers.
+        column: timestamps, dates, durations or numbers.
         unit: how many of what numbers count a second has.
     """
     import pyarrow as pa
@@ -224,21 +225,38 @@ def _seconds(column: Any, unit: float) -> Floats:
     kind = column.type
     if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
         stamps = pc.cast(pc.cast(column, pa.timestamp("us"), safe=False), pa.int64())
-        return np.asarray(stamps.to_numpy(zero_copy_only=False), dtype=np.float64) / 1e6
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+        return _float64(stamps) / 1e6
+    if pa.types.is_duration(kind):
+        return _float64(pc.cast(pc.cast(column, pa.duration("us"), safe=False), pa.int64())) / 1e6
+    if not _is_number(kind):
         raise ReadingError(
             f"its times are of type {kind}; store them as timestamps, or as seconds since 1970"
         )
-    return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64) / unit
+    return _float64(column) / unit
+
+
+def _is_number(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(
+        pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+    )
+
+
+def _float64(column: Any) -> Floats:
+    """Numbers as an array, NaN for null."""
+    import pyarrow as pa
+
+    numbers = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return np.asarray(numbers, dtype=np.float64)
 
 
 def _as_names(column: Any, kind: Any) -> Any:
     """A column of loops, or the field of one, as text: loops may have numbers."""
     import pyarrow as pa
 
-    if pa.types.is_integer(kind) or pa.types.is_floating(kind):
-        return column.cast(pa.string())
-    return column
+    is_text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+    return column if is_text or pa.types.is_dictionary(kind) else column.cast(pa.string())
 
 
 def _as_stored(moment: float, kind: Any, unit: float) -> Any:
@@ -319,8 +337,26 @@ def _numbers(column: Any, name: str) -> Floats:
     import pyarrow as pa
 
     kind = column.type
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+        column = column.cast(kind)
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return _numbers_in_text(column, name)
     if pa.types.is_boolean(kind):
         column = column.cast(pa.int8())
-    elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+    elif not (_is_number(kind) or pa.types.is_null(kind)):
         raise ReadingError(f"its column {name} is of type {kind}; store numbers")
     return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+
+
+def _numbers_in_text(column: Any, name: str) -> Floats:
+    """Numbers among words such as ``Bad``, which tables of a historian's values hold as text."""
+    cells = ["" if cell is None else cell.strip() for cell in column.to_pylist()]
+    found = parse_numbers(cells, comma_separates=False)
+    odd = next((cells[index] for index in found.wrong), found.ambiguous)
+    if odd is not None:
+        raise ReadingError(
+            f"its column {name} holds the text {odd!r}, which is not a number; store numbers, and "
+            "null for a bad value"
+        )
+    return found.values

@@ -29,9 +29,13 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from fieldlink.assess.errors import AssessError
+from fieldlink.file_at import why_no_file
+from fieldlink.site.errors import SiteError
 from fieldlink.site.toml_source import TomlSource
 from fieldlink.site.validation import validated
 from fieldlink.sqlite_url import SQLITE, sqlite_url
+from fieldlink.store import StoreError
+from fieldlink.store.database import file_of
 
 __all__ = ["SqlTable", "TagNames", "read_description"]
 
@@ -124,10 +128,21 @@ def read_description(path: Path) -> SqlTable:
         SiteError: it is not such a description; every mistake with its line.
         AssessError: its password file cannot be read.
     """
-    table = validated(TomlSource(path), _File).sql
+    source = TomlSource(path)
+    table = validated(source, _File).sql
     url = table.url
     if url.startswith(SQLITE) and not Path(url.removeprefix(SQLITE)).is_absolute():
         url = f"{sqlite_url(path.parent.absolute())}/{url.removeprefix(SQLITE)}"
+    try:
+        file = file_of(url)
+    except StoreError as error:
+        # Not the text itself: a password may be in it.
+        remedy = "write sqlite:///plant.sqlite or postgresql://USER@HOST:5432/DATABASE"
+        problem = source.problem(("sql", "url"), "is not a database address", remedy)
+        raise SiteError([problem]) from error
+    if file is not None and (why := why_no_file(file)):
+        said = f"there is no file {file} ({why})"
+        raise SiteError([source.problem(("sql", "url"), said, "check the path")])
     if table.password_file is not None:
         url = _with_password(url, path.parent / table.password_file)
     return table.model_copy(

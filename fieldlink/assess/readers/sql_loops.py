@@ -56,12 +56,20 @@ class _Loop:
         ]
         if ends[0] is None:
             raise ReadingError(f"the table has no rows of {name!r}; check the names")
+        self._name = name
         self.first, self.last = (table.moment(end) for end in ends)
         query = self._of(name, select(table.time)).order_by(table.time).limit(PERIOD_ROWS)
         stamps = np.array([table.moment(row[0]) for row in table.rows(query)])
         given = period or table.description.period
         steps = np.diff(np.unique(stamps))
         self.period = given or (round(float(np.median(steps)), 6) if steps.size else 1.0)
+
+    def has_good_rows(self) -> bool:
+        """Whether any row has a good quality; true without a column of quality."""
+        if self._table.description.quality is None:
+            return True
+        query = self._good(self._of(self._name, select(self._table.time)))
+        return bool(self._table.rows(query.limit(1)))
 
     def _of(self, name: str, query: Select[Any]) -> Select[Any]:
         # A row without a time is nowhere.

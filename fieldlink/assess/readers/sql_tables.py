@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Column, DateTime, MetaData, Numeric, Select, Table, func, select
 from sqlalchemy.exc import NoSuchTableError, SQLAlchemyError
 
-from fieldlink.assess.cutting import MIN_ROWS, Stretch, cut_windows
+from fieldlink.assess.cutting import MIN_ROWS, cut_windows
 from fieldlink.assess.errors import PlaceAwayError, ReadingError
 from fieldlink.assess.job import Job, Piece
 from fieldlink.assess.readers.base import Named, split_in_time
@@ -63,7 +63,13 @@ class SqlReader:
         """Read a loop, a window at a time."""
         description = SqlTable.model_validate_json(job.places[piece.place].where)
         with closing(TableReader(description)) as table:
-            stretch: Stretch = table.stretch_of(piece.loop, job.columns.period)
+            stretch = table.stretch_of(piece.loop, job.columns.period)
+            if not stretch.has_good_rows():
+                good = ", ".join(map(repr, description.good))
+                raise ReadingError(
+                    f"none of its rows has a good quality ({description.quality} is never {good}); "
+                    "check sql.good"
+                )
             for window in cut_windows(stretch, piece, job.cut):
                 yield piece.loop, window
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fieldlink.daemon.reporting.journal import Journal
-from fieldlink.links import Quality
+from fieldlink.links import Quality, Scan
 from fieldlink.site import Loop
 from fieldlink.store import SampleRecord
 
@@ -17,12 +17,21 @@ SILENT_AFTER = 20
 _ADVICE = {quality.code: quality.advice for quality in Quality}
 
 
-def fault_of(sample: SampleRecord | None, loop: Loop) -> str:
-    """Return which tags of a bad sample are bad, and why; empty for a good one and for none."""
+def fault_of(sample: SampleRecord | None, loop: Loop, scan: Scan | None = None) -> str:
+    """Return which tags of a bad sample are bad, and why; empty for a good one and for none.
+
+    Args:
+        sample: the sample.
+        loop: whose it is.
+        scan: that it comes from, which has the status codes of a server.
+    """
     if sample is None or sample.quality == 0:
         return ""
     tags = [tag for tag, value in ((loop.op, sample.op), (loop.pv, sample.pv)) if math.isnan(value)]
-    return f"{' and '.join(tags or (loop.op, loop.pv))}: {_ADVICE[sample.quality]}"
+    named = tags or [loop.op, loop.pv]
+    statuses = {scan[tag].status for tag in named} - {""} if scan is not None else set()
+    status = f" (status {', '.join(sorted(statuses))})" if statuses else ""
+    return f"{' and '.join(named)}: {_ADVICE[sample.quality]}{status}"
 
 
 class SilenceWatch:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from fieldlink.links import ExceptionCode, ExceptionReplyError, LinkError, RegisterAccess
@@ -30,6 +31,16 @@ __all__ = ["ControlWords", "Exchange", "NoAreaError"]
 Range = tuple[int, int]
 
 _OPTIONAL = frozenset({"ack_refusal", "writer"})
+
+_ONE_REQUEST = (
+    f"a block is written as {BLOCK_REGISTERS} registers in one request (FC16), so that no reader "
+    "sees half of it: let the PLC and the gateways before it take that, or remove the loop's "
+    "writeback"
+)
+_ONE_REGISTER = (
+    "heartbeat, writer and commit are written one register at a time (FC6): let the PLC and the "
+    "gateways before it take that, or remove the loop's writeback"
+)
 
 
 class NoAreaError(LinkError):
@@ -190,24 +201,22 @@ class Exchange:
 
     async def write_bank(self, bank: Bank, words: Sequence[int]) -> None:
         """Write a whole bank in one request."""
-        self.requests += 1
-        await self._access.write_registers(self._layout.bank_address(bank), words)
+        with _advised(_ONE_REQUEST):
+            self.requests += 1
+            await self._access.write_registers(self._layout.bank_address(bank), words)
 
     async def commit(self, bank: Bank, seq: int) -> None:
         """Make the block ``seq`` in ``bank`` the one to use."""
-        self.requests += 1
-        await self._access.write_register(self._layout.commit, commit_word(bank, seq))
+        await self._write_one(self._layout.commit, commit_word(bank, seq))
 
     async def beat(self, heartbeat: int) -> None:
         """Write the heartbeat."""
-        self.requests += 1
-        await self._access.write_register(self._layout.heartbeat, heartbeat)
+        await self._write_one(self._layout.heartbeat, heartbeat)
 
     async def sign(self, identity: int) -> None:
         """Write the identity of the installation that writes."""
         assert self._layout.writer is not None
-        self.requests += 1
-        await self._access.write_register(self._layout.writer, identity)
+        await self._write_one(self._layout.writer, identity)
 
     def decode(self, words: Sequence[int]) -> ParameterBlock | None:
         """Return the block in the registers of a bank; None when they hold none."""
@@ -219,6 +228,11 @@ class Exchange:
     def encode(self, block: ParameterBlock) -> list[int]:
         """Return the registers of a block in the device's word order."""
         return encode_block(block, self._word_order)
+
+    async def _write_one(self, address: int, word: int) -> None:
+        with _advised(_ONE_REGISTER):
+            self.requests += 1
+            await self._access.write_register(address, word)
 
     async def _read(self, address: int, count: int) -> list[int]:
         self.requests += 1
@@ -235,6 +249,19 @@ class Exchange:
             raise ExceptionReplyError(
                 error.device, error.request, error.number, advice=advice
             ) from error
+
+
+@contextmanager
+def _advised(advice: str) -> Iterator[None]:
+    """Say which function and length the contract needs, where a device refuses them."""
+    try:
+        yield
+    except ExceptionReplyError as error:
+        if error.code not in (ExceptionCode.ILLEGAL_FUNCTION, ExceptionCode.ILLEGAL_VALUE):
+            raise
+        raise ExceptionReplyError(
+            error.device, error.request, error.number, is_write=True, advice=advice
+        ) from error
 
 
 def _plan(

@@ -120,6 +120,10 @@ def refusal_of(control: ControlWords) -> str:
     if not control.ack_refusal:
         return ""
     known = Refusal.from_code(control.ack_refusal)
-    if known is None:
-        return f"unknown refusal code {control.ack_refusal}"
+    assert known is not None
+    if known.code != control.ack_refusal:
+        return (
+            f"refusal code {control.ack_refusal}, which is not one of ours; look at the PLC's "
+            "program, and for another client that writes ack_refusal"
+        )
     return f"{known.text}; {known.advice}"

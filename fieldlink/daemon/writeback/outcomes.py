@@ -26,7 +26,8 @@ class WritebackOutcome(Enum):
     NOT_EXPRESSIBLE = ("not_expressible", "the findings do not fit a block")
     KEPT_VALID = (
         "kept_valid",
-        "a loop under compensation cannot show a healthy valve; the block expires by itself",
+        "it replaces nothing: a loop under compensation cannot show a healthy valve, and a block "
+        "in use expires by itself",
     )
     UNCERTAIN = ("uncertain", "the estimator doubts its figures; a better window decides")
     TOO_OLD = ("too_old", "newer windows have not confirmed it; see max_age")

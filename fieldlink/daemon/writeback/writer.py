@@ -119,6 +119,7 @@ class BlockWriter:
             report,
         )
         self._not_before = -math.inf
+        self._unanswered = ""
         self._next_look: float | None = None
 
     @property
@@ -150,7 +151,7 @@ class BlockWriter:
     def waiting(self) -> str | None:
         """What waits to be written, and why; None when nothing does."""
         if self._recorded.is_begun:
-            return "its row is being stored"
+            return self._unanswered or "its row is being stored"
         if self._unsettled.is_awaited:
             return "the PLC has not acknowledged yet"
         return self._waiting.words
@@ -257,8 +258,10 @@ class BlockWriter:
             if await self._use.in_force.look(self._exchange, control, now):
                 self._heed_a_withdrawn_block()
         except LinkError as error:
+            self._unanswered = f"{WritebackOutcome.UNREACHABLE.advice}: {error.what}"
             self._waiting.explain(WritebackOutcome.UNREACHABLE, str(error))
             raise
+        self._unanswered = ""
         if standing is Standing.CONTESTED:
             advice = WritebackOutcome.CONTESTED.advice
             self._told.tell("writeback.contested", f"{standing.value}; {advice}")
