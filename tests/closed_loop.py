@@ -10,15 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loop_model import ValveModel
 
-__all__ = ["Loop", "run", "settled_loop", "simulate"]
+__all__ = ["Loop", "Valve", "run", "settled_loop", "simulate"]
 
 Floats = NDArray[np.float64]
+
+
+class Valve(Protocol):
+    """A valve that steps from its stem and OP to its next stem."""
+
+    def step(self, stem: float, op: float) -> float: ...
 
 _SETTLING = 600
 """Samples that `settled_loop` leaves out."""
@@ -43,7 +50,7 @@ def simulate(
     settings: tuple[float, float, float],
     process: tuple[float, float],
     dead_time: int,
-    valve: ValveModel | None,
+    valve: Valve | None,
     rest: float = 0.0,
     curve: float = 0.0,
     limits: tuple[float, float] = (-math.inf, math.inf),

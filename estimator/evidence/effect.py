@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from estimator.algebra import dot
+from estimator.arrays import Array
 from estimator.hypotheses.hypothesis import Case, Hypothesis
 
-__all__ = ["effect_of"]
+__all__ = ["effect_of", "loop_gain_of"]
 
 
 def effect_of(case: Case, sticky: Hypothesis) -> float:
     """Share of PV's variance that the difference between stem and OP makes through the process."""
-    difference = sticky.stem - case.rows.u
-    made = sticky.gain * sticky.poles.response(difference)
+    return _share_of_pv(case, sticky, sticky.stem - case.rows.u)
+
+
+def loop_gain_of(case: Case, of: Hypothesis) -> float:
+    """Swing that OP makes of PV through the process, over that of PV.
+
+    OP is the controller's answer to PV, so that this is the gain around the loop, at the periods
+    that PV swings with.
+    """
+    return math.sqrt(_share_of_pv(case, of, of.stem))
+
+
+def _share_of_pv(case: Case, of: Hypothesis, drive: Array) -> float:
+    """Share of PV's variance that a signal ``(n,)`` makes through the process."""
+    made = of.gain * of.poles.response(drive)
     judged = case.rows.weight
     count = float(judged.sum())
     mean = float(dot(made, judged)) / count

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.evidence.effect import loop_gain_of
 from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
@@ -141,8 +142,11 @@ def _beside_lines(
 ) -> tuple[Hypothesis, Hypothesis]:
     """Both hypotheses with a load of steps and straight lines, where one pays."""
     found = fit_piecewise_loads(case, (healthy, sticky), sticky.likelihood - _NEAR)
-    loaded = next((one for one in found if _rivals(case, one, sticky)), None)
-    if loaded is None or loaded.likelihood <= healthy.likelihood + _PAYS:
+    # the likeliest alone: where OP does nothing beside it, a less likely one is no other load
+    if not found or not _rivals(case, found[0], sticky) or not _is_answered(case, found[0]):
+        return healthy, sticky
+    loaded = found[0]
+    if loaded.likelihood <= healthy.likelihood + _PAYS:
         return healthy, sticky
     sticky = _with_own_lines(case, sticky)
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
@@ -179,6 +183,14 @@ def _rivals(case: Case, loaded: Hypothesis, sticky: Hypothesis) -> bool:
     if loaded.likelihood <= sticky.likelihood - judging.threshold - judging.uncertain:
         return False
     return 0.5 * gain_deviations(case, loaded) ** 2 >= judging.process
+
+
+def _is_answered(case: Case, loaded: Hypothesis) -> bool:
+    """Whether OP moves PV beside a load that stays: a controller answers until PV is back.
+
+    Slips of a stem are steps too, and OP moves PV by nothing until the next one.
+    """
+    return loop_gain_of(case, loaded) >= case.settings.judging.loop_gain
 
 
 def _grown_anew(case: Case, sticky: Hypothesis, healthy: Hypothesis) -> Hypothesis:

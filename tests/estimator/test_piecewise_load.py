@@ -12,7 +12,8 @@ from estimator.evidence.piecewise_loads import fit_piecewise_loads
 from estimator.hypotheses.hypothesis import Case
 from estimator.hypotheses.piecewise_load import CORNER_PRICE, Corner, PiecewiseLoad
 from estimator.processes.poles import Poles, Shape
-from tests.closed_loop import run
+from loop_model import ValveModel
+from tests.closed_loop import run, simulate
 
 Array = NDArray[np.float64]
 
@@ -97,3 +98,43 @@ def test_a_sticky_valve_alone_is_not_taken_for_one(seed: int) -> None:
     result = identify(record.op, record.pv, sp=record.sp)
     assert result.verdict is Verdict.STICTION
     assert not result.uncertain
+
+
+class UnevenValve:
+    """A sticky valve whose friction is a little different at every slip, as rust and packing are."""
+
+    def __init__(self, band: float, jump: float, seed: int) -> None:
+        self._mean = band, jump
+        self._rng = np.random.default_rng(seed)
+        self._now = ValveModel(band, jump)
+
+    def step(self, stem: float, op: float) -> float:
+        moved = self._now.step(stem, op)
+        if moved != stem:
+            part = 1.0 + 0.08 * self._rng.standard_normal()
+            self._now = ValveModel(*(part * size for size in self._mean))
+        return moved
+
+
+def test_few_uneven_slips_behind_a_rounded_op_are_not_taken_for_steps_of_a_load() -> None:
+    """PV stays for long where a slip left it, and OP is of no effect: no load does that."""
+    n, warm, pole = 700, 200, np.exp(-1.0 / 4.0)
+    judged = healthy = 0
+    for seed in range(1, 21):
+        rng = np.random.default_rng(seed)
+        op, pv, stem = simulate(
+            np.full(n + warm, 1.0 + 0.15 * rng.standard_normal()),
+            np.zeros(n + warm),
+            0.03 * rng.standard_normal(n + warm),
+            settings=(0.3, 6.0, 0.0),
+            process=(pole, 1.0 - pole),
+            dead_time=2,
+            valve=UnevenValve(4.0, 2.0, seed),
+        )
+        if np.count_nonzero(np.diff(stem[warm:])) < 4:
+            continue
+        result = identify(np.round(op[warm:], 1), pv[warm:])
+        judged += 1
+        healthy += result.verdict is Verdict.NO_STICTION
+    assert judged >= 15
+    assert healthy <= 1
