@@ -27,6 +27,7 @@ class Valve(Protocol):
 
     def step(self, stem: float, op: float) -> float: ...
 
+
 _SETTLING = 600
 """Samples that `settled_loop` leaves out."""
 _BENT_ABOUT = 7.0

@@ -101,7 +101,7 @@ def test_a_sticky_valve_alone_is_not_taken_for_one(seed: int) -> None:
 
 
 class UnevenValve:
-    """A sticky valve whose friction is a little different at every slip, as rust and packing are."""
+    """A sticky valve whose friction is a little different at every slip."""
 
     def __init__(self, band: float, jump: float, seed: int) -> None:
         self._mean = band, jump
