@@ -48,7 +48,7 @@ async def link_to(
     tags: Sequence[Tag] = FOUR,
     max_gap: int = 8,
     quirks: Quirks = QUIRKS,
-    timeout: float = PATIENCE,
+    patience: float = PATIENCE,
     **settings: Any,
 ) -> AsyncIterator[ModbusLink]:
     link = ModbusLink(
@@ -58,7 +58,7 @@ async def link_to(
                 link="modbus-tcp",
                 host="127.0.0.1",
                 port=device.port,
-                timeout=timeout,
+                timeout=patience,
                 register_map=Path("map.csv"),
                 quirks=quirks,
             ),
@@ -230,7 +230,7 @@ async def test_a_reply_of_the_wrong_length_is_refused(device: FakeDevice) -> Non
 async def test_a_part_of_a_reply_is_not_called_silence(device: FakeDevice) -> None:
     device.tamper = lambda frame: frame[:9]
     # long enough for the part to come in on a busy machine: the whole of it is waited for
-    async with link_to(device, timeout=5.0) as link:
+    async with link_to(device, patience=5.0) as link:
         scan = await link.scan()
         assert isinstance(scan.failures[0], LinkTimeoutError)
         assert "only a part of a reply came; raise the device's timeout" in str(scan.failures[0])
