@@ -163,10 +163,6 @@ class Judging:
         process: log-likelihood ratio of a process over none, below which PV does not follow OP:
             4.5 is a gain three deviations from zero. The likeliest of many processes gains more by
             luck: below ``threshold``, the healthy valve's gain must be as far from zero itself.
-        loop_gain: gain around the loop, at the periods of the swing, below which a load of steps
-            and lines beside a healthy valve is no rival: its controller would leave PV where the
-            load put it. Of 90 simulated healthy valves under such loads two have less than 0.38,
-            0.18 and 0.19; sticky ones whose slips were taken for steps have 0.01 to 0.135.
     """
 
     price: float = 2.0
@@ -176,7 +172,6 @@ class Judging:
     steady: float = 1.5
     uncertain: float = 4.0
     process: float = 4.5
-    loop_gain: float = 0.15
 
 
 @dataclass(frozen=True, slots=True)

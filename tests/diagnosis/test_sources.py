@@ -11,26 +11,31 @@ from fieldlink.diagnosis import Diagnosis, LoopSignals, diagnose, find_groups
 from tests.closed_loop import Loop, run
 
 
-def group_of_two(seed: int, wave: float) -> tuple[dict[str, LoopSignals], dict[str, Diagnosis]]:
-    """A sticky loop and one that it moves; the first is told to hold a wave of that period."""
+def group_of_two(seed: int) -> tuple[dict[str, LoopSignals], dict[str, Diagnosis]]:
+    """A sticky loop and one that it moves."""
     source = run(band=6.0, jump=4.0, seed=seed)
     follower = run(load=1.5 * (source.op - source.op.mean()), lag=20.0, seed=seed + 50)
     loops: dict[str, Loop] = {"A": source, "B": follower}
     signals = {name: LoopSignals(one.op, one.pv, one.sp, 1.0) for name, one in loops.items()}
     found = {name: diagnose(one.op, one.pv, one.sp, advice=False) for name, one in loops.items()}
+    return signals, found
+
+
+def beside_a_wave(found: dict[str, Diagnosis], period_s: float) -> dict[str, Diagnosis]:
+    """What was found, the first loop told to hold a wave of that period."""
     first = found["A"]
-    indices = dict(first.indices) | {"wave_beside_valve_period_s": wave}
-    return signals, found | {"A": replace(first, indices=indices)}
+    indices = dict(first.indices) | {"wave_beside_valve_period_s": period_s}
+    return found | {"A": replace(first, indices=indices)}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_wave_of_the_groups_period_beside_a_sticky_valve_began_elsewhere(seed: int) -> None:
-    signals, found = group_of_two(seed, np.nan)
-    (group,) = find_groups(signals, found)
+    signals, alone = group_of_two(seed)
+    (group,) = find_groups(signals, beside_a_wave(alone, np.nan))
     assert group.candidates[0].loop == "A"
     for share in (1.05, 1.0 / 3.0):
-        signals, found = group_of_two(seed, share * group.period_s)
+        found = beside_a_wave(alone, share * group.period_s)
         assert find_groups(signals, found)[0].candidates[0].loop != "A"
     # a wave of another period says nothing of this one
-    signals, found = group_of_two(seed, 0.7 * group.period_s)
+    found = beside_a_wave(alone, 0.7 * group.period_s)
     assert find_groups(signals, found)[0].candidates[0].loop == "A"
