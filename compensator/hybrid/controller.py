@@ -69,13 +69,14 @@ class HybridMpc:
             )
         s = self.settings
         noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
-        beyond = (s.horizon or LONGEST_DEAD_TIME + 1) - self._prediction.dead_time
+        dead_time = self._prediction.dead_time
+        beyond = (s.horizon or LONGEST_DEAD_TIME + 1) - dead_time
         tracking = TrackerSettings(
             noises[0],
             friction=s.friction_prior(uncertainty or Uncertainty()),
             gain_spread=s.gain_spread,
             offset_memory=s.offset_memory,
-            late=tuple(samples for samples in s.late if samples < beyond),
+            late=tuple(samples for samples in s.late if -dead_time < samples < beyond),
         )
         self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
         self._planners = {
@@ -155,6 +156,11 @@ class HybridMpc:
     def load_stepped(self) -> bool:
         """Whether the last PV showed a step of the load."""
         return self.tracker.load_stepped
+
+    @property
+    def opposed(self) -> bool:
+        """Whether PV answers to OP against the sign of the model's gain."""
+        return self._bank.opposed
 
     @property
     def is_moving(self) -> bool:
