@@ -69,14 +69,13 @@ class HybridMpc:
             )
         s = self.settings
         noises = noise_kinds(self.prediction) if s.noise is None else (s.noise,)
-        dead_time = self._prediction.dead_time
-        beyond = (s.horizon or LONGEST_DEAD_TIME + 1) - dead_time
+        beyond = (s.horizon or LONGEST_DEAD_TIME + 1) - self._prediction.dead_time
         tracking = TrackerSettings(
             noises[0],
             friction=s.friction_prior(uncertainty or Uncertainty()),
             gain_spread=s.gain_spread,
             offset_memory=s.offset_memory,
-            late=tuple(samples for samples in s.late if -dead_time < samples < beyond),
+            late=tuple(samples for samples in s.late if samples < beyond),
         )
         self._bank = TrackerBank(self.prediction, model.valve, tracking, noises)
         self._planners = {

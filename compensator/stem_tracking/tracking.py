@@ -96,7 +96,7 @@ class TrackerBank:
     ) -> None:
         self._settings = settings
         settles = not prediction.process.is_integrating
-        kinds = _possible_kinds(valve, settings, settles=settles)
+        kinds = _possible_kinds(valve, settings, prediction.dead_time, settles=settles)
         self._kinds = [kind for kind in kinds for _ in noises]
         self.predictions = predictions = {k.late: _later(prediction, k.late) for k in kinds}
         self.trackers = [
@@ -186,7 +186,9 @@ def _turned(prediction: Prediction) -> Prediction:
     return Prediction.of(turned, "input")
 
 
-def _possible_kinds(valve: ValveModel, settings: TrackerSettings, *, settles: bool) -> list[_Kind]:
+def _possible_kinds(
+    valve: ValveModel, settings: TrackerSettings, dead_time: int, *, settles: bool
+) -> list[_Kind]:
     """Return what has trackers, the model itself first.
 
     The load of a level, which does not settle, shows in PV's slope alone. Coloured noise of its
@@ -200,7 +202,9 @@ def _possible_kinds(valve: ValveModel, settings: TrackerSettings, *, settles: bo
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
-    kinds += [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
+    kinds += [
+        _Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late if late > -dead_time
+    ]
     kinds += [
         _Kind(1.0, 1.0, settings.restless_claim, load_walk=walk)
         for walk in settings.restless
