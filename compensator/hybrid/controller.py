@@ -157,6 +157,11 @@ class HybridMpc:
         return self.tracker.load_stepped
 
     @property
+    def opposed(self) -> bool:
+        """Whether PV answers to OP against the sign of the model's gain."""
+        return self._bank.opposed
+
+    @property
     def is_moving(self) -> bool:
         """Whether the valve was moved by the last OP, or the plan is about to move it further."""
         return self._moving

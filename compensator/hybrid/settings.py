@@ -58,8 +58,8 @@ class HybridSettings:
         gain_spread: relative uncertainty of the process gain.
         offset_memory: settling times over which the load (what makes the controller free of offset)
             is averaged in quiet times.
-        late: samples by which PV may answer later than the model has it; each is followed too
-            (`TrackerSettings.late`).
+        late: samples by which PV may answer later than the model has it, or sooner where negative;
+            each that leaves a dead time is followed too (`TrackerSettings.late`).
         trend: what makes a ramp of the set-point, and how far ahead it is planned.
         load_trend: what makes a drift of the load, and how far ahead it is planned.
         thrift: how travel is saved where PV is good enough.
@@ -88,7 +88,7 @@ class HybridSettings:
     dynamic_spread: float = 0.25
     gain_spread: float = 0.1
     offset_memory: float = 2.0
-    late: tuple[int, ...] = (3,)
+    late: tuple[int, ...] = (3, -3, -6)
     trend: SetpointTrendSettings = field(default_factory=SetpointTrendSettings)
     load_trend: LoadTrendSettings = field(default_factory=LoadTrendSettings)
     thrift: ThriftSettings = field(default_factory=ThriftSettings)

@@ -97,6 +97,11 @@ class EmbeddingMpc:
         return self.compensator.load_stepped
 
     @property
+    def opposed(self) -> bool:
+        """Whether PV answers to OP against the sign of the model's gain."""
+        return self.compensator.opposed
+
+    @property
     def iterations(self) -> int:
         """Of IPOPT in the last scan, over all warm starts."""
         return self._program.iterations

@@ -64,11 +64,13 @@ class TrackerSettings:
             keeps their product, unless the block's interval of J makes it less likely than
             ``claim``. A limit cycle at one set-point shows the product alone, and a tracker covers
             some 30 % to either side of its own (`FrictionPrior.jump_spread_most`).
-        late: samples by which PV may answer later than the model has it, each with a tracker, which
-            covers ``delay_spread`` to either side. What answers sooner does so while the model
-            waits.
-        late_claim: log-odds against a later answer: one in thirty. Lags of a valve or a sensor that
-            a model lacks, and friction that is taken too large, end in the dead time.
+        late: samples by which PV may answer later than the model has it, or sooner where negative,
+            each with a tracker, which covers ``delay_spread`` to either side. With one that
+            is six samples too long simulated levels hunted.
+        late_claim: log-odds against another dead time: one in thirty. Lags of a valve or a sensor
+            that a model lacks, and friction that is taken too large, end in the dead time.
+        opposed_claim: log-odds against a gain of the other sign from which the model is
+            contradicted: one in twenty thousand. Where the sign was right they stayed below 6.
         restless: values of ``load_walk`` of which each has a tracker too: half a slip jump in a
             settling time is a load that a move there and back no longer pays for. A level has none:
             coloured noise of its measurement would pass for such a load.
@@ -105,8 +107,9 @@ class TrackerSettings:
     frictions: tuple[float, ...] = (1.0, 1.3, 0.75)
     claim: float = 6.0
     jumps: tuple[float, ...] = (0.4, 0.65, 1.6)
-    late: tuple[int, ...] = (3,)
+    late: tuple[int, ...] = (3, -3, -6)
     late_claim: float = 3.5
+    opposed_claim: float = 10.0
     restless: tuple[float, ...] = (0.5,)
     restless_claim: float = 6.0
     bank_memory: float = 120.0
@@ -121,6 +124,7 @@ class TrackerSettings:
             alike=self.alike,
             claim=self.claim,
             late_claim=self.late_claim,
+            opposed_claim=self.opposed_claim,
             load_walk=self.load_walk,
             restless_claim=self.restless_claim,
             lead=self.lead,
@@ -155,7 +159,7 @@ class TrackerSettings:
                 f"TrackerSettings: jumps are factors above 0 other than 1; got {self.jumps!r}"
             )
         for samples in self.late:
-            require_whole("TrackerSettings", 1, late=samples)
+            require_whole("TrackerSettings", 1, late=abs(samples))
         require_whole(
             "TrackerSettings",
             1,

@@ -16,7 +16,12 @@ product, stand ready as far as the block's interval reaches.
 
 And of the dead time. A controller that expects the answer of its move too early moves again before
 it comes, and a wrong dead time is what identification makes of lags that the model lacks. A tracker
-of a longer one makes it wait. One that is too long costs little: the answer comes while it waits.
+of a longer one makes it wait. One that expects it too late takes the answer for a load that comes
+against it, moves back, and sees another load when the first answer is due: trackers of shorter dead
+times know it for what it is.
+
+And of the gain's sign: a model of the wrong one moves PV away, takes that for load, and moves on. A
+tracker of the other sign is never acted upon. Where PV bears it out, the model is contradicted.
 """
 
 from __future__ import annotations
@@ -52,7 +57,7 @@ class _Kind:
         friction: factor of S and J.
         jump: factor of J alone; the gain is the larger by it.
         claim: log-odds against it.
-        late: samples by which PV answers later than the model has it.
+        late: samples by which PV answers later than the model has it, or sooner where negative.
         load_walk: of the load (`TrackerSettings.load_walk`).
     """
 
@@ -91,7 +96,7 @@ class TrackerBank:
     ) -> None:
         self._settings = settings
         settles = not prediction.process.is_integrating
-        kinds = _possible_kinds(valve, settings, settles=settles)
+        kinds = _possible_kinds(valve, settings, prediction.dead_time, settles=settles)
         self._kinds = [kind for kind in kinds for _ in noises]
         self.predictions = predictions = {k.late: _later(prediction, k.late) for k in kinds}
         self.trackers = [
@@ -109,6 +114,12 @@ class TrackerBank:
             for noise in noises
         ]
         self._scores = [0.0] * len(self.trackers)
+        turned = _turned(prediction)
+        self._turned = [
+            StemTracker(turned, valve, replace(settings, noise=noise)) for noise in noises
+        ]
+        self._turned_scores = [0.0] * len(noises)
+        self._opposition = 0.0
         self._chosen = 0
         self._count = 0
 
@@ -122,10 +133,17 @@ class TrackerBank:
         """The noise model that the data support."""
         return self.chosen.settings.noise
 
+    @property
+    def opposed(self) -> bool:
+        """Whether PV answers to the stem against the sign of the model's gain."""
+        return self._opposition > self._settings.opposed_claim
+
     def change_valve(self, valve: ValveModel) -> None:
         """Go on with other valve parameters."""
         for tracker, kind in zip(self.trackers, self._kinds, strict=True):
             tracker.valve = kind.of(valve)
+        for tracker in self._turned:
+            tracker.valve = valve
 
     def observe(self, pv: float, op: float) -> None:
         """Take in one scan; see `StemTracker.observe`."""
@@ -133,9 +151,13 @@ class TrackerBank:
         for i, tracker in enumerate(self.trackers):
             tracker.observe(pv, op)
             self._scores[i] = keep * self._scores[i] + tracker.innovations.evidence
+        for i, tracker in enumerate(self._turned):
+            tracker.observe(pv, op)
+            self._turned_scores[i] = keep * self._turned_scores[i] + tracker.innovations.evidence
         self._count += 1
         if self._count <= self._settings.bank_learning:
             self._scores = [0.0] * len(self.trackers)
+            self._turned_scores = [0.0] * len(self._turned)
         # Where a model of too low an order leaves innovations correlated, each tells less.
         colour = self.chosen.innovations.colour
         worth = (1.0 - colour) / (1.0 + colour)
@@ -146,17 +168,27 @@ class TrackerBank:
         best = max(range(len(scores)), key=scores.__getitem__)
         if scores[best] > scores[self._chosen] + self._settings.lead:
             self._chosen = best
+        self._opposition = worth * max(self._turned_scores) - scores[best]
 
 
 def _later(prediction: Prediction, samples: int) -> Prediction:
-    """Return the prediction of a process whose dead time is longer."""
+    """Return the prediction of a process whose dead time is longer, or shorter where negative."""
     if samples == 0:
         return prediction
     process = prediction.process
     return Prediction.of(replace(process, dead_time=process.dead_time + samples), "input")
 
 
-def _possible_kinds(valve: ValveModel, settings: TrackerSettings, *, settles: bool) -> list[_Kind]:
+def _turned(prediction: Prediction) -> Prediction:
+    """Return the prediction of a process that answers to the stem the other way round."""
+    process = prediction.process
+    turned = replace(process, b=tuple(-b for b in process.b), offset=-process.offset)
+    return Prediction.of(turned, "input")
+
+
+def _possible_kinds(
+    valve: ValveModel, settings: TrackerSettings, dead_time: int, *, settles: bool
+) -> list[_Kind]:
     """Return what has trackers, the model itself first.
 
     The load of a level, which does not settle, shows in PV's slope alone. Coloured noise of its
@@ -170,7 +202,9 @@ def _possible_kinds(valve: ValveModel, settings: TrackerSettings, *, settles: bo
         price = settings.friction.price_of_jump(valve, factor)
         if price <= settings.claim and factor * valve.slip_jump <= valve.stick_band:
             kinds.append(_Kind(1.0, factor, price))
-    kinds += [_Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late]
+    kinds += [
+        _Kind(1.0, 1.0, settings.late_claim, late) for late in settings.late if late > -dead_time
+    ]
     kinds += [
         _Kind(1.0, 1.0, settings.restless_claim, load_walk=walk)
         for walk in settings.restless

@@ -60,6 +60,11 @@ class Followed:
         return self._estimator.load_stepped
 
     @property
+    def opposed(self) -> bool:
+        """Whether PV answers to OP against the sign of the model's gain."""
+        return self._estimator.opposed
+
+    @property
     def horizon(self) -> int:
         """Samples that the estimator's plans look ahead: twice the settling time."""
         return self._estimator.horizon

@@ -112,6 +112,8 @@ class LoopJudge:
         )
         verdict = self._watch.push(seen)
         self._own_scans += 1
+        if compensator.opposed:
+            return WatchVerdict.WRONG_SIGN
         if verdict is WatchVerdict.FINE and self._answers_wrongly(compensator, seen):
             return WatchVerdict.LEFT_RANGE
         return verdict

@@ -58,6 +58,7 @@ class WithdrawReason(Enum):
     GROWING = "the oscillation grew; the model was given up, identify again"
     HUNTING = "the stem travelled more for no gain; the model was given up, identify again"
     TRAVEL = "the stem travelled more than its budget; the model was given up, see travel_budget"
+    WRONG_SIGN = "PV answers to OP against the model; check the gain's sign and the dead time"
     LEFT_RANGE = "PV left its known range; the model was given up, check the gain's sign"
     REFUSED = "the offered model cannot be used; see `refusal`"
 
@@ -174,6 +175,10 @@ class Compensator(Controller, Protocol):
     @property
     def load_stepped(self) -> bool:
         """Whether the last PV showed a step of the load."""
+
+    @property
+    def opposed(self) -> bool:
+        """Whether PV answers to OP against the sign of the model's gain."""
 
     def improve_on(self, deviation: float, travel: float) -> None:
         """Take in PV's deviation and the stem's travel per scan before compensation: a small share

@@ -58,6 +58,7 @@ _KINDS = {
     WithdrawReason.GROWING: RefusalKind.WORSE,
     WithdrawReason.HUNTING: RefusalKind.TRAVEL,
     WithdrawReason.TRAVEL: RefusalKind.TRAVEL,
+    WithdrawReason.WRONG_SIGN: RefusalKind.WRONG_SIGN,
     WithdrawReason.LEFT_RANGE: RefusalKind.LEFT_RANGE,
     WithdrawReason.SOLVER: RefusalKind.OTHER,
 }
@@ -69,6 +70,7 @@ _GIVEN_UP = {
     WatchVerdict.GROWING: WithdrawReason.GROWING,
     WatchVerdict.HUNTING: WithdrawReason.HUNTING,
     WatchVerdict.TRAVEL: WithdrawReason.TRAVEL,
+    WatchVerdict.WRONG_SIGN: WithdrawReason.WRONG_SIGN,
     WatchVerdict.LEFT_RANGE: WithdrawReason.LEFT_RANGE,
 }
 

@@ -39,6 +39,7 @@ class WatchVerdict(Enum):
     HUNTING = "the stem travels more than it did before compensation, and PV is no better"
     TRAVEL = "the stem travels more than its budget allows"
     NO_GAIN = "PV still deviates more than half as much as it did before compensation"
+    WRONG_SIGN = "PV answers to OP against the sign of the model's gain"
     LEFT_RANGE = "PV left the range that was known of it and did not return"
 
 

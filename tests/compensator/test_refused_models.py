@@ -42,6 +42,7 @@ def test_a_model_that_makes_the_loop_worse_is_given_up() -> None:
         WithdrawReason.GROWING,
         WithdrawReason.HUNTING,
         WithdrawReason.LEFT_RANGE,
+        WithdrawReason.WRONG_SIGN,
     }
     assert not loop.supervisor.offer(wrong)
     assert "worse" in loop.supervisor.refusal

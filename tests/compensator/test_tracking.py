@@ -64,3 +64,22 @@ def test_a_long_rest_makes_nothing_forgotten(seed: int) -> None:
     assert tracker.best.stem == pytest.approx(plant.stem, abs=0.2)
     assert sure > 0.9
     assert tracker.chances[0] > 0.9
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5, 2.0, -1.0, -0.5])
+def test_moves_of_the_stem_tell_the_sign_of_the_gain(factor: float) -> None:
+    """OP rests in between for longer than the process takes to settle: a load could be the reason
+    of each answer, but not of all of them.
+    """
+    told = ProcessModel(PROCESS.a, (PROCESS.b[0] / factor,), PROCESS.dead_time, 0.0, 1.0)
+    for seed in range(3):
+        bank = TrackerBank(
+            Prediction.of(told, "input"), TOLD, TrackerSettings(NOISE_KINDS[0]), NOISE_KINDS
+        )
+        noise = np.random.default_rng(seed).normal(0.0, 0.15, 400)
+        plant, opposed = Plant(TOLD), []
+        for k in range(noise.size):
+            op = (0.0, 7.0, 0.0, -7.0)[k // 50 % 4]
+            bank.observe(plant.step(op) + noise[k], op)
+            opposed.append(bank.opposed)
+        assert any(opposed) is (factor < 0.0)

@@ -45,6 +45,7 @@ _REASONS = {
     "growing": "the oscillation grew",
     "hunting": "the stem travelled more for no gain",
     "travel": "the stem travelled more than its budget",
+    "wrong_sign": "PV answered to OP the other way round",
     "left_range": "PV left its known range",
     "refused": "the model could not be used",
 }

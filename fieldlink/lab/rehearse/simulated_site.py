@@ -215,6 +215,7 @@ _NOTICED = {
     WithdrawReason.GROWING,
     WithdrawReason.HUNTING,
     WithdrawReason.TRAVEL,
+    WithdrawReason.WRONG_SIGN,
     WithdrawReason.LEFT_RANGE,
 }
 
