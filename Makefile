@@ -30,10 +30,10 @@ $(VENV)/.installed-dev: pyproject.toml $(VENV)/.installed
 demo: install
 	$(BIN)/fieldlink demo $(if $(HOLD),--hold $(HOLD))
 
-# Three workers, a file at a time: the daemon's tests wait for clocks more than they compute. The order
+# Four workers, a file at a time: the daemon's tests wait for clocks more than they compute. The order
 # is that of tests/conftest.py, which begins with the slow files.
 test: dev
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 lint: dev
 	$(BIN)/ruff check .
