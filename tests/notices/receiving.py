@@ -89,10 +89,13 @@ class MailServer:
             }
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever)
+        self._connections: list[SMTP] = []
 
         async def begin() -> asyncio.Server:
             def protocol() -> SMTP:
-                return SMTP(mails, hostname="mill.example", loop=self._loop, **guarded)
+                made = SMTP(mails, hostname="mill.example", loop=self._loop, **guarded)
+                self._connections.append(made)
+                return made
 
             return await self._loop.create_server(protocol, "127.0.0.1", 0)
 
@@ -109,6 +112,13 @@ class MailServer:
             for task in others:
                 task.cancel()
             await asyncio.gather(*others, return_exceptions=True)
+            # a task that is cancelled before its first step leaves its connection open
+            for one in self._connections:
+                if one.transport is not None:
+                    one.transport.abort()
+            # the sockets are closed in the next turn of the loop
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
 
         asyncio.run_coroutine_threadsafe(end(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
