@@ -22,13 +22,13 @@ from fieldlink.site.csv_file import CsvRow
 from fieldlink.site.errors import Problem, RecordingError
 from fieldlink.site.workbooks import OLE, explained_workbook, why_no_xlsx
 
-__all__ = ["read_binary_table"]
+__all__ = ["MIN_ROWS", "read_binary_table"]
 
 _PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "sampling_period")
 """Names of a MATLAB scalar that is the seconds between samples."""
 
-_FEW_ROWS = 50
-"""Rows of a sheet below which it holds no recording: `recording.MIN_ROWS`."""
+MIN_ROWS = 50
+"""Fewer rows hold too little of an oscillation to judge."""
 
 
 def read_binary_table(path: Path) -> list[CsvRow] | None:
@@ -70,7 +70,7 @@ def _excel(path: Path) -> list[CsvRow]:
             first, *others = book.worksheets
             rows = first.iter_rows(values_only=True)
             found = [CsvRow(n, tuple(map(_text, row))) for n, row in enumerate(rows, start=1)]
-            if len(found) < _FEW_ROWS:
+            if len(found) < MIN_ROWS:
                 _refuse_cover(path, first.title, len(found), others)
             return found
         finally:
@@ -81,7 +81,7 @@ def _refuse_cover(path: Path, first: str, rows: int, others: Iterable[Any]) -> N
     """Raise where the first sheet is a cover, and the samples are on another one."""
     for sheet in others:
         count = sum(1 for _ in sheet.iter_rows(values_only=True))
-        if count >= _FEW_ROWS:
+        if count >= MIN_ROWS:
             what = (
                 f"its first sheet, {first!r}, which is read, has {rows} rows, and {sheet.title!r} "
                 f"has {count}"

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldlink.file_at import is_pipe_or_device
+from fieldlink.site.binary_tables import MIN_ROWS
 from fieldlink.site.column_names import loops_side_by_side
 from fieldlink.site.csv_file import CsvFile, CsvRow
 from fieldlink.site.errors import Problem, RecordingError
@@ -40,9 +41,6 @@ __all__ = [
     "read_recording",
     "read_recordings",
 ]
-
-MIN_ROWS = 50
-"""Fewer rows hold too little of an oscillation to judge."""
 
 ENDINGS = (".csv", ".tsv", ".xlsx", ".parquet", ".mat")
 """Files of a folder that are recordings; a file that is named itself may end otherwise."""

@@ -4,7 +4,7 @@
         book = load_workbook(path)
 
 openpyxl raises whatever its parts raise, and warns of what it leaves out (a data validation, a date
-beyond its calendar), which is no concern of who reads the values.
+beyond its calendar). Neither changes the values that are read.
 """
 
 from __future__ import annotations
