@@ -10,6 +10,7 @@ from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.groups import Group, find_groups
 from estimator.diagnosis.oscillation import Oscillation, detect_oscillation
 from estimator.diagnosis.result import Cause, CauseName, Diagnosis
+from estimator.diagnosis.warming import warm_up
 
 __all__ = [
     "Cause",
@@ -23,4 +24,5 @@ __all__ = [
     "diagnose",
     "find_groups",
     "read_controller",
+    "warm_up",
 ]
