@@ -4,7 +4,8 @@ found = diagnose(op, pv, sp, period=1.0)
 found.first.name, found.first.evidence, found.first.action
 """
 
-from estimator.controller.reading import Controller, read_controller
+from estimator.controller.controller import Controller
+from estimator.controller.reading import read_controller
 from estimator.diagnosis.coherence import LoopSignals
 from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.groups import Group, find_groups
