@@ -222,15 +222,13 @@ class InlineEstimator:
 
 
 def warm_up() -> None:
-    """Load the kernels of verdicts and diagnoses."""
+    """Load the estimator's kernels; those of a diagnosis, which nothing waits for, come with it."""
     import numpy as np
 
     import estimator
-    import estimator.diagnosis
     from fieldlink.daemon.estimation.window_figures import window_figures
 
     estimator.warm_up()
-    estimator.diagnosis.warm_up()
     ramp = np.arange(64.0)
     window_figures(WindowData(ramp, ramp, None, None, 0, 63, 0.0), 1.0)
 
