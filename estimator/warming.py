@@ -11,6 +11,7 @@ from loop_model import ValveModel
 __all__ = ["rehearsal_windows", "warm_up"]
 
 _SAMPLES = 400
+"""Of a window: a dozen strokes, ten turns of the wave."""
 
 
 def warm_up() -> None:
