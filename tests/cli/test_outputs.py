@@ -76,7 +76,10 @@ def test_output_that_does_not_fit_is_one_sentence(unbuffered: str) -> None:
 
 
 @pytest.mark.parametrize("linked", [False, True])
-def test_what_is_read_is_not_written_over(fieldlink: Run, tmp_path: Path, linked: bool) -> None:
+def test_what_is_read_is_not_written_over(
+    fieldlink: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, linked: bool
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
     recording = tmp_path / "FC202.csv"
     shutil.copy(RECORDING, recording)
     out = tmp_path / "out.csv" if linked else recording
