@@ -36,7 +36,7 @@ def explain(error: Exception) -> bool:
     from fieldlink.errors import FieldlinkError
     from fieldlink.printable import as_printable
 
-    known = (FieldlinkError, *_loaded_errors())
+    known: tuple[type[Exception], ...] = (FieldlinkError, *_loaded_errors())
     missing = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     if missing in _EXTRAS:
         words = (
