@@ -54,6 +54,8 @@ class Hypotheses:
         self._points = np.zeros((rows, self._n + ERRORS))
         self._spread = np.zeros((self._n + ERRORS, self._n + ERRORS))
         self._law = settings.friction.law(settings.negligible)
+        self._valve: ValveModel | None = None
+        self._friction = (0.0, 0.0, 0.0)
         self._ranking = (settings.alike, settings.hopeless, settings.hypotheses)
         self._count = 0
 
@@ -63,17 +65,17 @@ class Hypotheses:
     @property
     def stem(self) -> float:
         """Position of the best one."""
-        return float(self._values[0, STEM])
+        return self._values.item(0, STEM)
 
     @property
     def direction(self) -> float:
         """Direction of the last slip of the best one."""
-        return float(self._values[0, DIRECTION])
+        return self._values.item(0, DIRECTION)
 
     @property
     def slip(self) -> tuple[float, float]:
         """Changes of position and of direction by this scan's slip of the best one."""
-        return float(self._values[0, WAY]), float(self._values[0, TURN])
+        return self._values.item(0, WAY), self._values.item(0, TURN)
 
     @property
     def stems(self) -> list[float]:
@@ -132,9 +134,7 @@ class Hypotheses:
             self._points,
             self._count,
             op,
-            valve.static_friction,
-            valve.dynamic_friction,
-            self._settings.friction.static_deviation(valve),
+            *self._frictions_of(valve),
             self._law,
             p.A,
             p.B,
@@ -173,12 +173,20 @@ class Hypotheses:
             gain,
             carried,
             self._settings.memory,
-            0.5 * expected * valve.dynamic_friction,
+            0.5 * expected * self._frictions_of(valve)[1],
             0.5 * expected - 1.0,
             1.5 * expected - 1.0,
             *self._ranking,
         )
         return surprise
+
+    def _frictions_of(self, valve: ValveModel) -> tuple[float, float, float]:
+        """Return fS, fD and the deviation of fS: of one valve for many scans."""
+        if valve is not self._valve:
+            self._valve = valve
+            deviation = self._settings.friction.static_deviation(valve)
+            self._friction = (valve.static_friction, valve.dynamic_friction, deviation)
+        return self._friction
 
     def forget_errors(self) -> None:
         """Go back to no error of fD and to the gain that is expected."""

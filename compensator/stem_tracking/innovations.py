@@ -59,11 +59,15 @@ class InnovationStatistics:
         self._trend = 0.0
         self._last = 0.0
         self._wild = 0.0
+        rate = self.settings.rate
+        self._spread = rate / (2.0 - rate)
+        self._seldom = min(4.0 * math.sqrt(self._spread), 2.0)
 
     @property
     def colour(self) -> float:
         """Their correlation, 0 if it is below: what makes successive errors count for fewer."""
-        return max(self.correlation, 0.0)
+        correlation = self.correlation
+        return correlation if correlation > 0.0 else 0.0
 
     @property
     def is_learning(self) -> bool:
@@ -73,13 +77,12 @@ class InnovationStatistics:
     @property
     def is_biased(self) -> bool:
         """Whether innovations have kept one sign for too long."""
-        spread = (
-            self.settings.rate
-            / (2.0 - self.settings.rate)
-            * (1.0 + self.colour)
-            / (1.0 - self.colour)
-        )
-        return abs(self._trend) > min(4.0 * math.sqrt(spread), 2.0)
+        trend = abs(self._trend)
+        if trend <= self._seldom:  # within the bound of innovations without colour, the narrowest
+            return False
+        colour = self.colour
+        spread = self._spread * (1.0 + colour) / (1.0 - colour)
+        return trend > min(4.0 * math.sqrt(spread), 2.0)
 
     def restart_trend(self, colour: float = 1.0) -> None:
         """Restart the search for a bias; ``colour`` scales the stored correlation."""
@@ -88,20 +91,29 @@ class InnovationStatistics:
 
     def push(self, surprise: float, innovation: float, least: float) -> None:
         """Take in an innovation and its variance; ``least`` is a noise that counts as none."""
-        self._count += 1
-        variance = max(self.variance, least)
+        # Of every tracker in every scan: names and comparisons instead of attributes and calls.
+        s = self.settings
+        self._count = count = self._count + 1
+        known = count > s.first
+        averaged = count if count < s.most else s.most
+        variance = self.variance
+        variance = variance if variance >= least else least
+        bound = s.wild * variance
         square = surprise**2 / (innovation / variance)
-        wild = square > self.settings.wild * variance
-        self._wild += self.settings.rate * (wild - self._wild)
+        self._wild += s.rate * ((square > bound) - self._wild)
         # One wild PV is no noise; when every second one is, the noise is not what it was.
-        if self._count > self.settings.first and self._wild < 0.5:
-            square = min(square, self.settings.wild * variance)
-        self.variance += (square - self.variance) / min(self._count, self.settings.most)
+        if known and self._wild < 0.5 and square > bound:
+            square = bound
+        self.variance += (square - self.variance) / averaged
         normal = surprise / math.sqrt(innovation)
-        self.evidence = -0.5 * (min(normal**2, 9.0) + math.log(innovation))
-        if self._count > self.settings.first and abs(normal) < 3.0:
-            product = (normal - self._trend) * (self._last - self._trend)
-            self.correlation += (product - self.correlation) / min(self._count, self.settings.most)
-            self.correlation = min(max(self.correlation, -0.9), 0.9)
-        self._last = normal = min(max(normal, -3.0), 3.0)
-        self._trend += self.settings.rate * (normal - self._trend)
+        power = normal**2
+        self.evidence = -0.5 * ((power if power < 9.0 else 9.0) + math.log(innovation))
+        if abs(normal) < 3.0:
+            if known:
+                product = (normal - self._trend) * (self._last - self._trend)
+                moved = self.correlation + (product - self.correlation) / averaged
+                self.correlation = min(max(moved, -0.9), 0.9)
+        else:
+            normal = math.copysign(3.0, normal)
+        self._last = normal
+        self._trend += s.rate * (normal - self._trend)

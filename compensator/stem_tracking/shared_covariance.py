@@ -100,10 +100,11 @@ class SharedCovariance:
         n = self._prediction.order
         self._scale_now = variance
         self._noise_now = variance * self._r
-        self.innovation = max(float(self._values[0, 0]), 0.0) + self._noise_now
+        self.innovation = max(self._values.item(0), 0.0) + self._noise_now
         self._gain = self._values[:, 0] / self.innovation
         # Joseph's form, by which it is carried over, allows any gain.
-        self._gain[n:] *= (1.0 - colour) / (1.0 + colour)
+        if colour > 0.0:
+            self._gain[n:] *= (1.0 - colour) / (1.0 + colour)
         if load_only:
             self._gain[n + FRICTION] = self._gain[n + GAIN] = 0.0
         return self._gain

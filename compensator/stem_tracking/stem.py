@@ -71,6 +71,7 @@ class StemTracker:
         self._settle = settle
         self._hypotheses = Hypotheses(prediction, settings)
         self._resolution = PvResolution()
+        self._noiseless = 1e-18 + (_NOISELESS * prediction.scale) ** 2
         self._first: list[tuple[float, float]] = []
         self._begin(InnovationStatistics(settings=settings.innovations))
 
@@ -179,15 +180,16 @@ class StemTracker:
 
     def _take_in(self, pv: float, op: float) -> None:
         self.innovations.evidence = 0.0
-        if not self.ready:
+        hypotheses = self._hypotheses
+        if not len(hypotheses):
             if math.isfinite(pv):
                 self.start(pv, op)
             return
-        before = self.stem
+        before = hypotheses.stem
         self._advance(op)
         self._correct(pv)
         if math.isfinite(pv):
-            self._fluctuation.push(pv, moved=self.stem != before)
+            self._fluctuation.push(pv, moved=hypotheses.stem != before)
 
     def _advance(self, op: float) -> None:
         hypotheses = self._hypotheses
@@ -199,9 +201,9 @@ class StemTracker:
         if way:
             self._covariance.doubt_response(way)
         self._op = op
-        here = (hypotheses.stem, hypotheses.direction)
-        if not self._rests or self._rests[-1][0] != here[0]:
-            self._rests.append(here)
+        stem, rests = hypotheses.stem, self._rests
+        if not rests or rests[-1][0] != stem:
+            rests.append((stem, hypotheses.direction))
 
     def _recall(self) -> None:
         """Believe again in the last positions, if OP would not have moved the stem away."""
@@ -213,16 +215,18 @@ class StemTracker:
         if not math.isfinite(pv):
             self._covariance.skip()
             return
-        variance = max(self.innovations.variance, self._floor)
+        floor = self._floor
+        variance = max(self.innovations.variance, floor)
         # What the load makes of PV must not be learnt as an error of fD or of the gain.
         unsettled = self._unsettled > 0
-        self._unsettled = max(0, self._unsettled - 1)
+        if unsettled:
+            self._unsettled -= 1
         gain = self._covariance.gain(variance, self.innovations.colour, load_only=unsettled)
         innovation = self._covariance.innovation
         carried = variance * self.settings.noise.equation**2 / innovation
         farthest = self._farthest(innovation)
         surprise = self._hypotheses.correct(pv, innovation, farthest, gain, carried, self.valve)
-        self._watch(surprise)
+        self._watch(surprise, floor)
 
     def _farthest(self, innovation: float, scans: int = 1) -> float:
         """Return the largest surprise that a process can be the reason of."""
@@ -233,24 +237,27 @@ class StemTracker:
     @property
     def _floor(self) -> float:
         """Least variance of the noise: that of rounding, or what counts as free of noise."""
-        return max(1e-18 + (_NOISELESS * self.prediction.scale) ** 2, self._resolution.variance)
+        return max(self._noiseless, self._resolution.variance)
 
-    def _watch(self, surprise: float) -> None:
-        """Follow the noise; learn afresh when innovations keep one sign too long."""
+    def _watch(self, surprise: float, floor: float) -> None:
+        """Follow the noise, of at least ``floor``; learn afresh when innovations keep one sign too
+        long.
+        """
         seen, innovation = self.innovations, self._covariance.innovation
-        seen.push(surprise, innovation, self._floor)
+        seen.push(surprise, innovation, floor)
         if seen.is_learning:  # what was learnt before the noise was known is not worth much
             self._covariance.forget_errors(self.valve)
             self._hypotheses.forget_errors()
             seen.restart_trend()
         normal = surprise / math.sqrt(max(innovation, 1e-300))
-        since = self._load_steps.push(normal, is_biased=seen.is_biased)
+        is_biased = seen.is_biased
+        since = self._load_steps.push(normal, is_biased=is_biased)
         self.load_stepped = since > 0
         if since:
             size = self._load_steps.settings.size * max(self.valve.static_friction, 1e-3)
             self._covariance.expect_load(since, size)
             self._unsettled = self.prediction.dead_time + self._settle
-        if seen.is_biased:
+        if is_biased:
             seen.restart_trend(colour=0.5)
             self._recall()
             self._covariance.doubt_load(4.0 * self.held_variance / self.prediction.scale**2)

@@ -89,7 +89,7 @@ def test_a_recording_without_movement_is_refused(fieldlink: Run, tmp_path: Path)
     assert "Traceback" not in result.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.waits
 def test_the_oscillation_is_found_and_taken_away(tmp_path: Path) -> None:
     found = demonstrate(tmp_path)
     assert set(found) == {

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from estimator import EstimatorError
 from fieldlink.cli.errors import explain
 from fieldlink.errors import FieldlinkError
+from fmu_models import PlantError
 from tests.cli.conftest import Run
 
 
@@ -27,6 +31,27 @@ def test_a_defect_of_ours_is_not_explained_away(capsys: pytest.CaptureFixture[st
     assert not explain(KeyError("op"))
     assert explain(FieldlinkError("loop FC1: it has no PV"))
     assert capsys.readouterr().err == "fieldlink: loop FC1: it has no PV\n"
+
+
+def test_errors_of_packages_that_are_loaded_are_explained(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert explain(EstimatorError("too few samples"))
+    assert explain(PlantError("it has ended"))
+    said = capsys.readouterr().err
+    assert said == "fieldlink: too few samples\nfieldlink: it has ended\n"
+
+
+def test_a_refusal_and_the_run_of_an_fmu_load_no_numerics_that_they_do_not_use() -> None:
+    code = (
+        "import sys, fieldlink.lab.fmu as _\n"
+        "from fieldlink.cli.errors import explain\n"
+        "from fieldlink.errors import FieldlinkError\n"
+        "assert explain(FieldlinkError('no'))\n"
+        "print({'compensator', 'estimator', 'numba', 'scipy.signal'} & set(sys.modules))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
 
 
 NOWHERE = f"{'x' * 300}/"

@@ -19,6 +19,7 @@ from fieldlink.assess.errors import AssessError
 from fieldlink.assess.table_files import write_tables
 from fieldlink.cli.app import app
 from fieldlink.unfinished_file import created, write_whole
+from tests.cli.conftest import Run
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "site_configs" / "FC202.csv"
@@ -75,7 +76,10 @@ def test_output_that_does_not_fit_is_one_sentence(unbuffered: str) -> None:
 
 
 @pytest.mark.parametrize("linked", [False, True])
-def test_what_is_read_is_not_written_over(tmp_path: Path, linked: bool) -> None:
+def test_what_is_read_is_not_written_over(
+    fieldlink: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, linked: bool
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
     recording = tmp_path / "FC202.csv"
     shutil.copy(RECORDING, recording)
     out = tmp_path / "out.csv" if linked else recording
@@ -87,7 +91,7 @@ def test_what_is_read_is_not_written_over(tmp_path: Path, linked: bool) -> None:
         ("map", "import", str(recording)),
         ("fmu", "run", "flow", "--inputs", str(recording)),
     ):
-        done = run(*command, "--out", str(out))
+        done = fieldlink(*command, "--out", out)
         assert done.returncode == 2, command
         assert "is read by this command and would be lost" in " ".join(done.stderr.split())
     assert recording.read_bytes() == before

@@ -78,7 +78,15 @@ def test_no_plan_that_keeps_the_ramp_is_better(sp: float) -> None:
     assert not plan.times or plan.times[0] >= (2 if changes[0] > 0.0 else 3)
 
 
-@pytest.mark.parametrize(("rate", "share"), [(0.6, 0.7), (1.0, 0.8), (2.0, 0.3), (3.0, 0.65)])
+@pytest.mark.parametrize(
+    ("rate", "share"),
+    [
+        (0.6, 0.7),
+        pytest.param(1.0, 0.8, marks=pytest.mark.thorough),
+        (2.0, 0.3),
+        pytest.param(3.0, 0.65, marks=pytest.mark.thorough),
+    ],
+)
 def test_a_slow_op_still_takes_the_oscillation_away(rate: float, share: float) -> None:
     limits = OpLimits(rate=rate)
     good, bad = [], []

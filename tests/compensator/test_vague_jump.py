@@ -13,6 +13,7 @@ from compensator.stem_tracking.tracking import NOISE_KINDS, TrackerBank
 from fieldlink.lab.study.closed_loop import EXAMPLE_1
 from loop_model import LoopModel, ProcessModel, ValveModel
 from tests.compensator.supervised_loop import Loop
+from tests.seeds import in_suite
 
 VAGUE = Uncertainty(1.5, 1.5)
 """Of a block that states J within five of itself, at 90 %."""
@@ -43,7 +44,7 @@ def compensate(seed: int, model: LoopModel) -> Loop:
     return loop
 
 
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 9)))
 @pytest.mark.parametrize("factor", [0.6, 1.6, 2.2])
 def test_a_wrong_slip_jump_within_its_interval_moves_the_valve_no_more(
     factor: float, seed: int
@@ -51,7 +52,7 @@ def test_a_wrong_slip_jump_within_its_interval_moves_the_valve_no_more(
     compensate(seed, with_another_jump(factor))
 
 
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", in_suite(2, range(1, 9)))
 def test_a_dead_time_a_sample_too_long_is_not_taken_for_a_wrong_gain(seed: int) -> None:
     """S trades against the dead time: both slips of a stroke come later."""
     process = replace(EXAMPLE_1.process, dead_time=2)

@@ -12,6 +12,7 @@ from fieldlink.diagnosing import Plant
 from fieldlink.diagnosis import LoopSignals, diagnose, find_groups
 from fieldlink.diagnosis_pictures import group_figure
 from tests.closed_loop import Loop, run
+from tests.seeds import in_suite
 
 
 def signals(loop: Loop, every: int = 1) -> LoopSignals:
@@ -45,7 +46,7 @@ def wander(seed: int) -> NDArray[np.float64]:
     return np.asarray(3.0 * load / load.std())
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", in_suite(2, [1, 2, 3]))
 def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(seed: int) -> None:
     source = run(band=6.0, jump=4.0, seed=seed, load=wander(100 + seed))
     load = 0.6 * (source.op - source.op.mean()) + wander(200 + seed)
@@ -62,7 +63,12 @@ def test_a_sticky_valve_without_a_period_is_the_source_of_what_its_past_tells(se
 
 
 @pytest.mark.parametrize(
-    ("plant", "seed"), [("cascade", 72004), ("cascade", 72007), ("recycle", 72102)]
+    ("plant", "seed"),
+    [
+        ("cascade", 72004),
+        pytest.param("cascade", 72007, marks=pytest.mark.thorough),
+        ("recycle", 72102),
+    ],
 )
 def test_a_slave_or_a_valve_of_several_motions_may_be_the_source(plant: str, seed: int) -> None:
     event = draw_event(plant, "sticky_valve", seed)
@@ -90,18 +96,24 @@ def first_candidate(plant: str, source: str, seed: int) -> tuple[str | None, str
     return find_groups(loops, found)[0].candidates[0].loop, event.origin
 
 
+STEADY = [("header", seed) for seed in (5001, 5009, 5010)] + [("heat", 5011), ("cascade", 5009)]
+
+
 def test_loops_that_a_steady_wave_makes_look_tight_are_no_source() -> None:
-    events = [("header", seed) for seed in (5001, 5009, 5010)]
-    events += [("heat", 5011), ("cascade", 5009)]
-    first = [first_candidate(plant, "outside", seed)[0] for plant, seed in events]
-    assert sum(one is None for one in first) >= 4
+    assert first_candidate("cascade", "outside", 5009)[0] is None
+
+
+@pytest.mark.thorough
+def test_hardly_a_steady_wave_finds_a_source() -> None:
+    answers = [first_candidate(plant, "outside", seed)[0] for plant, seed in STEADY]
+    assert sum(one is None for one in answers) >= 4
 
 
 def test_a_tight_loop_of_wandering_amplitude_is_the_source() -> None:
     # of these one is undetermined by itself, and one has a period 11 % from its group's
     events = [("header", 5004), ("cascade", 5001), ("header", 5000), ("heat", 5002)]
     answers = [first_candidate(plant, "tight_tuning", seed) for plant, seed in events]
-    assert sum(first == origin for first, origin in answers) >= 3
+    assert sum(found == origin for found, origin in answers) >= 3
 
 
 def test_loops_that_swing_each_for_themselves_are_no_group() -> None:

@@ -15,6 +15,7 @@ from estimator.diagnosis.oscillation import detect_oscillation
 from estimator.diagnosis.settings import DIAGNOSIS
 from fieldlink.diagnosis import CauseName, diagnose, read_controller
 from tests.closed_loop import run
+from tests.seeds import in_suite
 
 SEEDS = range(20)
 STEPS = KINDS[1:]
@@ -39,7 +40,7 @@ def test_op_in_automatic_is_neither_by_hand_nor_at_a_limit(kind: str) -> None:
     assert wrong <= 2
 
 
-@pytest.mark.parametrize("share", [0.06, 0.2, 0.4])
+@pytest.mark.parametrize("share", in_suite(1, [0.2, 0.06, 0.4]))
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_hand_that_holds_op_is_found_without_a_mode(kind: str, share: float) -> None:
     found = 0

@@ -161,7 +161,7 @@ def rewritten(block: Block, port: int) -> str:
     return block.text.replace("5020", str(port))
 
 
-@pytest.mark.slow
+@pytest.mark.waits
 @pytest.mark.parametrize("page", RUN, ids=name_of)
 def test_the_commands_of_a_page_run(page: Path, prepared: Path, tmp_path: Path) -> None:
     folder = tmp_path / "page"

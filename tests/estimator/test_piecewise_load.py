@@ -14,6 +14,7 @@ from estimator.hypotheses.piecewise_load import CORNER_PRICE, Corner, PiecewiseL
 from estimator.processes.poles import Poles, Shape
 from loop_model import ValveModel
 from tests.closed_loop import run, simulate
+from tests.seeds import in_suite
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ def test_it_is_found_with_the_process_behind_a_healthy_valve(case, at_valve: boo
     assert sorted(sorted(sizes, key=lambda row: -sizes[row])[:2]) == [200, 500]
 
 
-@pytest.mark.parametrize("seed", range(1, 11))
+@pytest.mark.parametrize("seed", in_suite(4, range(1, 11)))
 @pytest.mark.parametrize("at_valve", [True, False])
 def test_a_healthy_valve_under_load_steps_is_not_accused(seed: int, at_valve: bool) -> None:
     steps = load_steps(900, 70.0, seed)

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fieldlink.cli.app import app
+from fieldlink.lab.rehearse import load_scenario
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fmu.md").read_text(encoding="utf-8")
 
@@ -38,7 +39,9 @@ class Plant(Fmi2Slave):
 
 
 @pytest.mark.slow
-def test_the_five_commands(tmp_path: Path) -> None:
+@pytest.mark.parametrize("commands", [3, pytest.param(5, marks=pytest.mark.thorough)])
+def test_the_five_commands(tmp_path: Path, commands: int) -> None:
+    """All of them with the two rehearsals; without, up to the scenario that they are given."""
     if importlib.util.find_spec("pythonfmu") is None:
         pytest.skip("pythonfmu is not installed: pip install pythonfmu")
     (tmp_path / "plant.py").write_text(_PLANT)
@@ -50,11 +53,14 @@ def test_the_five_commands(tmp_path: Path) -> None:
     lines = [shlex.split(line) for line in block[1].splitlines()]
     assert len(lines) == 5
     with contextlib.chdir(tmp_path):
-        for number, (program, *arguments) in enumerate(lines, start=1):
+        for number, (program, *arguments) in enumerate(lines[:commands], start=1):
             assert program == "fieldlink"
             done = CliRunner().invoke(app, arguments)
             # The last one breaks something on purpose.
             assert done.exit_code == (1 if number == 5 else 0), (arguments, done.output)
     assert (tmp_path / "step.png").stat().st_size > 5000
+    assert load_scenario(tmp_path / "plant.toml").scenario.expect
+    if commands < len(lines):
+        return
     report = (tmp_path / "report" / "plant" / "report.html").read_text()
     assert "A sticky valve before Plant" in report

@@ -20,6 +20,9 @@ WANTED = {
 }
 """What a set of rehearsals must have before anyone goes to site."""
 
+LONG = {"compensated", "growing-stiction", "maintenance", "plc-restart", "wrong-model"}
+"""Those that simulate for longest: half the processor time of all."""
+
 
 def test_the_shipped_set_is_complete() -> None:
     assert len(SHIPPED) >= 10
@@ -39,7 +42,13 @@ def test_every_defect_breaks_some_scenario() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", SHIPPED.values(), ids=list(SHIPPED))
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=name, marks=pytest.mark.thorough if name in LONG else ())
+        for name, path in SHIPPED.items()
+    ],
+)
 def test_it_passes(path: Path) -> None:
     run = rehearse(load_scenario(path))
     assert run.passed, [finding for finding in run.findings if not finding.passed]

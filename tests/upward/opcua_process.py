@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator
@@ -14,8 +15,15 @@ from typing import Any
 
 import pytest
 
-from fieldlink.opcua_server.serving import _PROCESS, _end, _exchange
+from fieldlink.opcua_server.serving import _end, _exchange
 
+PROCESS = (
+    sys.executable,
+    "-P",
+    "-c",
+    "from fieldlink.opcua_server import process; process.NICENESS = 0; process.main()",
+)
+"""The server's process, but for its priority: behind the other tests it would be waited for."""
 NODE = Path(__file__).resolve().parents[1] / "interop" / "node"
 
 LOOP = {
@@ -92,7 +100,7 @@ async def served(**settings: Any) -> AsyncIterator[Served]:
     pipe = asyncio.subprocess.PIPE
     with tempfile.TemporaryFile() as log:
         process = await asyncio.create_subprocess_exec(
-            *_PROCESS, stdin=pipe, stdout=pipe, stderr=log
+            *PROCESS, stdin=pipe, stdout=pipe, stderr=log
         )
         try:
             answer = await _exchange(process, SETTINGS | settings)

@@ -267,7 +267,7 @@ async def test_the_bound_of_memory_grows_with_the_loops() -> None:
     assert bound[0] >= 3 * used[0]
 
 
-@pytest.mark.slow
+@pytest.mark.waits
 async def test_a_port_in_use_is_tried_again_and_a_killed_server_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

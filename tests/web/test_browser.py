@@ -24,7 +24,7 @@ axe = pytest.importorskip("axe_playwright_python.sync_playwright")
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed (apt-get install)"),
-    pytest.mark.slow,
+    pytest.mark.waits,
 ]
 PATIENCE_MS = PATIENCE * 1000.0
 ROOT = Path(__file__).resolve().parents[2]

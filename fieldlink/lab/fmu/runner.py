@@ -9,11 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldlink.lab.fmu.control import LoopController
 from fieldlink.lab.fmu.errors import FmuError
 from fieldlink.lab.fmu.experiment import Steps, choose_step, choose_stop, divide
 from fieldlink.lab.fmu.mapping import FmuMap
@@ -30,6 +30,9 @@ from fmu_models import (
     StartValue,
     open_plant,
 )
+
+if TYPE_CHECKING:
+    from fieldlink.lab.fmu.control import LoopController
 
 __all__ = ["run_fmu"]
 
@@ -266,6 +269,9 @@ class _Run:
         settings = self.mapping.controller
         if settings is None:
             return None
+        # Here, because its compiled loops take seconds to load, and few runs have a controller.
+        from fieldlink.lab.fmu.control import LoopController
+
         change = self.signals.conversions[settings.op]
         variable = self.signals.inputs[settings.op].variable
         start = self.settings.start_values.get(variable)
