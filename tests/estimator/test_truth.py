@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.examples import EXAMPLES, example_window
+from benchmarks.families.tuning import draw
 from estimator import Identification, Verdict, identify
 from estimator.evidence.weighing import weigh
 from estimator.hypotheses.hypothesis import Case, Valve
@@ -51,6 +52,26 @@ def test_the_truth_is_not_likelier_than_what_is_found(
     found, true = _likelihoods(case(op, pv), valve, op, stem)
     # a stick of noise between two needles; the uncertain zone is as wide
     assert found > true - 4.0
+
+
+@pytest.mark.parametrize("seed", [941, 943, 947, 956])
+def test_the_jump_of_a_valve_that_slips_to_op_is_found(seed: int) -> None:
+    # the first position of the stem decides all slips after it; J was said to be 0.6 to 0.9 of S
+    loop = draw("pure-slip", True, seed)
+    result = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period)
+    assert result.stick_band.value == pytest.approx(loop.stick_band, rel=0.01)
+    assert result.slip_jump.value == pytest.approx(loop.slip_jump, rel=0.12)
+    assert result.slip_jump.low <= loop.slip_jump <= result.slip_jump.high
+
+
+@pytest.mark.thorough
+def test_intervals_of_valves_that_slip_to_op_hold_the_truth() -> None:
+    held = 0
+    for seed in range(960, 980):
+        loop = draw("pure-slip", True, seed)
+        jump = identify(loop.op, loop.pv, sp=loop.sp, period=loop.period).slip_jump
+        held += jump.low <= loop.slip_jump <= jump.high
+    assert held >= 16
 
 
 def _delayed(dead_time: int) -> tuple[np.ndarray, np.ndarray]:
