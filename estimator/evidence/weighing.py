@@ -7,6 +7,7 @@ until neither becomes likelier: otherwise the one that was searched last would w
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from estimator.evidence.effect import loop_gain_of
 from estimator.evidence.growing import add_best, fit_repeating, fit_waves
 from estimator.evidence.periodic_loads import fit_entering_load, fit_periodic_load
 from estimator.evidence.piecewise_loads import fit_piecewise_loads
+from estimator.evidence.uneven_waves import fit_uneven_waves
 from estimator.hypotheses.gain import gain_deviations
 from estimator.hypotheses.hypothesis import Case, Hypothesis, likelier
 from estimator.hypotheses.noise import DRIFT, WHITE
@@ -44,6 +46,8 @@ one gain up to 100."""
 _NEAR = 50.0
 """Nats that process and corners may still gain, fitted in turn with a load of steps and lines:
 simulated healthy valves under one gain up to 60, and the load is then far likelier anyway."""
+_FAR = 250.0
+"""The same of a wave that comes unevenly, whose turns are only outlined before."""
 _ANSWERED = 0.15
 """Gain around the loop, at the periods of the swing, below which a load of steps and lines beside a
 healthy valve is no rival: its controller would leave PV where the load put it. Of 90 simulated
@@ -56,6 +60,14 @@ _TRIED = 4
 """Valves weighed in a second search: which is the likeliest hangs on what else moves PV."""
 _ANOTHER = 0.05
 """Stick bands that differ by more, as a share, are different valves."""
+
+
+class _FitLoads(Protocol):
+    """Fits loads of one kind beside a valve, from the processes of some hypotheses."""
+
+    def __call__(
+        self, case: Case, starts: tuple[Hypothesis, ...], least: float, *, valve: bool = False
+    ) -> list[Hypothesis]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +129,9 @@ def _weighed(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> tuple[Hypot
             if loaded is not None and _rivals(case, loaded, sticky):
                 healthy, sticky = _beside_load(case, healthy, sticky, loaded)
     if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
-        healthy, sticky = _beside_lines(case, healthy, sticky)
+        healthy, sticky = _beside_course(case, healthy, sticky, fit_piecewise_loads, _NEAR)
+    if 0.0 < sticky.likelihood - healthy.likelihood < _BEYOND_ANY_LOAD:
+        healthy, sticky = _beside_course(case, healthy, sticky, fit_uneven_waves, _FAR)
     if sticky.likelihood - healthy.likelihood > _CLOSE:
         sticky = _with_any_process(case, sweep_valves(case, sticky))
     return healthy, sticky
@@ -142,25 +156,25 @@ def _repeating(case: Case, healthy: Hypothesis, sticky: Hypothesis) -> Hypothesi
     return max(loaded, key=lambda one: one.likelihood, default=None)
 
 
-def _beside_lines(
-    case: Case, healthy: Hypothesis, sticky: Hypothesis
+def _beside_course(
+    case: Case, healthy: Hypothesis, sticky: Hypothesis, fit: _FitLoads, hope: float
 ) -> tuple[Hypothesis, Hypothesis]:
-    """Both hypotheses with a load of steps and straight lines, where one pays."""
-    found = fit_piecewise_loads(case, (healthy, sticky), sticky.likelihood - _NEAR)
+    """Both hypotheses with a load that is found by its course, where one pays."""
+    found = fit(case, (healthy, sticky), sticky.likelihood - hope)
     # the likeliest alone: where OP does nothing beside it, a less likely one is no other load
     if not found or not _rivals(case, found[0], sticky) or not _is_answered(case, found[0]):
         return healthy, sticky
     loaded = found[0]
     if loaded.likelihood <= healthy.likelihood + _PAYS:
         return healthy, sticky
-    sticky = _with_own_lines(case, sticky)
+    sticky = _with_own_load(case, sticky, fit, hope)
     healthy, sticky = _beside_load(case, healthy, sticky, loaded)
-    return healthy, _with_own_lines(case, sticky)
+    return healthy, _with_own_load(case, sticky, fit, hope)
 
 
-def _with_own_lines(case: Case, sticky: Hypothesis) -> Hypothesis:
+def _with_own_load(case: Case, sticky: Hypothesis, fit: _FitLoads, hope: float) -> Hypothesis:
     """The sticky valve with a load of its own in place of what was found beside a healthy one."""
-    for own in fit_piecewise_loads(case, (sticky,), sticky.likelihood - _NEAR, valve=True):
+    for own in fit(case, (sticky,), sticky.likelihood - hope, valve=True):
         sticky = likelier(sticky, refine_valve(case, own))
     return sticky
 
